@@ -1,80 +1,8 @@
-"""Random, well-posed filter-bank problems."""
+"""Known limits of the estimator."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-from edge_service.estimate.imm.bank.filter_bank import LinearStep
-from edge_service.estimate.imm.bank.kalman import BankStart
-from edge_service.messages.samples import Floats
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A bank's inputs over N steps."""
-
-    step: LinearStep
-    drives: Floats
-    measurements: Floats
-    start: BankStart
-
-    def steps(self) -> list[tuple[LinearStep, Floats]]:
-        s = self.step
-        return [
-            (
-                LinearStep(
-                    s.transition,
-                    drive,
-                    s.process_noise,
-                    s.observation,
-                    s.measurement_noise,
-                    s.mode_transition,
-                ),
-                measurement,
-            )
-            for drive, measurement in zip(self.drives, self.measurements, strict=True)
-        ]
-
-
-def random_covariance(rng: np.random.Generator, size: int, scale: float) -> Floats:
-    root = rng.normal(size=(size, size))
-    return scale * (root @ root.T + 0.1 * np.eye(size))
-
-
-@pytest.fixture
-def make_problem() -> Callable[..., Problem]:
-    def make(
-        seed: int = 0, modes: int = 5, states: int = 2, sensors: int = 2, count: int = 60
-    ) -> Problem:
-        rng = np.random.default_rng(seed)
-        transition = np.eye(states) + 0.2 * rng.normal(size=(states, states))
-        transition /= max(1.0, np.abs(np.linalg.eigvals(transition)).max() * 1.05)
-        mode_transition = rng.dirichlet(np.ones(modes), size=modes) * 0.2 + 0.8 * np.eye(modes)
-        drives = rng.normal(size=(count, modes, states))
-        step = LinearStep(
-            transition=transition,
-            drive=drives[0],
-            process_noise=random_covariance(rng, states, 0.3),
-            observation=rng.normal(size=(sensors, states)),
-            measurement_noise=random_covariance(rng, sensors, 0.5),
-            mode_transition=mode_transition,
-        )
-        return Problem(
-            step=step,
-            drives=drives,
-            measurements=rng.normal(size=(count, sensors)) * 2.0,
-            start=BankStart(
-                rng.normal(size=states),
-                random_covariance(rng, states, 1.0),
-                rng.dirichlet(np.ones(modes)),
-            ),
-        )
-
-    return make
-
 
 HERE = Path(__file__).parent
 KNOWN_LIMITS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from edge_service.estimate.imm.bank.kalman import run_kalman_bank
+from edge_service.estimate.imm.bank import run_bank
 from edge_service.offline.reproduce.simulation import (
     ThesisCase,
     ThesisPlant,
@@ -117,30 +117,12 @@ def test_torque_command() -> None:
     np.testing.assert_allclose(torque_command(np.array([0.0, np.pi / 2])), [0.0, 2.0])
 
 
-def test_two_states_are_the_three_printed_ones_if_the_third_follows_the_disturbed_angle() -> None:
-    """w3 = R_t w1 + own noise: then the reduction is exact."""
-    case = ThesisCase(1, printed_states=True)
-    run, _ = run_case(case, 0)
-    step, drives, start = bank_inputs(case, run)
-    noise = step.process_noise.copy()
-    ratio = PLANT.ratio_m_per_rad
-    noise[0, 2] = noise[2, 0] = ratio * noise[0, 0]
-    noise[2, 2] += ratio**2 * noise[0, 0]
-    three = run_kalman_bank(
-        replace(step, process_noise=noise), drives[:300], run.measurement[:300], start
-    )
-    step, drives, start = bank_inputs(ThesisCase(1), run)
-    two = run_kalman_bank(step, drives[:300], run.measurement[:300], start)
-    np.testing.assert_allclose(three.mode_probability, two.mode_probability, atol=1e-9)
-    np.testing.assert_allclose(three.nis, two.nis, rtol=1e-6)
-
-
 def test_the_filter_of_the_true_mode_is_consistent() -> None:
-    """NIS of a matched filter with two sensors has mean 2 (here the third state is as printed)."""
-    case = ThesisCase(5.0, printed_states=True)
+    """NIS of a matched filter with two sensors has mean 2."""
+    case = ThesisCase(5.0)
     run, _ = run_case(case, 1)
     step, drives, start = bank_inputs(case, run)
-    matched = run_kalman_bank(
+    matched = run_bank(
         replace(step, drive=drives[0, 2:3], mode_transition=np.ones((1, 1))),
         drives[:, 2:3],
         run.measurement,

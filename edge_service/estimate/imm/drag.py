@@ -22,37 +22,21 @@ from ...models.machine import Machine
 
 _STATES = 5
 _DRAG = 0
-SURPRISE_NIS = 16.0
-SURPRISES_OF_A_JUMP = 3
-
-
-@dataclass(frozen=True, slots=True)
-class DragSettings:
-    """Noise and priors of the drag filter.
-
-    Attributes:
-        wander_per_sqrt_s: random walk of the drag, as a share of the greatest drag seen, 1/sqrt(s).
-        viscous_tolerance: least relative prior sigma of viscous friction (it falls with warm-up).
-        asymmetry_share: prior sigma of the asymmetry, as a share of the viscous friction.
-        viscous_floor_share: viscous friction is thought to be of the order of this share of the
-            first friction torque seen, at least, whatever the machine file states.
-        offset_share: prior sigma of the constant torque offset, as a share of the friction torque.
-        noise_memory: intervals over which the noise is learned.
-        wander_adaption: step, in logs, of the wander's factor per interval.
-        haste_bounds: least and greatest factor on the wander.
-        correlation: ratio of the variance of a mean over many intervals to that of white noise,
-            as friction errors last longer than one interval.
-    """
-
-    wander_per_sqrt_s: float = 0.02
-    viscous_tolerance: float = 0.10
-    asymmetry_share: float = 0.2
-    viscous_floor_share: float = 0.5
-    offset_share: float = 0.3
-    noise_memory: float = 50.0
-    wander_adaption: float = 0.03
-    haste_bounds: tuple[float, float] = (0.3, 30.0)
-    correlation: float = 4.0
+WANDER_PER_SQRT_S = 0.02
+"""Random walk of the drag, as a share of the greatest drag seen, 1/sqrt(s)."""
+VISCOUS_TOLERANCE = 0.10
+"""Least relative prior sigma of viscous friction: it falls with warm-up."""
+ASYMMETRY_SHARE, OFFSET_SHARE = 0.2, 0.3
+"""Prior sigmas: of the asymmetry over the viscous friction, of the offset over the friction."""
+VISCOUS_FLOOR_SHARE = 0.5
+"""Of the first friction torque seen: as much is thought to be viscous, whatever the file states."""
+NOISE_MEMORY = 50.0
+"""Intervals over which the noise is learned."""
+WANDER_ADAPTION, HASTE_BOUNDS = 0.03, (0.3, 30.0)
+"""Step, in logs, of the wander's factor per interval, and its bounds."""
+CORRELATION = 4.0
+"""Variance of a mean over many intervals over that of white noise: friction errs for longer."""
+SURPRISE_NIS, SURPRISES_OF_A_JUMP = 16.0, 3
 
 
 @dataclass(slots=True)
@@ -78,12 +62,10 @@ class DragFilter:
 
     Args:
         machine: gives inertia and viscous friction with their tolerances.
-        settings: noise and priors.
     """
 
-    def __init__(self, machine: Machine, settings: DragSettings) -> None:
+    def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._settings = settings
         self.reset()
 
     def reset(self) -> None:
@@ -109,7 +91,7 @@ class DragFilter:
         if now.count == 0:
             self._begin(block.torque_mean_nm - known, abs(speed))
         now.greatest_nm = max(now.greatest_nm, abs(self.drag_nm))
-        wander_nm = now.haste * self._settings.wander_per_sqrt_s * now.greatest_nm
+        wander_nm = now.haste * WANDER_PER_SQRT_S * now.greatest_nm
         now.covariance[_DRAG, _DRAG] += wander_nm**2 * elapsed_s
         self._correct(regressor, block.torque_mean_nm - float(regressor @ now.state))
         now.count += 1
@@ -117,13 +99,13 @@ class DragFilter:
     def _begin(self, friction_nm: float, speed: float) -> None:
         model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
         viscous = model.viscous_nm_s_per_rad
-        floor = max(viscous.value, self._settings.viscous_floor_share * scale / max(speed, 1.0))
+        floor = max(viscous.value, VISCOUS_FLOOR_SHARE * scale / max(speed, 1.0))
         sigma = np.array(
             [
                 10.0 * scale,
-                self._settings.offset_share * scale,
-                max(viscous.sigma, self._settings.viscous_tolerance * floor),
-                self._settings.asymmetry_share * floor,
+                OFFSET_SHARE * scale,
+                max(viscous.sigma, VISCOUS_TOLERANCE * floor),
+                ASYMMETRY_SHARE * floor,
                 model.inertia_kg_m2.sigma,
             ]
         )
@@ -134,7 +116,7 @@ class DragFilter:
         now = self._now
         projected = now.covariance @ regressor
         predicted_var = float(regressor @ projected)
-        innovation_var = predicted_var + self._settings.correlation * now.noise_var
+        innovation_var = predicted_var + CORRELATION * now.noise_var
         now.nis = innovation**2 / (predicted_var + now.noise_var)
         now.surprises = now.surprises + 1 if now.nis > SURPRISE_NIS else 0
         if now.surprises >= SURPRISES_OF_A_JUMP:  # believe the new level, keep the constants
@@ -147,7 +129,7 @@ class DragFilter:
         gain = projected / innovation_var
         now.state = now.state + gain * innovation
         reduced = np.eye(_STATES) - np.outer(gain, regressor)
-        noise = self._settings.correlation * now.noise_var
+        noise = CORRELATION * now.noise_var
         now.covariance = reduced @ now.covariance @ reduced.T + np.outer(gain, gain) * noise
         self._learn(innovation)
 
@@ -159,12 +141,12 @@ class DragFilter:
         """
         now = self._now
         if now.count > _STATES:
-            share = 1.0 / min(now.count - _STATES + 2.0, self._settings.noise_memory)
+            share = 1.0 / min(now.count - _STATES + 2.0, NOISE_MEMORY)
             seen = 0.5 * (innovation - now.last_innovation) ** 2
             now.noise_var += share * (seen - now.noise_var)
             lag = innovation * now.last_innovation / max(now.noise_var, 1e-300)
-            rate = float(np.clip(lag, -1.0, 1.0)) * self._settings.wander_adaption
-            now.haste = float(np.clip(now.haste * np.exp(rate), *self._settings.haste_bounds))
+            rate = float(np.clip(lag, -1.0, 1.0)) * WANDER_ADAPTION
+            now.haste = float(np.clip(now.haste * np.exp(rate), *HASTE_BOUNDS))
         now.last_innovation = innovation
 
     @property

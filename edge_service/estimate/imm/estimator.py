@@ -8,7 +8,6 @@ friction is that of the speed, and intervals in which the axis rests or turns ro
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -20,23 +19,24 @@ from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
 from ..interface import EstimatorOptions
 from ..validity import Validity, ValiditySettings
-from .bank.engines import make_filter_bank
-from .bank.mode_transition import LEVELS_PERCENT, THESIS_MODE_TRANSITION, scaled_mode_transition
-from .drag import DragFilter, DragSettings
-from .excitation import ExcitationSettings, informative
+from .bank import KALMAN, BankStart, CompiledBank, FilterBank, LinearStep
+from .drag import DragFilter
+from .mode_transition import LEVELS_PERCENT, scaled_mode_transition
 from .mode_weighting import mode_weights
-from .momentum_balance import MomentumBalance, MomentumBalanceSettings
 
 TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
 """Scale on which drag beyond the highest or lowest level counts as a misfit, points."""
+REVERSAL_GATE_S, MIN_SPEED_RAD_S = 0.1, 0.3
+"""Time after a reversal or a start that is left out (presliding, wind-up); slower motion, too."""
+HOLD_S = 10.0
+"""A number may stand for this long without informative motion."""
+TORQUE_ERROR_NM = 1e-6
+"""Least error of the modelled torque, mean over 0.1 s; it is that between two neighbouring levels,
+which lets the weighted sum read between them: much less makes it jump from level to level."""
+ANGLE_NOISE_RAD, SPEED_NOISE_RAD_S = 1e-5, 1e-2
+"""Noise of the angle, and of a speed from neighbouring angles."""
 _SNAPSHOT_SCHEMA = "imm-preload/2"
-
-
-@lru_cache(maxsize=256)
-def _mode_transition(duration_s: float) -> Floats:
-    """Mode transition matrix for an interval of another length, s."""
-    return scaled_mode_transition(THESIS_MODE_TRANSITION, duration_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +56,6 @@ class ImmSettings:
     activation_exponent: float = 1.33
     window_s: float = 1.0
     sliding_boundary: tuple[float, float] = (0.05, 0.07)
-    balance: MomentumBalanceSettings = field(default_factory=MomentumBalanceSettings)
-    drag: DragSettings = field(default_factory=DragSettings)
-    excitation: ExcitationSettings = field(default_factory=ExcitationSettings)
     validity: ValiditySettings = field(default_factory=ValiditySettings)
 
 
@@ -98,14 +95,10 @@ class ImmPreloadEstimator:
         self._settings = settings
         self._levels = np.array(LEVELS_PERCENT)
         self._per_percent = machine.drag_per_percent_nm
-        self._drag = DragFilter(machine, settings.drag)
+        self._drag = DragFilter(machine)
         if self._per_percent is not None:
-            self._balance = MomentumBalance(
-                machine, self._levels * self._per_percent, settings.balance
-            )
-            self._bank = make_filter_bank(
-                settings.method, settings.engine, boundary=np.array(settings.sliding_boundary)
-            )
+            self._balance = MomentumBalance(machine, self._levels * self._per_percent)
+            self._bank = _bank_of(settings)
         self.reset()
 
     def reset(self) -> None:
@@ -113,7 +106,7 @@ class ImmPreloadEstimator:
         self._drag.reset()
         if self._per_percent is not None:
             self._bank.restore({})
-        self._validity = Validity(self._settings.validity, self._settings.excitation.hold_s)
+        self._validity = Validity(self._settings.validity, HOLD_S)
         self._now = _State(np.full(len(self._levels), 1.0 / len(self._levels)))
 
     def interrupt(self) -> None:
@@ -128,7 +121,7 @@ class ImmPreloadEstimator:
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
-        used = informative(block, self._settings.excitation)
+        used = informative(block)
         if used:
             self._drag.update(block, self._since_last(block))
             if self._per_percent is not None:
@@ -160,9 +153,8 @@ class ImmPreloadEstimator:
             self._now.last_end_s is None
             or abs(start_s - self._now.last_end_s) > 0.5 * block.duration_s
         ):
-            state, covariance = self._balance.start(block)
-            self._bank.reset(state, covariance, self._now.probability)
-        step, measurement = self._balance.step(block, _mode_transition(round(block.duration_s, 6)))
+            self._bank.reset(self._balance.start(block, self._now.probability))
+        step, measurement = self._balance.step(block)
         output = self._bank.step(step, measurement)
         self._now.probability = output.mode_probability
         self._now.nis = float(output.nis.min()) / len(measurement)
@@ -177,89 +169,65 @@ class ImmPreloadEstimator:
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
         status, reasons = self._validity.status()
-        time_s = self._validity.time_s
+        common: dict[str, Any] = {
+            "time_s": self._validity.time_s,
+            "status": status,
+            "method": self._settings.method,
+            "data_used_s": self._validity.informative_s,
+        }
         if status is not EstimateStatus.ESTIMATED:
-            return PreloadEstimate(
-                time_s=time_s,
-                status=status,
-                method=self._settings.method,
-                reasons=reasons,
-                data_used_s=self._validity.informative_s,
-            )
+            return PreloadEstimate(**common, reasons=reasons)
+        if self._machine.effects:
+            names = ", ".join(effect.name for effect in self._machine.effects)
+            unused = f"effects_unused: this estimator does not use the machine file's {names}"
+            reasons = (*reasons, unused)
+        reach_nm = TWO_SIDED_95 * self._drag.sigma_nm
+        drag_nm = self._drag.drag_nm
+        common["drag_torque_nm"] = Interval(
+            value=drag_nm, low=drag_nm - reach_nm, high=drag_nm + reach_nm
+        )
         if self._per_percent is None:
             missing = self._machine.missing_for_percent()
-            return PreloadEstimate(
-                time_s=time_s,
-                status=status,
-                method=self._settings.method,
-                reasons=(
-                    f"no_percent: preload in % is not available, {missing} is unknown; "
-                    "the drag torque is",
-                    *reasons,
-                    *self._caveats(),
-                ),
-                drag_torque_nm=self._drag_interval(),
-                data_used_s=self._validity.informative_s,
-                nis=self._drag.nis,
-            )
-        return self._full_estimate(time_s, reasons)
-
-    def _full_estimate(self, time_s: float, reasons: tuple[str, ...]) -> PreloadEstimate:
-        probability = self._smoothed()
-        weights = mode_weights(probability, self._settings.activation_exponent)
+            reason = f"no_percent: preload in % is not available, {missing} is unknown; "
+            reasons = (f"{reason}the drag torque is", *reasons)
+            return PreloadEstimate(**common, reasons=reasons, nis=self._drag.nis)
+        durations = np.array([duration for duration, _ in self._now.recent])
+        smoothed = durations @ np.array([p for _, p in self._now.recent]) / durations.sum()
+        weights = mode_weights(smoothed, self._settings.activation_exponent)
         percent = float(weights @ self._levels)
-        low, high = self._percent_interval(percent)
+        low, high = self._percent_interval(percent, self._per_percent)
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
         return PreloadEstimate(
-            time_s=time_s,
-            status=EstimateStatus.ESTIMATED,
-            method=self._settings.method,
+            **common,
             preload_percent=percent,
             low=low,
             high=high,
             preload_n=percent / 100.0 * rating,
-            drag_torque_nm=self._drag_interval(),
             mode_probability={
                 f"{level:g}": float(value)
-                for level, value in zip(self._levels, probability, strict=True)
+                for level, value in zip(self._levels, smoothed, strict=True)
             },
-            data_used_s=self._validity.informative_s,
             nis=self._now.nis,
-            reasons=(*reasons, *self._caveats()),
+            reasons=reasons,
         )
 
-    def _caveats(self) -> tuple[str, ...]:
-        if not self._machine.effects:
-            return ()
-        names = ", ".join(effect.name for effect in self._machine.effects)
-        return (f"effects_unused: this estimator does not use the machine file's {names}",)
-
-    def _smoothed(self) -> Floats:
-        durations = np.array([duration for duration, _ in self._now.recent])
-        return np.asarray(durations @ np.array([p for _, p in self._now.recent]) / durations.sum())
-
-    def _percent_interval(self, percent: float) -> tuple[float, float]:
+    def _percent_interval(self, percent: float, per_percent: float) -> tuple[float, float]:
         """95 % interval around both the bank's reading and the drag filter's.
 
         The bank reads between its levels by weighing them, which its own spread does not measure;
         the drag filter's error is known, with what is unknown of drag per percent and of the drag
         that is not the screw's.
         """
-        assert self._per_percent is not None
         drag, preload = self._machine.model.preload_drag_nm, self._machine.model.preload_n
         assert drag is not None and preload is not None
         other = self._machine.other_drag_nm
-        direct = self._direct_percent(self._per_percent)
+        direct = self._direct_percent(per_percent)
         scale_sigma = direct * float(np.hypot(drag.tolerance, preload.tolerance))
-        drag_sigma = float(np.hypot(self._drag.sigma_nm, other.sigma)) / self._per_percent
+        drag_sigma = float(np.hypot(self._drag.sigma_nm, other.sigma)) / per_percent
         reach = TWO_SIDED_95 * float(np.hypot(scale_sigma, drag_sigma))
         low, high = min(percent, direct) - reach, max(percent, direct) + reach
         return max(0.0, low), max(0.0, high)
-
-    def _drag_interval(self) -> Interval:
-        value, reach = self._drag.drag_nm, TWO_SIDED_95 * self._drag.sigma_nm
-        return Interval(value=value, low=value - reach, high=value + reach)
 
     def snapshot(self) -> dict[str, Any]:
         """Whole state as JSON-able values."""
@@ -281,6 +249,80 @@ class ImmPreloadEstimator:
         if self._per_percent is not None:
             self._bank.restore(snapshot["bank"])
         self._now = now
+
+
+def _bank_of(settings: ImmSettings) -> FilterBank:
+    if settings.engine == "filterpy":
+        from .filterpy_bank import FilterpyBank
+
+        return FilterpyBank()
+    is_sliding = settings.method == "sif-imm"
+    return CompiledBank(np.array(settings.sliding_boundary) if is_sliding else KALMAN)
+
+
+def informative(block: FeatureBlock) -> bool:
+    """Good data of steady motion in one direction."""
+    if not block.usable or abs(block.direction_mean) < 0.999:
+        return False
+    if block.since_reversal_s < REVERSAL_GATE_S:
+        return False
+    travel_rad = abs(block.angle_end_rad - block.angle_start_rad)
+    return travel_rad >= MIN_SPEED_RAD_S * block.duration_s
+
+
+class MomentumBalance:
+    """Momentum balance as steps of [angle, speed] for modes that differ in their drag torque.
+
+    With J w' = u - D w - (d_j + other) sgn(w) integrated over the interval (thesis, eq. 4.3.4)::
+
+        w_1 = w_0 + (T / J) (mean(u) - D mean(w) - d mean(s))
+        a_1 = a_0 + T w_0 + (T^2 / J) (lever(u) - D lever(w) - d lever(s))
+
+    mean(w) and lever(w) come from the measured angle, so that nothing is approximated inside.
+
+    Args:
+        machine: inertia, viscous friction and the drag that is not the screw's.
+        mode_drag_nm: screw drag torque of each mode, shape (r,).
+    """
+
+    def __init__(self, machine: Machine, mode_drag_nm: Floats) -> None:
+        self._inertia = machine.model.inertia_kg_m2.value
+        self._viscous = machine.model.viscous_nm_s_per_rad.value
+        self._drag = mode_drag_nm + machine.other_drag_nm.value
+        error_nm = max(float(np.abs(np.diff(mode_drag_nm)).min()), TORQUE_ERROR_NM)
+        self._error_density = 0.1 * error_nm**2
+        self._measurement_noise = np.diag([ANGLE_NOISE_RAD**2, SPEED_NOISE_RAD_S**2])
+
+    def start(self, block: FeatureBlock, mode_probability: Floats) -> BankStart:
+        """Start as measured at the beginning of an interval."""
+        return BankStart(
+            np.array([block.angle_start_rad, block.speed_start_rad_s]),
+            self._measurement_noise.copy(),
+            mode_probability,
+        )
+
+    def step(self, block: FeatureBlock) -> tuple[LinearStep, Floats]:
+        """The bank's step over the interval, and the measurement (2,) at its end."""
+        duration, inertia = block.duration_s, self._inertia
+        speed_mean = (block.angle_end_rad - block.angle_start_rad) / duration
+        speed_lever = (block.angle_mean_rad - block.angle_start_rad) / duration
+        net_mean = (
+            block.torque_mean_nm - self._viscous * speed_mean - self._drag * block.direction_mean
+        )
+        net_lever = (
+            block.torque_lever_nm - self._viscous * speed_lever - self._drag * block.direction_lever
+        )
+        noise = self._error_density / inertia**2
+        step = LinearStep(
+            transition=np.array([[1.0, duration], [0.0, 1.0]]),
+            drive=np.column_stack([duration**2 * net_lever, duration * net_mean]) / inertia,
+            process_noise=noise
+            * np.array([[duration**3 / 3.0, duration**2 / 2.0], [duration**2 / 2.0, duration]]),
+            observation=np.eye(2),
+            measurement_noise=self._measurement_noise,
+            mode_transition=scaled_mode_transition(round(duration, 6)),
+        )
+        return step, np.array([block.angle_end_rad, block.speed_end_rad_s])
 
 
 def kalman_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:

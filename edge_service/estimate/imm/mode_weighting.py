@@ -34,11 +34,6 @@ def weighted_level(
     return np.asarray(mode_weights(mode_probability, exponent) @ levels)
 
 
-def window_steps(window_s: float, step_s: float) -> int:
-    """Length of a window in whole steps, at least one."""
-    return max(1, round(window_s / step_s))
-
-
 def causal_moving_average(values: Floats, steps: int) -> Floats:
     """Mean of the last `steps` rows, of fewer at the beginning, (N, ...)."""
     return _window_mean(values, steps - 1, 0)

@@ -6,19 +6,16 @@ it is that of the speed. Table 4.1 prints R_t = 1.59e-3 m/rad; (4.3.5) with a le
 """
 
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Literal
 
 import numpy as np
 
-from ...estimate.imm.bank.filter_bank import BankOutput, LinearStep
-from ...estimate.imm.bank.kalman import BankStart, run_kalman_bank
-from ...estimate.imm.bank.mode_transition import (
+from ...estimate.imm.bank import KALMAN, BankOutput, BankStart, LinearStep, run_bank
+from ...estimate.imm.mode_transition import (
     LEVELS_PERCENT,
     THESIS_MODE_TRANSITION,
     scaled_mode_transition,
 )
-from ...estimate.imm.bank.sliding_innovation import run_sliding_innovation_bank
 from ...estimate.imm.mode_weighting import PUBLISHED_EXPONENT, causal_moving_average, weighted_level
 from ...messages.samples import Floats
 from ...models.compiled import compiled
@@ -111,8 +108,7 @@ class ThesisPlant:
 
         The linear encoder then reads R_t times the angle, with the noise of the third state added
         to its own. In print the third state follows the angle as it was before the process noise of
-        the same step. With w_3 = R_t w_1 + own noise, the two forms are the same filter; as
-        printed, single mode probabilities differ by up to some 0.02 and preloads by 0.01 points.
+        the same step. With w_3 = R_t w_1 + own noise, the two forms are the same filter.
         """
         full = self.matrices(step_s, discretisation)
         measurement_noise = full.measurement_noise.copy()
@@ -220,7 +216,6 @@ class ThesisCase:
         method: Kalman or sliding innovation filters.
         step_s, discretisation: of plant and filter alike.
         rescale: whether the transition matrix is scaled to the step (it is per 0.1 s in print).
-        printed_states: filter with the three printed states instead of the two that matter.
     """
 
     preload: int | float
@@ -228,7 +223,6 @@ class ThesisCase:
     step_s: float = PRINTED_STEP_S
     discretisation: Discretisation = "euler"
     rescale: bool = True
-    printed_states: bool = False
 
     def true_preload_percent(self) -> Floats:
         """The truth at each step, (N,)."""
@@ -240,9 +234,7 @@ class ThesisCase:
 
 def bank_inputs(case: ThesisCase, run: ThesisRun) -> tuple[LinearStep, Floats, BankStart]:
     """The filters' shared matrices, the drives B u_hat_j (N, r, n), and the start."""
-    plant = ThesisPlant()
-    form = plant.matrices if case.printed_states else plant.reduced
-    matrices: PlantMatrices = form(case.step_s, case.discretisation)
+    matrices = ThesisPlant().reduced(case.step_s, case.discretisation)
     net_nm = net_torque(run.torque_nm[:, None], LEVELS * DRAG_PER_PERCENT_NM)
     drives = net_nm[:, :, None] * matrices.input
     step = LinearStep(
@@ -251,16 +243,13 @@ def bank_inputs(case: ThesisCase, run: ThesisRun) -> tuple[LinearStep, Floats, B
         process_noise=matrices.process_noise,
         observation=matrices.observation,
         measurement_noise=matrices.measurement_noise,
-        mode_transition=_scaled(case.step_s) if case.rescale else THESIS_MODE_TRANSITION,
+        mode_transition=scaled_mode_transition(case.step_s)
+        if case.rescale
+        else THESIS_MODE_TRANSITION,
     )
     size, modes = len(matrices.input), len(LEVELS)
     start = BankStart(np.zeros(size), START_VARIANCE * np.eye(size), np.full(modes, 1.0 / modes))
     return step, drives, start
-
-
-@cache
-def _scaled(step_s: float) -> Floats:
-    return scaled_mode_transition(THESIS_MODE_TRANSITION, step_s)
 
 
 def run_case(case: ThesisCase, seed: int) -> tuple[ThesisRun, BankOutput]:
@@ -273,11 +262,8 @@ def run_case(case: ThesisCase, seed: int) -> tuple[ThesisRun, BankOutput]:
         case.discretisation,
     )
     step, drives, start = bank_inputs(case, run)
-    if case.method == "sif-imm":
-        return run, run_sliding_innovation_bank(
-            step, drives, run.measurement, start, SLIDING_BOUNDARY
-        )
-    return run, run_kalman_bank(step, drives, run.measurement, start)
+    boundary = SLIDING_BOUNDARY if case.method == "sif-imm" else KALMAN
+    return run, run_bank(step, drives, run.measurement, start, boundary)
 
 
 def smoothed_preload(

@@ -86,8 +86,6 @@ class Reproduction:
     exponent: float
     levels: tuple[LevelRow, ...]
     windows: tuple[WindowRow, ...]
-    printed_states_difference: float
-    printed_states_difference_points: float
 
     @property
     def scenario_mae_points(self) -> tuple[float, ...]:
@@ -156,18 +154,11 @@ def reproduce(
     levels = tuple(_level_row(level, runs, exponent, ramp[level]) for level in PUBLISHED_TABLE)
     progress("simulations 1 to 5")
     windows = _window_rows(runs, exponent)
-    two = run_case(ThesisCase(1), seed)[1].mode_probability
-    three = run_case(ThesisCase(1, printed_states=True), seed)[1].mode_probability
-    points = np.abs(
-        smoothed_preload(two, MAE_WINDOW_STEPS) - smoothed_preload(three, MAE_WINDOW_STEPS)
-    )
     result = Reproduction(
         seeds=seeds,
         exponent=exponent,
         levels=levels,
         windows=windows,
-        printed_states_difference=float(np.abs(two - three).max()),
-        printed_states_difference_points=float(points.mean()),
     )
     progress("report")
     document = {"schema": "reproduction/1", **asdict(result)}

@@ -5,9 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
 
-from edge_service.estimate.imm.bank.engines import make_filter_bank
-from edge_service.estimate.imm.bank.filter_bank import FilterBank, LinearStep
-from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
+from edge_service.estimate.imm.bank import (
+    BankStart,
+    CompiledBank,
+    FilterBank,
+    LinearStep,
+    run_bank,
+)
+from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.messages.samples import Floats
 from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
@@ -49,14 +54,14 @@ def measure_estimator_speed(repeats: int = REPEATS) -> EstimatorSpeed:
     measurements = run.measurement
 
     def batch() -> None:
-        run_kalman_bank(step, drives, measurements, start)
+        run_bank(step, drives, measurements, start)
 
     def one_by_one(bank: FilterBank, steps: int) -> Callable[[], None]:
         inputs = _single_inputs(step, drives, measurements, steps)
         return lambda: _feed(bank, start, inputs)
 
-    single = one_by_one(make_filter_bank("kf-imm"), SINGLE_STEPS)
-    filterpy = one_by_one(make_filter_bank("kf-imm", "filterpy"), FILTERPY_STEPS)
+    single = one_by_one(CompiledBank(), SINGLE_STEPS)
+    filterpy = one_by_one(FilterpyBank(), FILTERPY_STEPS)
     return EstimatorSpeed(
         batch_steps_per_s=len(drives) / _median_duration_s(batch, repeats),
         single_steps_per_s=SINGLE_STEPS / _median_duration_s(single, repeats),
@@ -72,7 +77,7 @@ def _single_inputs(
 
 
 def _feed(bank: FilterBank, start: BankStart, inputs: list[tuple[LinearStep, Floats]]) -> None:
-    bank.reset(start.state, start.covariance, start.mode_probability)
+    bank.reset(start)
     for step, measurement in inputs:
         bank.step(step, measurement)
 

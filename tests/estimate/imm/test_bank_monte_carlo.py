@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from edge_service.estimate.imm.bank.filter_bank import BankOutput, LinearStep
-from edge_service.estimate.imm.bank.kalman import BankStart, run_kalman_bank
+from edge_service.estimate.imm.bank import BankOutput, BankStart, LinearStep, run_bank
 from edge_service.messages.samples import Floats
 from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
@@ -65,7 +64,7 @@ def drawn_from_the_bank(
         path.append(mode)
         states.append(x)
     measurements = np.array(states) @ step.observation.T + noise
-    run = run_kalman_bank(step, drives, measurements, start)
+    run = run_bank(step, drives, measurements, start)
     return BankTruth(np.array(path), np.array(states), run)
 
 

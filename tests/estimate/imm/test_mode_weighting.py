@@ -9,7 +9,6 @@ from edge_service.estimate.imm.mode_weighting import (
     centred_moving_average,
     mode_weights,
     weighted_level,
-    window_steps,
 )
 
 LEVELS = np.array([10.0, 7.5, 5.0, 2.5, 0.0])
@@ -74,17 +73,6 @@ def test_centred_average_equals_the_definition(values: np.ndarray, steps: int) -
         for k in range(len(values))
     ]
     np.testing.assert_allclose(centred_moving_average(values, steps), expected, atol=1e-12)
-
-
-def test_centred_average_of_a_line_has_no_delay_and_the_causal_one_has() -> None:
-    line = np.arange(100.0)
-    np.testing.assert_allclose(centred_moving_average(line, 11)[10:90], line[10:90])
-    np.testing.assert_allclose(causal_moving_average(line, 11)[10:], line[10:] - 5.0)
-
-
-def test_windows_in_seconds() -> None:
-    assert window_steps(2.0, 0.1) == 20
-    assert window_steps(0.01, 0.1) == 1
 
 
 @pytest.mark.parametrize("average", [causal_moving_average, centred_moving_average])

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm, truncnorm
 
-from edge_service.estimate.imm.bank.mode_transition import LEVELS_PERCENT
+from edge_service.estimate.imm.mode_transition import LEVELS_PERCENT
 from edge_service.estimate.mixture import posterior
 from edge_service.estimate.mixture.posterior import (
     LOOSE_SHARE,

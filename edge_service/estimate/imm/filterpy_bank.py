@@ -11,15 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from ....messages.samples import Floats
-from ....messages.stored import Decimals, Stored
-from . import filter_bank
-from .filter_bank import BankOutput, LinearStep
+from ...messages.samples import Floats
+from ...messages.stored import Decimals, Stored
+from .bank import (
+    NO_STATE,
+    BankOutput,
+    BankStart,
+    LinearStep,
+    require_finite,
+    require_fitting,
+    require_result,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """States (r, n), covariances (r, n, n) and mu_j (r,)."""
+    """States (r, 2), covariances (r, 2, 2) and mu_j (r,)."""
 
     states: Decimals
     covariances: Decimals
@@ -35,24 +42,32 @@ class FilterpyBank:
     def __init__(self) -> None:
         self._state: _State | None = None
 
-    def reset(self, state: Floats, covariance: Floats, mode_probability: Floats) -> None:
-        """Start every mode from one state; filterpy needs at least two modes."""
-        filter_bank.check_start(state, covariance, mode_probability)
-        modes = len(mode_probability)
-        if modes < 2:
-            raise ValueError("filterpy: at least two modes are needed")
+    def reset(self, start: BankStart) -> None:
+        """Start every mode from one state."""
+        modes = len(start.mode_probability)
         self._state = _State(
-            np.repeat(state[None, :], modes, axis=0),
-            np.repeat(covariance[None, :, :], modes, axis=0),
-            mode_probability.copy(),
+            np.repeat(start.state[None, :], modes, axis=0),
+            np.repeat(start.covariance[None, :, :], modes, axis=0),
+            start.mode_probability.copy(),
         )
 
     def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
         """Predict and update; ValueError leaves the bank as it was."""
-        if self._state is None:
-            raise ValueError("step: the bank has no state yet; reset it first")
-        filter_bank.check_fit(step, measurement, self._state.states)
-        estimator = _estimator(step, self._state)
+        from filterpy.kalman import IMMEstimator, KalmanFilter
+
+        now = self._state
+        if now is None:
+            raise ValueError(NO_STATE)
+        require_finite("step drive", step.drive, now.states.shape)
+        require_finite("measurement", measurement, (2,))
+        filters = []
+        for mean, covariance, drive in zip(now.states, now.covariances, step.drive, strict=True):
+            mode = KalmanFilter(dim_x=2, dim_z=2, dim_u=1)
+            mode.x, mode.P = mean[:, None].copy(), covariance.copy()
+            mode.F, mode.Q, mode.B = step.transition, step.process_noise, drive[:, None]
+            mode.H, mode.R = step.observation, step.measurement_noise
+            filters.append(mode)
+        estimator = IMMEstimator(filters, now.mode_probability, step.mode_transition)
         try:
             with np.errstate(all="ignore"):
                 estimator.predict(np.ones((1, 1)))
@@ -60,11 +75,11 @@ class FilterpyBank:
                 output = _output(estimator)
         except np.linalg.LinAlgError as error:
             raise ValueError(f"step: {error}") from error
-        filter_bank.check_result(output.mode_probability, output.log_likelihood, output.covariance)
-        filter_bank.check_result(output.state, output.nis)
+        require_result(output.mode_probability, output.log_likelihood, output.covariance)
+        require_result(output.state, output.nis)
         self._state = _State(
-            np.array([mode.x[:, 0] for mode in estimator.filters]),
-            np.array([mode.P for mode in estimator.filters]),
+            np.array([mode.x[:, 0] for mode in filters]),
+            np.array([mode.P for mode in filters]),
             output.mode_probability,
         )
         return output
@@ -77,25 +92,11 @@ class FilterpyBank:
         """Continue from a snapshot; ValueError if it is none."""
         state = _STORED.load(snapshot) if snapshot else None
         if state is not None:
-            filter_bank.check_snapshot(state.states, state.covariances, state.mode_probability)
+            require_fitting(state.states, state.covariances, state.mode_probability)
         self._state = state
 
 
-def _estimator(step: LinearStep, state: _State) -> Any:
-    from filterpy.kalman import IMMEstimator, KalmanFilter
-
-    filters = []
-    for mean, covariance, drive in zip(state.states, state.covariances, step.drive, strict=True):
-        mode = KalmanFilter(dim_x=len(mean), dim_z=len(step.observation), dim_u=1)
-        mode.x, mode.P = mean[:, None].copy(), covariance.copy()
-        mode.F, mode.Q, mode.B = step.transition, step.process_noise, drive[:, None]
-        mode.H, mode.R = step.observation, step.measurement_noise
-        filters.append(mode)
-    return IMMEstimator(filters, state.mode_probability, step.mode_transition)
-
-
 def _output(estimator: Any) -> BankOutput:
-    nis = [float((mode.y.T @ mode.SI @ mode.y).item()) for mode in estimator.filters]
     probability = np.asarray(estimator.mu, dtype=np.float64)
     logs = np.full(len(probability), -np.inf)
     np.log(probability, out=logs, where=probability > 0.0)
@@ -105,5 +106,5 @@ def _output(estimator: Any) -> BankOutput:
         log_likelihood=np.array([float(mode.log_likelihood) for mode in estimator.filters]),
         state=estimator.x[:, 0].copy(),
         covariance=estimator.P.copy(),
-        nis=np.array(nis),
+        nis=np.array([(mode.y.T @ mode.SI @ mode.y).item() for mode in estimator.filters]),
     )

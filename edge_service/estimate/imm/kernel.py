@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....messages.samples import Floats
-from ....models.compiled import compiled
+from ...messages.samples import Floats
+from ...models.compiled import compiled
 
 Pair = tuple[float, float]
 Matrix = tuple[float, float, float, float]  # a11, a12, a21, a22

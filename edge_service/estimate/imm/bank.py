@@ -1,0 +1,249 @@
+"""Interacting filters of two states and two measurements, one per mode (IMM; thesis, 4.4.3)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...messages.samples import Floats
+from ...messages.stored import Decimals, Logarithms, Stored
+from . import kernel
+
+KALMAN: Floats = np.zeros(0)
+"""Boundary that selects Kalman gains."""
+NO_STATE = "step: the bank has no state yet; reset it first"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearStep:
+    """One prediction and measurement of r modes.
+
+    Attributes:
+        transition: A of thesis eq. 4.4.1, (2, 2).
+        drive: B u_hat_j, the known input of each mode as it adds to the state, (r, 2).
+        process_noise: Q of thesis eq. 4.4.2, (2, 2).
+        observation: C of thesis eq. 4.4.3, (2, 2).
+        measurement_noise: R of thesis eq. 4.4.3, (2, 2).
+        mode_transition: p_ij of thesis eq. 4.4.13, (r, r); row = from, already scaled to this step.
+    """
+
+    transition: Floats
+    drive: Floats
+    process_noise: Floats
+    observation: Floats
+    measurement_noise: Floats
+    mode_transition: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BankStart:
+    """Start of every mode: state (2,), covariance (2, 2), mode probability (r,)."""
+
+    state: Floats
+    covariance: Floats
+    mode_probability: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BankOutput:
+    """Output of the bank after one step; of a run of N steps, each array has N rows of it.
+
+    Attributes:
+        mode_probability: mu_j (thesis, eq. 4.4.19), (r,).
+        log_mode_probability: the same in logs, where small ones do not underflow, (r,).
+        log_likelihood: log Lambda_j (thesis, eq. 4.4.18), (r,).
+        state: combined state (thesis, eq. 4.4.21), (2,).
+        covariance: combined covariance (thesis, eq. 4.4.22), (2, 2).
+        nis: normalised innovation squared of each mode, (r,).
+    """
+
+    mode_probability: Floats
+    log_mode_probability: Floats
+    log_likelihood: Floats
+    state: Floats
+    covariance: Floats
+    nis: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """States (r, 2), covariances (r, 2, 2), log mu_j (r,)."""
+
+    states: Decimals
+    covariances: Decimals
+    log_mode_probability: Logarithms
+
+
+_STORED: Stored[_State] = Stored(_State)
+
+
+class FilterBank(Protocol):
+    """A filter bank behind one of the engines."""
+
+    def reset(self, start: BankStart) -> None:
+        """Start every mode from one state."""
+
+    def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
+        """Predict and update with a measurement (2,).
+
+        Raises ValueError, with the bank as it was before, if the input or the result is not finite.
+        """
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that the next step depends on, as JSON-able values."""
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Continue from a snapshot, bit for bit; ValueError if it is none."""
+
+
+class CompiledBank:
+    """FilterBank with Kalman gains (eq. 4.4.4) or K = C^+ sat(|e| / delta) (eqs. 4.4.7-4.4.12).
+
+    Args:
+        boundary: delta of the sliding innovation filter, its width per measurement (2,), or KALMAN.
+    """
+
+    def __init__(self, boundary: Floats = KALMAN) -> None:
+        self._boundary = boundary
+        self._state: _State | None = None
+
+    def reset(self, start: BankStart) -> None:
+        """Start every mode from one state."""
+        self._state = _state_of(start)
+
+    def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
+        """Predict and update; ValueError leaves the bank as it was."""
+        if self._state is None:
+            raise ValueError(NO_STATE)
+        run, state = _run(step, step.drive[None], measurement[None], self._state, self._boundary)
+        self._state = state
+        return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput)))
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values; empty before the first reset."""
+        return {} if self._state is None else dict(_STORED.dump(self._state))
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Continue from a snapshot; ValueError if it is none."""
+        state = _STORED.load(snapshot) if snapshot else None
+        if state is not None:
+            logs = state.log_mode_probability
+            require_fitting(state.states, state.covariances, logs)
+            if not (logs <= 0.0).all():
+                raise ValueError("snapshot: log_mode_probability must not exceed 0")
+        self._state = state
+
+
+def run_bank(
+    step: LinearStep,
+    drives: Floats,
+    measurements: Floats,
+    start: BankStart,
+    boundary: Floats = KALMAN,
+) -> BankOutput:
+    """Run a bank over N steps that share all matrices but the drive.
+
+    Args:
+        step: the shared matrices; its own drive is not used.
+        drives: (N, r, 2).
+        measurements: (N, 2).
+        boundary: see CompiledBank.
+
+    Raises ValueError if an input or a result is not finite.
+    """
+    return _run(step, drives, measurements, _state_of(start), boundary)[0]
+
+
+def _state_of(start: BankStart) -> _State:
+    modes = len(start.mode_probability)
+    logs = np.full(modes, -np.inf)
+    np.log(start.mode_probability, out=logs, where=start.mode_probability > 0.0)
+    return _State(
+        np.repeat(start.state[None, :], modes, axis=0),
+        np.repeat(start.covariance[None, :, :], modes, axis=0),
+        logs,
+    )
+
+
+def _run(
+    step: LinearStep, drives: Floats, measurements: Floats, state: _State, boundary: Floats
+) -> tuple[BankOutput, _State]:
+    """Outputs and new state after N steps from `state`, which stays as it is."""
+    count, modes = len(drives), len(state.states)
+    require_finite("drives", drives, (count, modes, 2))
+    require_finite("measurements", measurements, (count, 2))
+    packed = np.column_stack([state.states, state.covariances.reshape(modes, 4)[:, [0, 1, 3]]])
+    logs = state.log_mode_probability.copy()
+    history = kernel.History(*(np.zeros((count, width)) for width in (modes, modes, modes, 5)))
+    inputs = (_row_major(drives), _row_major(measurements))
+    done = kernel.run(_kernel_model(step, boundary), inputs, packed, logs, history)
+    if done < count:
+        raise ValueError(
+            f"step {done}: an innovation covariance is not positive definite, or an innovation "
+            "overflows"
+        )
+    combined = history.combined
+    run = BankOutput(
+        mode_probability=np.exp(history.log_probability),
+        log_mode_probability=history.log_probability,
+        log_likelihood=history.log_likelihood,
+        state=combined[:, :2],
+        covariance=combined[:, [2, 3, 3, 4]].reshape(count, 2, 2),
+        nis=history.nis,
+    )
+    state = _State(packed[:, :2], packed[:, [2, 3, 3, 4]].reshape(modes, 2, 2), logs)
+    require_result(run.log_likelihood, run.state, run.covariance, run.nis, state.covariances)
+    return run, state
+
+
+def _kernel_model(step: LinearStep, boundary: Floats) -> kernel.Model:
+    """The kernel's view of the shared matrices of a step; symmetric ones by their upper half."""
+    sliding = len(boundary) > 0
+    inverse = np.linalg.pinv(step.observation) if sliding else step.observation.T
+    return kernel.Model(
+        transition=_matrix(step.transition),
+        process_noise=_symmetric(step.process_noise),
+        observation=_matrix(step.observation),
+        measurement_noise=_symmetric(step.measurement_noise),
+        mode_transition=_row_major(step.mode_transition),
+        sliding=sliding,
+        boundary=(float(boundary[0]), float(boundary[1])) if sliding else (1.0, 1.0),
+        pseudo_inverse=_matrix(inverse),
+    )
+
+
+def _matrix(values: Any) -> kernel.Matrix:
+    return float(values[0, 0]), float(values[0, 1]), float(values[1, 0]), float(values[1, 1])
+
+
+def _symmetric(values: Floats) -> kernel.Symmetric:
+    return float(values[0, 0]), float(values[0, 1]), float(values[1, 1])
+
+
+def _row_major(values: Floats) -> Floats:
+    """One memory layout, so that the kernel is compiled once; never read-only."""
+    return np.require(values, np.float64, ("C", "W"))
+
+
+def require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
+    """Require an array of a shape without NaN and infinity; ValueError otherwise."""
+    if values.shape != shape:
+        raise ValueError(f"{name}: shape {values.shape}, expected {shape}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}: not finite")
+
+
+def require_result(*results: Floats) -> None:
+    """Require results that can be passed on; ValueError otherwise."""
+    if not all(np.isfinite(values).all() for values in results):
+        raise ValueError("step: the result is not finite; the bank keeps its state")
+
+
+def require_fitting(states: Floats, covariances: Floats, probability: Floats) -> None:
+    """Require arrays of a snapshot that fit together, (r, 2), (r, 2, 2), (r,)."""
+    modes = len(states)
+    require_finite("snapshot states", states, (modes, 2))
+    require_finite("snapshot covariances", covariances, (modes, 2, 2))
+    if probability.shape != (modes,) or np.isnan(probability).any():
+        raise ValueError("snapshot: one probability per mode is needed")

@@ -1,1 +1,0 @@
-"""Interacting bank of filters: one filter per mode, in several engines."""

@@ -1,0 +1,303 @@
+"""Filter banks, whatever engine and filter: textbook, filterpy, plain Python and hostile input."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edge_service.estimate.imm import kernel
+from edge_service.estimate.imm.bank import (
+    KALMAN,
+    BankOutput,
+    BankStart,
+    CompiledBank,
+    FilterBank,
+    LinearStep,
+    run_bank,
+)
+from edge_service.estimate.imm.filterpy_bank import FilterpyBank
+from edge_service.estimate.imm.mode_transition import scaled_mode_transition
+from edge_service.messages.samples import Floats
+from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
+
+LOG_SMALLEST = -700.0
+"""Below this, filterpy's likelihoods are no longer what they should be."""
+SLIDING = np.array([0.7, 0.7])
+BANKS: dict[str, Callable[[], FilterBank]] = {
+    "kalman": CompiledBank,
+    "filterpy": FilterpyBank,
+    "sliding": lambda: CompiledBank(SLIDING),
+}
+NAMES = [field.name for field in fields(BankOutput)]
+every_bank = pytest.mark.parametrize("kind", BANKS)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A bank's inputs over N steps."""
+
+    step: LinearStep
+    drives: Floats
+    measurements: Floats
+    start: BankStart
+
+    def steps(self) -> list[tuple[LinearStep, Floats]]:
+        drives = (replace(self.step, drive=drive) for drive in self.drives)
+        return list(zip(drives, self.measurements, strict=True))
+
+    def run(self, boundary: Floats = KALMAN) -> BankOutput:
+        return run_bank(self.step, self.drives, self.measurements, self.start, boundary)
+
+
+def random_problem(seed: int, modes: int = 5, count: int = 60) -> Problem:
+    rng = np.random.default_rng(seed)
+
+    def covariance(scale: float) -> Floats:
+        root = rng.normal(size=(2, 2))
+        return scale * (root @ root.T + 0.1 * np.eye(2))
+
+    transition = np.eye(2) + 0.2 * rng.normal(size=(2, 2))
+    transition /= max(1.0, np.abs(np.linalg.eigvals(transition)).max() * 1.05)
+    drives = rng.normal(size=(count, modes, 2))
+    mode_transition = 0.2 * rng.dirichlet(np.ones(modes), size=modes) + 0.8 * np.eye(modes)
+    observation = rng.normal(size=(2, 2))
+    step = LinearStep(
+        transition, drives[0], covariance(0.3), observation, covariance(0.5), mode_transition
+    )
+    start = BankStart(rng.normal(size=2), covariance(1.0), rng.dirichlet(np.ones(modes)))
+    return Problem(step, drives, 2.0 * rng.normal(size=(count, 2)), start)
+
+
+def plain_step(drive: Floats, mode_transition: Floats) -> LinearStep:
+    small = 1e-2 * np.eye(2)
+    return LinearStep(np.eye(2), drive, small, np.eye(2), small, mode_transition)
+
+
+def run(bank: FilterBank, problem: Problem) -> list[BankOutput]:
+    bank.reset(problem.start)
+    return [bank.step(step, measurement) for step, measurement in problem.steps()]
+
+
+def together(outputs: list[BankOutput]) -> BankOutput:
+    return BankOutput(*(np.array([getattr(each, name) for each in outputs]) for name in NAMES))
+
+
+def assert_same(first: BankOutput, second: BankOutput, tolerance: float) -> None:
+    for name in NAMES:
+        one, other = getattr(first, name), getattr(second, name)
+        np.testing.assert_allclose(one, other, rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+def sliding_filter(problem: Problem) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """(4.4.7-12) for one mode, with the squared innovation in units of S."""
+    s, x, p = problem.step, problem.start.state, problem.start.covariance
+    out = []
+    for drive, z in zip(problem.drives[:, 0], problem.measurements, strict=True):
+        x, p = s.transition @ x + drive, s.transition @ p @ s.transition.T + s.process_noise
+        e = z - s.observation @ x
+        spread = s.observation @ p @ s.observation.T + s.measurement_noise
+        gain = np.linalg.pinv(s.observation) @ np.diag(np.clip(np.abs(e) / SLIDING, 0, 1))
+        left = np.eye(len(x)) - gain @ s.observation
+        x = x + gain @ e
+        p = left @ p @ left.T + gain @ s.measurement_noise @ gain.T
+        out.append((x, p, e @ np.linalg.inv(spread) @ e))
+    return out
+
+
+def kalman_filter(problem: Problem) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Textbook filter in information form, which shares no formula with the Joseph form."""
+    s, x, p = problem.step, problem.start.state, problem.start.covariance
+    out = []
+    for drive, z in zip(problem.drives[:, 0], problem.measurements, strict=True):
+        x, p = s.transition @ x + drive, s.transition @ p @ s.transition.T + s.process_noise
+        e = z - s.observation @ x
+        spread = s.observation @ p @ s.observation.T + s.measurement_noise
+        nis = e @ np.linalg.inv(spread) @ e
+        weighted = s.observation.T @ np.linalg.inv(s.measurement_noise)
+        p = np.linalg.inv(np.linalg.inv(p) + weighted @ s.observation)
+        x = x + p @ weighted @ e
+        out.append((x, p, nis))
+    return out
+
+
+@every_bank
+def test_equal_modes_are_one_filter_and_follow_the_markov_chain(kind: str) -> None:
+    problem = random_problem(3)
+    problem = replace(problem, drives=np.repeat(problem.drives[:, :1], 5, axis=1))
+    outputs = run(BANKS[kind](), problem)
+    expected = sliding_filter(problem) if kind == "sliding" else kalman_filter(problem)
+    chance = problem.start.mode_probability
+    for output, (state, covariance, nis) in zip(outputs, expected, strict=True):
+        np.testing.assert_allclose(output.state, state, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(output.covariance, covariance, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(output.nis, nis, rtol=1e-10)
+        chance = chance @ problem.step.mode_transition
+        np.testing.assert_allclose(output.mode_probability, chance, atol=1e-12)
+
+
+@every_bank
+def test_the_order_of_the_modes_does_not_matter(kind: str) -> None:
+    problem, order = random_problem(5), np.array([3, 0, 4, 2, 1])
+    matrix = problem.step.mode_transition[np.ix_(order, order)]
+    shuffled = Problem(
+        replace(problem.step, mode_transition=matrix),
+        problem.drives[:, order],
+        problem.measurements,
+        replace(problem.start, mode_probability=problem.start.mode_probability[order]),
+    )
+    for first, second in zip(
+        run(BANKS[kind](), problem), run(BANKS[kind](), shuffled), strict=True
+    ):
+        permuted = replace(
+            first,
+            mode_probability=first.mode_probability[order],
+            log_mode_probability=first.log_mode_probability[order],
+            log_likelihood=first.log_likelihood[order],
+            nis=first.nis[order],
+        )
+        assert_same(permuted, second, 1e-11)
+        assert first.mode_probability.sum() == pytest.approx(1.0, abs=1e-12)
+        assert (np.linalg.eigvalsh(first.covariance) > 0.0).all()
+
+
+@every_bank
+def test_continues_from_a_snapshot_bit_for_bit(kind: str) -> None:
+    problem = random_problem(7, count=40)
+    half = replace(problem, drives=problem.drives[:20], measurements=problem.measurements[:20])
+    bank, other = BANKS[kind](), BANKS[kind]()
+    empty = bank.snapshot()
+    run(bank, half)
+    other.restore(json.loads(json.dumps(bank.snapshot(), allow_nan=False)))
+    for step, measurement in problem.steps()[20:]:
+        first, second = bank.step(step, measurement), other.step(step, measurement)
+        assert all(np.array_equal(getattr(first, name), getattr(second, name)) for name in NAMES)
+    bank.restore(empty)
+    with pytest.raises(ValueError, match="reset"):
+        bank.step(*problem.steps()[0])
+
+
+@every_bank
+@pytest.mark.parametrize(
+    "snapshot", [{"states": [[1.0]]}, {"states": "x"}, {"states": [[float("nan")]]}, {"a": 1}]
+)
+def test_foreign_snapshots_are_refused(kind: str, snapshot: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="snapshot"):
+        BANKS[kind]().restore(snapshot)
+
+
+@every_bank
+@pytest.mark.parametrize("garbage", [np.nan, np.inf, 1e300])
+def test_garbage_raises_and_leaves_the_state(kind: str, garbage: float) -> None:
+    problem = random_problem(8, count=5)
+    bank = BANKS[kind]()
+    run(bank, problem)
+    before = bank.snapshot()
+    singular = replace(
+        problem.step, observation=np.zeros((2, 2)), measurement_noise=np.zeros((2, 2))
+    )
+    for step, measurement in (
+        (problem.step, np.array([problem.measurements[0, 0], garbage])),
+        (problem.step, np.zeros(3)),
+        (random_problem(0, modes=3).step, problem.measurements[0]),
+        (singular, problem.measurements[0]),
+    ):
+        with pytest.raises(ValueError, match=r"finite|overflows|shape|step"):
+            bank.step(step, measurement)
+        assert bank.snapshot() == before
+
+
+def assert_filterpy_agrees(problem: Problem) -> None:
+    ours, theirs = problem.run(), together(run(FilterpyBank(), problem))
+    underflow = (theirs.log_likelihood < LOG_SMALLEST).any(axis=1)
+    comparable = int(np.argmax(underflow)) if underflow.any() else len(underflow)
+    assert comparable >= 0.95 * len(underflow)
+    for name in ("mode_probability", "log_likelihood", "state", "covariance", "nis"):
+        one, other = getattr(ours, name)[:comparable], getattr(theirs, name)[:comparable]
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("simulation", [1, 2, 3, 4])
+def test_filterpy_agrees_on_the_simulations(simulation: int) -> None:
+    case = ThesisCase(simulation)
+    made, _ = run_case(case, 10 + simulation)
+    step, drives, start = bank_inputs(case, made)
+    assert_filterpy_agrees(Problem(step, drives[:200], made.measurement[:200], start))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_filterpy_agrees_on_random_problems(seed: int) -> None:
+    assert_filterpy_agrees(random_problem(seed))
+
+
+def test_modes_far_from_the_truth_do_not_underflow() -> None:
+    """The odds are the difference of the log-likelihoods where filterpy reads one half each."""
+    step = plain_step(np.array([[100.0, 0.0], [200.0, 0.0]]), np.eye(2))
+    start = BankStart(np.zeros(2), np.eye(2), np.array([0.5, 0.5]))
+    problem = Problem(step, step.drive[None], np.zeros((1, 2)), start)
+    odds = float(-np.diff(problem.run().log_mode_probability[0])[0])
+    assert odds == pytest.approx(0.5 * (200.0**2 - 100.0**2) / 1.02, rel=1e-12)
+    assert run(FilterpyBank(), problem)[0].mode_probability.tolist() == [0.5, 0.5]
+
+
+def test_an_almost_impossible_mode_keeps_its_own_filter() -> None:
+    """With no transitions, mixing weights must not vanish with the probability of a mode."""
+    drives = np.zeros((30, 2, 2))
+    drives[:, 1, 0] = 50.0
+    start = BankStart(np.zeros(2), np.eye(2), np.array([0.5, 0.5]))
+    measurements = np.zeros((30, 2))
+    both = run_bank(plain_step(drives[0], np.eye(2)), drives, measurements, start)
+    assert both.log_mode_probability[-1, 1] < -10_000.0
+    alone = replace(start, mode_probability=np.ones(1))
+    only = run_bank(plain_step(drives[0, 1:], np.ones((1, 1))), drives[:, 1:], measurements, alone)
+    np.testing.assert_allclose(both.nis[:, 1], only.nis[:, 0], rtol=1e-12)
+
+
+def test_an_unreachable_mode_has_probability_zero() -> None:
+    problem = random_problem(2)
+    closed = np.eye(5)
+    closed[:4, :4] = 0.05 + 0.8 * np.eye(4)
+    start = replace(problem.start, mode_probability=np.array([0.25, 0.25, 0.25, 0.25, 0.0]))
+    step = replace(problem.step, mode_transition=closed)
+    result = replace(problem, step=step, start=start).run()
+    assert (result.mode_probability[:, 4] == 0.0).all()
+    np.testing.assert_allclose(result.mode_probability.sum(axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("boundary", [KALMAN, SLIDING], ids=["kalman", "sliding"])
+def test_machine_code_equals_python(boundary: Floats, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = random_problem(9, count=200)
+    machine_code = problem.run(boundary)
+    for name, function in vars(kernel).copy().items():
+        if hasattr(function, "py_func"):
+            monkeypatch.setattr(kernel, name, function.py_func)
+    assert not hasattr(kernel.run, "py_func")
+    assert_same(machine_code, problem.run(boundary), 1e-12)
+
+
+def test_single_steps_equal_the_batch_bit_for_bit() -> None:
+    problem = random_problem(11)
+    batch, single = problem.run(), together(run(CompiledBank(), problem))
+    assert all(np.array_equal(getattr(batch, name), getattr(single, name)) for name in NAMES)
+
+
+@pytest.mark.parametrize("boundary", [KALMAN, SLIDING], ids=["kalman", "sliding"])
+def test_ten_short_steps_without_information_are_one_long_one(boundary: Floats) -> None:
+    """Mode probabilities must not depend on how often nothing is measured."""
+    start = BankStart(np.zeros(2), np.eye(2), np.array([0.6, 0.3, 0.1, 0.0, 0.0]))
+
+    def last_probability(step_s: float, count: int) -> Any:
+        step = LinearStep(
+            transition=np.array([[1.0, step_s], [0.0, 1.0]]),
+            drive=np.zeros((5, 2)),
+            process_noise=np.eye(2) * step_s,
+            observation=np.eye(2),
+            measurement_noise=np.eye(2) * 1e12,
+            mode_transition=scaled_mode_transition(step_s),
+        )
+        drives, measurements = np.zeros((count, 5, 2)), np.zeros((count, 2))
+        return run_bank(step, drives, measurements, start, boundary).mode_probability[-1]
+
+    np.testing.assert_allclose(last_probability(0.01, 10), last_probability(0.1, 1), atol=1e-12)
