@@ -169,22 +169,22 @@ MOST_LINES = {
     "diagnose": 5604,
     "downsample": 1519,
     "drivers": 4795,
-    "estimate": 6298,
+    "estimate": 5882,
     "fingerprint": 3524,
     "health": 5722,
     "http_api": 3006,
     "messages": 2384,
     "models": 6478,
     "nodes": 4632,
-    "offline": 7060,
+    "offline": 7037,
     "outputs": 2181,
     "recordings": 3845,
     "regression": 1197,
     "beside the rooms": 822,
-    "tests": 60418,
+    "tests": 60061,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 524
+MOST_FILES = 517
 """Modules of the product."""
 
 
