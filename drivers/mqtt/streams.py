@@ -24,11 +24,11 @@ from edge_service.recordings.sinumerik.edge import (
     RESTART_GAP_S,
     SAMPLES,
     WIDE,
+    EdgeContext,
     EdgeRows,
     EdgeSource,
     edge_recording,
 )
-from edge_service.recordings.sinumerik.edge_context import EdgeContext
 from edge_service.recordings.sinumerik.signals import EDGE_CYCLE, ControllerAxis
 from edge_service.recordings.source import Block, Source
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..messages.samples import Floats, SampleFrame
-from ..recordings.signals.conditioning import (
+from ..recordings.conditioning import (
     CUTOFF_SHARE,
+    UniformRun,
     central_difference,
     low_pass,
+    uniform_runs,
     white_noise_rms,
 )
-from ..recordings.signals.screening import UniformRun, uniform_runs
 from ..regression.interval_estimate import IntervalEstimate, undetermined
 from ..regression.linear import LinearFit, least_squares
 

@@ -9,7 +9,7 @@ from ..messages.channels import ANGLE
 from ..messages.row_faults import CLOCK_RESET_S
 from ..messages.samples import Floats, SampleFrame
 from ..models.machine import Machine
-from ..recordings.signals.conditioning import with_angle
+from ..recordings.conditioning import with_angle
 
 LEAST_RATE_HZ = 50.0
 RATE_SLACK = 0.05

@@ -23,7 +23,7 @@ from ..command_answer import Answer
 from ..config import ConfigError
 from ..fingerprint.result import FingerprintError
 from ..recordings.columns import TraceError
-from ..recordings.forms.registry import is_recording
+from ..recordings.forms import is_recording
 from .diagnosis.sessions import BadDataError, DiagnosisError
 from .document import Document
 from .recordings import Progress, silent

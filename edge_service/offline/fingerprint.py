@@ -25,7 +25,7 @@ from ..fingerprint.result import (
 )
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
-from ..recordings.forms.registry import head_of
+from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
 from .drift import QUANTITIES, DriftReport, compare_days, draw_drift, write_drift
 from .examination import require_sound

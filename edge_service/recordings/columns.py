@@ -25,27 +25,18 @@ class AxisError(TraceError):
 
 
 class ColumnLike(Protocol):
-    """Anything that names a foreign column: SI value = `scale` * column + `offset`."""
+    """Anything that names a foreign column, as `ColumnMap` does."""
 
     @property
-    def column(self) -> str:
-        """Name of the column in the file."""
-
+    def column(self) -> str: ...
     @property
-    def scale(self) -> float:
-        """Factor to SI units."""
-
+    def scale(self) -> float: ...
     @property
-    def offset(self) -> float:
-        """Added after scaling, in SI units."""
-
+    def offset(self) -> float: ...
     @property
-    def minus(self) -> str:
-        """Column that is taken off before scaling; empty for none."""
-
+    def minus(self) -> str: ...
     @property
-    def direction(self) -> str:
-        """Column whose direction of change gives the values their sign; empty for none."""
+    def direction(self) -> str: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,19 +101,16 @@ def choose_columns(
     for name in {name for column in chosen.values() for name in column.names}:
         if list(names).count(name) > 1:
             raise TraceError(f"{path}: column {name!r} appears more than once")
-    _refuse_twins(path, names, [each for each in chosen if each in names and each not in columns])
-    return chosen
-
-
-def _refuse_twins(path: Path, names: Sequence[str], by_own_name: Sequence[str]) -> None:
-    """Refuse a second column for a channel that differs in case alone; a machine file chooses."""
-    for channel in by_own_name:
+    for channel in chosen:  # a second column that differs in case alone; a machine file chooses
+        if channel not in names or channel in columns:
+            continue
         twin = next((n for n in names if n != channel and n.casefold() == channel), None)
         if twin is not None:
             raise TraceError(
                 f"{path}: columns {channel!r} and {twin!r} differ in case alone; delete one, or "
                 f'choose in the machine file: [columns] {channel} = {{ column = "{twin}" }}'
             )
+    return chosen
 
 
 def _choose(

@@ -10,8 +10,7 @@ import numpy as np
 from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import Floats, SampleFrame
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
-from .forms.registry import open_source
-from .forms.sinumerik_trace import SinumerikSource
+from .forms import open_source
 from .sinumerik.edge import EdgeSource, edge_recording
 from .sinumerik.signals import (
     SINUMERIK_SIGNALS,
@@ -21,6 +20,7 @@ from .sinumerik.signals import (
     edge_signals,
     map_signals,
 )
+from .sinumerik.trace import SinumerikSource
 from .source import Block, Source, Text
 
 
@@ -206,7 +206,7 @@ def open_trace(
     *,
     keep_all: bool = False,
 ) -> TraceReader:
-    """Open a trace file in any form of `forms/`, told apart by content.
+    """Open a trace file in any form of `FORMS`, told apart by content.
 
     Args:
         path: the file.

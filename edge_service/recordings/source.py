@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -10,9 +9,9 @@ from typing import IO, Any
 import numpy as np
 
 from ..messages.samples import Floats
-from .sinumerik.signals import ControllerAxis
 
 MOST_COLUMNS = 4096
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 _MISSING = r"^\s*([+-]?nan(\(.*\))?|null|none|#?n/?a|[+-]?1\.#.*|[+-]?inf(inity)?)?\s*$"
 
@@ -94,23 +93,6 @@ class Source:
         """Numbers of the next rows of the file, shape (count,)."""
         first, self._rows_seen = self._rows_seen, self._rows_seen + count
         return np.arange(first, first + count, dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True)
-class Form:
-    """One form of recordings; its module holds it as `FORM`.
-
-    Attributes:
-        name: in words.
-        recognises: tells by a file's first bytes and its name whether it has this form.
-        open: takes over an open file of it. Raises TraceError and OSError.
-        rank: forms of a lower one are asked first.
-    """
-
-    name: str
-    recognises: Callable[[bytes, Path], bool]
-    open: Callable[[Path, IO[bytes], ControllerAxis], Source]
-    rank: int = 0
 
 
 def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text | None]:

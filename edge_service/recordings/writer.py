@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import os
-import secrets
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -12,10 +10,11 @@ from typing import Any, BinaryIO, Self
 
 import numpy as np
 
+from ..atomic import replaced_bytes
 from ..messages.channels import CHANNELS, TIME
 from ..messages.samples import SampleFrame
 from .columns import TraceError
-from .forms.parquet import PARQUET_SUFFIXES
+from .parquet import PARQUET_SUFFIXES
 
 _ROWS_AT_ONCE = 1 << 16
 TOPIC = "axis/samples"
@@ -33,7 +32,7 @@ class TraceFormat(StrEnum):
 
 
 class TraceWriter:
-    """Writes frames to a temporary file beside `path`; `commit` puts it in place.
+    """Writes frames to a file that takes the place of `path` with `commit`.
 
     As a context manager it commits on success and aborts on an exception. Numbers are written
     with all their digits, what is not finite as missing. A channel that a frame lacks is missing
@@ -57,13 +56,13 @@ class TraceWriter:
         self._format = file_format or format_of(path)
         self._pending: list[SampleFrame] = []
         self._pending_rows = 0
-        self._temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
         self._file: BinaryIO | None = None
         self._sink: Any = None
+        self._place = contextlib.ExitStack()
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
         with self._one_line_errors():
-            self._file = self._temporary.open("xb")
+            self._file = self._place.enter_context(replaced_bytes(path))
             self._sink = _open_sink(self._format, self._file, (TIME, *self.channels))
 
     def write(self, frame: SampleFrame) -> None:
@@ -95,23 +94,19 @@ class TraceWriter:
         with self._one_line_errors():
             self._flush()
             self._sink.close()
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._temporary.replace(self.path)
+            self._place.close()
             self._file = None
 
     def abort(self) -> None:
         """Remove what was written; safe twice, and without effect after `commit`."""
         if self._file is None:
             return
+        self._file = None
         with contextlib.suppress(OSError):
             if self._sink is not None:
                 self._sink.close()
         with contextlib.suppress(OSError):
-            self._file.close()
-        self._file = None
-        self._temporary.unlink(missing_ok=True)
+            self._place.__exit__(TraceError, TraceError("aborted"), None)
 
     def __enter__(self) -> Self:
         return self

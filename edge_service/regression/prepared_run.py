@@ -26,17 +26,18 @@ from ..messages.channels import (
     TORQUE,
 )
 from ..messages.samples import Booleans, Floats, SampleFrame
-from ..recordings.signals.conditioning import (
+from ..recordings.conditioning import (
     CUTOFF_SHARE,
+    UniformRun,
     anti_alias,
     central_difference,
     decimate,
     low_pass,
     mean_of_held,
+    uniform_runs,
     white_noise_rms,
     with_angle,
 )
-from ..recordings.signals.screening import UniformRun, uniform_runs
 
 OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
 _REACH_PERIODS = 2.0

@@ -7,8 +7,7 @@ import pytest
 
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.recordings.signals.conditioning import central_difference, white_noise_rms
-from edge_service.recordings.signals.screening import uniform_runs
+from edge_service.recordings.conditioning import central_difference, uniform_runs, white_noise_rms
 from edge_service.regression.prepared_run import (
     PreparationSettings,
     derivative_noise_rms,

@@ -42,30 +42,6 @@ def test_parts_of_a_name(
     assert (found.short, found.axis, found.unit, found.column) == (short, axis, unit, name)
 
 
-@pytest.mark.parametrize("name", ["/Channel/!RP/rpa [15]", "/Nck/!S/x", "", "[u1, x]"])
-def test_a_name_without_an_axis(name: str) -> None:
-    assert sinumerik_signal(name, "posn") is None
-
-
-@pytest.mark.parametrize(
-    ("channel", "unit", "expected"),
-    [
-        ("table_position_m", "mm", 1e-3),
-        ("table_speed_m_s", "mm/min", 1.0 / 60_000.0),
-        ("table_speed_m_s", "mm/s", 1e-3),
-        ("motor_angle_rad", "mm", RAD_PER_MM),
-        ("motor_speed_rad_s", "mm/min", RAD_PER_MM / 60.0),
-        ("motor_speed_rad_s", "rev/min", math.pi / 30.0),
-        ("torque_command_nm", "N m", 1.0),
-        ("torque_command_nm", "A", None),
-        ("torque_command_nm", "mm", None),
-    ],
-)
-def test_units(channel: str, unit: str, expected: float | None) -> None:
-    scale = AXIS.scale(channel, unit)
-    assert scale == (expected if expected is None else pytest.approx(expected, rel=1e-14))
-
-
 def _write(folder: Path, suffix: str, text: str = EDGE) -> Path:
     path = folder / f"edge{suffix}"
     path.write_text(text)
@@ -104,14 +80,6 @@ def test_another_axis_and_one_that_is_not_there(tmp_path: Path) -> None:
             open_trace(_write(tmp_path, ".csv", text))
 
 
-def test_a_signal_in_the_machine_file_says_which_axis_is_meant(tmp_path: Path) -> None:
-    path = _write(tmp_path, ".csv", EDGE.replace("|1", "|5"))
-    axis = ControllerAxis(lead_m=0.01)
-    frame = read_trace(path, {"motor_angle_rad": ColumnMap("ENC1_POS|5", 2.0)}, axis=axis)
-    assert frame.channels["motor_angle_rad"].tolist() == [200.0, 202.0]
-    assert frame.channels["torque_command_nm"].tolist() == [0.5, 0.6]
-
-
 def test_the_machine_file_comes_first_and_may_use_short_names(tmp_path: Path) -> None:
     path = _write(tmp_path, ".csv")
     columns = {
@@ -140,11 +108,3 @@ def test_without_a_lead_there_is_no_angle(tmp_path: Path) -> None:
         assert "motor_angle_rad" not in reader.channels
         assert "table_position_m" in reader.channels
         assert "motor_angle_rad could be ENC1_POS, lacking: the lead of the screw" in reader.remarks
-
-
-def test_names_that_only_look_like_edge_are_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "trace.csv"
-    path.write_text("time_s,torque_command_nm,SPINDLE|3\n0,1,2\n1,1,2\n")
-    with open_trace(path) as reader:
-        assert reader.channels == ("torque_command_nm",)
-        assert reader.remarks == ()

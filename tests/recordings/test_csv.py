@@ -9,8 +9,8 @@ import pytest
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import ColumnMap, TraceError
-from edge_service.recordings.forms.text import BLOCK_BYTES
 from edge_service.recordings.reader import open_trace, read_trace
+from edge_service.recordings.text import BLOCK_BYTES
 
 
 def _read(tmp_path: Path, content: bytes | str, **columns: ColumnMap) -> SampleFrame:
@@ -68,17 +68,6 @@ def test_foreign_columns_are_scaled_to_si(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame.channels["table_position_m"], [0.26, 0.261])
 
 
-def test_one_foreign_column_may_serve_two_channels(tmp_path: Path) -> None:
-    frame = _read(
-        tmp_path,
-        "time_s,q\n0,2\n",
-        motor_angle_rad=ColumnMap("q", scale=10.0),
-        table_position_m=ColumnMap("q"),
-    )
-    assert frame.channels["motor_angle_rad"][0] == 20.0
-    assert frame.channels["table_position_m"][0] == 2.0
-
-
 def test_canonical_column_stands_in_unscaled_for_an_absent_foreign_one(tmp_path: Path) -> None:
     frame = _read(
         tmp_path,
@@ -118,12 +107,6 @@ def test_cells_without_a_number_are_missing_and_counted(tmp_path: Path) -> None:
     assert reader.rows_read == 12
 
 
-def test_bad_cell_with_decimal_commas(tmp_path: Path) -> None:
-    frame = _read(tmp_path, "time_s;torque_command_nm\n0,0;1,5\n0,001;x\n0,002;+2,5\n")
-    np.testing.assert_array_equal(frame.time_s, [0.0, 0.001, 0.002])
-    np.testing.assert_array_equal(frame.channels["torque_command_nm"], [1.5, np.nan, 2.5])
-
-
 def test_rows_without_time_and_ragged_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "trace.csv"
     path.write_text(
@@ -135,18 +118,6 @@ def test_rows_without_time_and_ragged_rows_are_left_out_and_counted(tmp_path: Pa
     np.testing.assert_array_equal(frame.channels["torque_command_nm"], [1.0, 4.0])
     assert reader.bad_cells["time_s"] == 3
     assert reader.ragged_rows == 3
-
-
-def test_faults_of_time_are_handed_on_unchanged(tmp_path: Path) -> None:
-    times = [0.0, 0.001, 0.001, 3600.0, 3600.001, 0.5, 0.501]
-    lines = "".join(f"{time},1\n" for time in times)
-    frame = _read(tmp_path, "time_s,motor_angle_rad\n" + lines)
-    np.testing.assert_array_equal(frame.time_s, times)
-
-
-def test_a_channel_that_is_empty_throughout_is_missing_not_an_error(tmp_path: Path) -> None:
-    frame = _read(tmp_path, "time_s,torque_command_nm,temperature_c\n0,1,\n1,1,nan\n")
-    assert np.isnan(frame.channels["temperature_c"]).all()
 
 
 def test_a_stray_quote_costs_its_cell_not_the_rest_of_the_file(tmp_path: Path) -> None:
@@ -175,22 +146,6 @@ def test_rows_stay_whole_over_the_blocks_of_a_large_file(tmp_path: Path) -> None
 def test_the_live_service_does_not_pay_for_arrow() -> None:
     program = "import sys, drivers.replay; sys.exit('pyarrow' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["plain", "byte order mark"])
-@pytest.mark.parametrize(("cell", "point"), [(",", "."), (";", ","), (";", "."), ("\t", ",")])
-def test_separators_and_a_byte_order_mark_change_no_number(
-    mark: bytes, cell: str, point: str, tmp_path: Path
-) -> None:
-    rows = [("0.000", "1.25", "-3.5"), ("0.001", "-0.75", "1e-3"), ("0.002", "0.5", "2.0")]
-    lines = [("time_s", "torque_command_nm", "motor_angle_rad")]
-    lines += [tuple(each.replace(".", point) for each in row) for row in rows]
-    path = tmp_path / "a.csv"
-    path.write_bytes(mark + "\r\n".join(cell.join(line) for line in lines).encode() + b"\r\n")
-    read = read_trace(path)
-    np.testing.assert_array_equal(read.time_s, [0.0, 0.001, 0.002])
-    np.testing.assert_array_equal(read.channels["torque_command_nm"], [1.25, -0.75, 0.5])
-    np.testing.assert_array_equal(read.channels["motor_angle_rad"], [-3.5, 1e-3, 2.0])
 
 
 def test_a_machine_file_chooses_among_columns_that_differ_in_case(tmp_path: Path) -> None:

@@ -10,16 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.cli.entry import main
-from edge_service.recordings.columns import ROW_NUMBER, ColumnMap, TraceError
+from edge_service.recordings.columns import ColumnMap, TraceError
 from edge_service.recordings.reader import open_trace, read_trace
-from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock
-from edge_service.recordings.sinumerik.edge_context import block_number
+from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock, block_number
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
-from .form_files import EDGE_NAMES, edge_json
+from .form_files import edge_json
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
-KIT = Path(__file__).parents[3] / "shared" / "data" / "kit_dmc60h" / "excerpt.csv"
 TOOL, BLOCK = "HFBlockEvent.ActiveTool", "HFBlockEvent.GCode"
 
 
@@ -59,13 +57,6 @@ def test_a_period_of_the_machine_file_comes_first(tmp_path: Path) -> None:
     assert frame.time_s[1] == pytest.approx(0.004)
     assert "as no header says it" not in "\n".join(reader.remarks)
     assert "starts over" in "\n".join(reader.remarks)
-
-
-def test_a_time_of_the_machine_file_replaces_the_count(tmp_path: Path) -> None:
-    path = _csv(tmp_path / "a.csv", [100, 90, 80])
-    (frame,), reader = _read(path, {"time_s": ColumnMap(ROW_NUMBER, 0.5)})
-    assert frame.time_s.tolist() == [0.0, 0.5, 1.0]
-    assert not any("CYCLE" in each for each in reader.remarks)
 
 
 @settings(deadline=None)
@@ -138,15 +129,6 @@ def test_tool_and_block_stand_beside_each_sample(tmp_path: Path) -> None:
     assert "T_hfblockevent.csv: 2 blocks of the NC program" in reader.remarks
 
 
-def test_events_of_a_new_run_belong_to_it(tmp_path: Path) -> None:
-    path = _csv(tmp_path / "T_hfdata.csv", [100, 101, 1, 2])
-    (tmp_path / "T_hfblockevent.csv").write_text(
-        "HFProbeCounter,ActiveTool,GCode\n90,1,A\n101,2,B\n2,3,C\n"
-    )
-    (frame,), _ = _read(path, keep_all=True)
-    np.testing.assert_array_equal(frame.channels[TOOL], [1.0, 2.0, math.nan, 3.0])
-
-
 @pytest.mark.parametrize(
     ("content", "what"),
     [(EVENTS, "the NC blocks"), ("SignalName,Type,Axis,Address\nA,B,,C\n", "the list of signals")],
@@ -156,13 +138,6 @@ def test_a_file_beside_a_recording_says_which_to_open(tmp_path: Path, content, w
     path.write_text(content)
     with pytest.raises(TraceError, match=f"holds {what} of a recording .* expected its"):
         open_trace(path)
-
-
-def test_events_that_are_none_are_a_remark(tmp_path: Path) -> None:
-    path = _csv(tmp_path / "T_hfdata.csv", [100, 101])
-    (tmp_path / "T_hfblockevent.csv").write_text("a,b\n1,2\n")
-    _, reader = _read(path)
-    assert "T_hfblockevent.csv: not used (no column HFProbeCounter)" in reader.remarks
 
 
 def _rows(counts: list[int]) -> list[list[float]]:
@@ -184,13 +159,6 @@ def test_json_is_read_with_its_own_period_axes_and_blocks(tmp_path: Path) -> Non
     assert "time_s = 0.004 s * CYCLE" in reader.remarks
 
 
-def test_json_says_the_names_of_its_axes(tmp_path: Path) -> None:
-    path = tmp_path / "recording.json"
-    path.write_bytes(edge_json([[1, 2.0, 3.0]], ("CYCLE", "ENC1_POS|1", "ENC1_POS|4")))
-    with pytest.raises(TraceError, match=r"axes there are: 1 \(X1\), 4 \(X1\)"):
-        open_trace(path)
-
-
 def test_faults_inside_json_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "recording.json"
     rows: list = _rows(list(range(10, 18)))
@@ -207,15 +175,8 @@ def test_faults_inside_json_are_counted(tmp_path: Path) -> None:
     assert reader.bad_cells["motor_angle_rad"] == 4
 
 
-def test_json_without_the_count_in_its_list_has_it_in_its_rows(tmp_path: Path) -> None:
-    path = tmp_path / "recording.json"
-    path.write_bytes(edge_json(_rows([10, 11, 13]), EDGE_NAMES))
-    (frame,), _ = _read(path)
-    assert frame.time_s.tolist() == pytest.approx([0.0, 0.002, 0.006])
-
-
 def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("edge_service.recordings.forms.edge_json.CHUNK_BYTES", 7)
+    monkeypatch.setattr("edge_service.recordings.sinumerik.edge_json.CHUNK_BYTES", 7)
     path = tmp_path / "recording.json"
     content = edge_json(_rows(list(range(10, 40))))
     path.write_bytes(json.dumps(json.loads(content), indent=1).encode())
@@ -230,15 +191,3 @@ def test_the_active_encoder_is_the_tables_where_no_encoder_is_recorded(tmp_path:
     assert read_trace(path, axis=AXIS).channels["table_position_m"].tolist() == [0.005, 0.006]
     path.write_text("CYCLE,ENC_POS|1,ENC1_POS|1,TORQUE|1\n1,5,5,0\n2,6,6,0\n")
     assert "table_position_m" not in read_trace(path, axis=AXIS).channels
-
-
-@pytest.mark.skipif(not KIT.exists(), reason="the recording of the DMC 60 H is not here")
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_a_real_recording_has_two_encoders_of_each_axis(number: int) -> None:
-    axis = ControllerAxis(number, lead_m=0.02)
-    with open_trace(KIT, axis=axis) as reader:
-        (frame,) = list(reader)
-    assert frame.time_s[-1] == pytest.approx(1.998)
-    motor_m = frame.channels["motor_angle_rad"] * 0.02 / (2.0 * math.pi)
-    assert np.max(np.abs(motor_m - frame.channels["table_position_m"])) < 1e-4
-    assert "rows are taken as 0.002 s apart" in "\n".join(reader.remarks)

@@ -88,32 +88,12 @@ def test_mapped_column_that_is_nowhere_names_what_is_there(tmp_path: Path) -> No
     assert "there are 'time_s', 'motor_angle_rad', 'u_v'" in message
 
 
-def test_a_long_list_of_columns_is_cut(tmp_path: Path) -> None:
-    path = tmp_path / "trace.csv"
-    path.write_text(",".join(f"c{index}" for index in range(4000)) + "\n")
-    with pytest.raises(TraceError, match=r"and 3988 more$"):
-        open_trace(path)
-
-
-def test_only_the_time_may_be_the_row_number(tmp_path: Path) -> None:
-    path = tmp_path / "trace.csv"
-    path.write_text("time_s,motor_angle_rad\n0,1\n")
-    with pytest.raises(TraceError, match="no column '#row'"):
-        open_trace(path, {"torque_command_nm": ColumnMap("#row")})
-
-
 def test_too_many_rows_for_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "trace.csv"
     path.write_text("time_s,motor_angle_rad\n0,1\n1,1\n2,1\n")
     with pytest.raises(TraceError, match="more than 2 rows"):
         read_trace(path, max_rows=2)
     assert len(read_trace(path, max_rows=3)) == 3
-
-
-def test_text_only_at_first_is_data(tmp_path: Path) -> None:
-    path = tmp_path / "trace.csv"
-    path.write_text("time_s,motor_angle_rad\n[s],[rad]\n0,1\n1,2\n")
-    assert read_trace(path).channels["motor_angle_rad"].tolist() == [1.0, 2.0]
 
 
 def test_a_line_without_end_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:

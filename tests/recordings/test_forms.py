@@ -8,14 +8,14 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.recordings.columns import TraceError
-from edge_service.recordings.forms.registry import HEAD_BYTES, all_forms, open_source
+from edge_service.recordings.forms import FORMS, HEAD_BYTES, open_source
 from edge_service.recordings.reader import open_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from .form_files import GREEDY, LYING, RIGHT
 
 AXIS = ControllerAxis(number=None, lead_m=0.01)
-NAMES = [form.name for form in all_forms()]
+NAMES = [form.name for form in FORMS]
 
 
 RIGHTS = [(name, k) for name in NAMES for k in range(len(RIGHT[name]()) if name in RIGHT else 0)]
@@ -39,7 +39,7 @@ def test_a_right_file_is_known_by_its_content_alone_and_read(name, index, tmp_pa
     content = RIGHT[name]()[index]
     path = tmp_path / "recording"
     path.write_bytes(content)
-    known = [form.name for form in all_forms() if form.recognises(content[:HEAD_BYTES], path)]
+    known = [form.name for form in FORMS if form.recognises(content[:HEAD_BYTES], path)]
     assert known[0] == name
     assert set(known) <= {name, "text (CSV)"}
     assert _check_answer(path, tmp_path, capsys) == 0

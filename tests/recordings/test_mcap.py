@@ -64,11 +64,6 @@ def test_a_time_that_cannot_be_a_log_time(tmp_path: Path, time_s: list[float]) -
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_row_without_a_time(tmp_path: Path) -> None:
-    with pytest.raises(TraceError, match="row 2 has no time"):
-        _write(tmp_path / "trace.mcap", [0.0, np.nan, 1.0, 2.0])
-
-
 def test_without_the_package_the_line_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -68,13 +68,3 @@ def test_damaged_page_is_noticed_by_its_checksum(tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(TraceError, match="truncated or damaged"):
         read_trace(path)
-
-
-def test_a_huge_row_group_comes_in_small_frames(tmp_path: Path) -> None:
-    path = tmp_path / "trace.parquet"
-    time_s = np.arange(100_000) * 1e-3
-    pq.write_table(pa.table({"time_s": time_s, "motor_angle_rad": time_s}), path)
-    with open_trace(path) as reader:
-        sizes = [len(frame) for frame in reader]
-    assert sum(sizes) == 100_000
-    assert max(sizes) <= 20_000

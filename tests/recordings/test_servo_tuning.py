@@ -57,14 +57,6 @@ def test_a_measurement_is_the_own_spectrum_over_the_cross_spectrum(tmp_path: Pat
     assert (found.axis, found.unit) == ("1", "")
 
 
-def test_values_that_no_axis_has_are_left_out(tmp_path: Path) -> None:
-    response = np.array([1e308, 1.0, 1e-308, np.inf])
-    found = _read(tmp_path, tuning(np.array([0.0, 1.0, 2.0, 1e300]), response, COHERENCE))
-    assert found.frequency_hz.tolist() == [1.0]
-    found = _read(tmp_path, tuning(FREQUENCY, response, COHERENCE))
-    assert found.frequency_hz.tolist() == [1.0]
-
-
 WHOLE = tuning(FREQUENCY, RESPONSE, COHERENCE)
 
 

@@ -31,7 +31,7 @@ from ...models.plant.prescribed_motion import (
 )
 from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Plant, axial_compliance
-from ...recordings.signals.conditioning import central_difference
+from ...recordings.conditioning import central_difference
 from .run import Run
 from .session import Integers
 from .twin import rigid_plant

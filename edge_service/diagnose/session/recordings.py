@@ -18,13 +18,14 @@ from ...messages.channels import (
 )
 from ...messages.samples import Booleans, Floats, SampleFrame
 from ...models.effects.baseline import Baseline, Motion
-from ...recordings.signals.conditioning import (
+from ...recordings.conditioning import (
+    UniformRun,
     central_difference,
     low_pass,
+    uniform_runs,
     white_noise_rms,
     with_angle,
 )
-from ...recordings.signals.screening import UniformRun, uniform_runs
 from .clock import on_one_clock
 from .run import FILTER_ORDER, Filter, Run, is_slow
 

@@ -10,7 +10,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.compiled import compiled
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import ACCELERATION_HZ
-from ...recordings.signals.conditioning import low_pass
+from ...recordings.conditioning import low_pass
 
 Integers = npt.NDArray[np.int64]
 SLOW_HZ = ACCELERATION_HZ

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from ...messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
 from ...messages.samples import Booleans, Floats
-from ...recordings.signals.conditioning import central_difference, low_pass
+from ...recordings.conditioning import central_difference, low_pass
 from ...regression.linear import correlation_time
 from ...regression.prepared_run import PreparedRun
 

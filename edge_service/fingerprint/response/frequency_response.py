@@ -21,7 +21,7 @@ import numpy as np
 
 from ...messages.channels import ANGLE, SETPOINT, TORQUE
 from ...messages.samples import Booleans, Floats, SampleFrame
-from ...recordings.signals.screening import uniform_runs
+from ...recordings.conditioning import uniform_runs
 from .segment_spectra import Complexes, SegmentSpectra
 
 _WINDOW_AVERAGES = 0.95

@@ -10,7 +10,7 @@ from scipy import signal
 
 from ...messages.channels import ANGLE, SETPOINT, TORQUE
 from ...messages.samples import Booleans, Floats
-from ...recordings.signals.screening import UniformRun
+from ...recordings.conditioning import UniformRun
 
 Complexes = npt.NDArray[np.complex128]
 

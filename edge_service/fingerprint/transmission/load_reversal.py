@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...messages.samples import Booleans, Floats
-from ...recordings.signals.conditioning import low_pass
+from ...recordings.conditioning import low_pass
 from ...regression.linear import effective_size
 from ...regression.prepared_run import PreparedRun
 

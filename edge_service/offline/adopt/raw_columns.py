@@ -9,7 +9,7 @@ import numpy as np
 from ...checks.columns.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
-from ...recordings.forms.registry import open_source
+from ...recordings.forms import open_source
 from ...recordings.sinumerik.edge import edge_recording
 from ...recordings.sinumerik.signals import ControllerAxis
 

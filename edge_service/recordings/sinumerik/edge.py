@@ -1,13 +1,22 @@
 """Recordings of Industrial Edge in any form: rows, `CYCLE` as time, tool and block as columns.
 
 `SignalListHFData` of a `Header` lists a row's signals (`Name`, `Type`, `Axis`, `Address`),
-`CycleTimeMs` is the length of a cycle, `CYCLE` the count of the position controller's cycles.
-Layout: CaptureDataParser of max-scw, and its example.
+`CycleTimeMs` is the length of a cycle, `CYCLE` the count of the position controller's cycles. An
+`HFBlockEvent` says from which count on a block is worked off: `HFProbeCounter`, the count,
+`ActiveTool`, `SeekOffset` (place in the program) and `GCode` (text of the block).
+
+As CSV such a recording is three files: `..._hfdata.csv` with columns `NAME|axis`, beside it
+`..._header.csv` (`SignalName,Type,Axis,Address`) and `..._hfblockevent.csv`.
+Layout: CaptureDataParser of max-scw, and the files of Stroebel et al., "A Multimodal Dataset for
+Process Monitoring and Anomaly Detection in Industrial CNC Milling" (KIT, 2025).
 """
 
+import csv
 import itertools
 import math
+import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +25,7 @@ import numpy as np
 from ...messages.channels import TIME
 from ...messages.samples import Booleans, Floats
 from ..columns import ColumnLike, TraceError
-from ..source import Block, Source, Text
-from .edge_context import BlockEvents, EdgeContext, context_beside
+from ..source import MOST_COLUMNS, Block, Source, Text
 from .signals import EDGE_CYCLE, edge_signals
 
 PERIOD_S = 0.002
@@ -27,8 +35,11 @@ RESTART_GAP_S = 1.0
 WIDE = 1.5
 """A step of so many usual ones is a gap."""
 HEADER, PAYLOAD, SAMPLES, EVENT = "Header", "Payload", "HFData", "HFBlockEvent"
-MOST_SIGNALS = 4096
 SHORTEST_S, LONGEST_S = 1e-5, 10.0
+MOST_EVENTS = 2_000_000
+_EVENT_NUMBERS, _GCODE = ("ActiveTool", "SelectedTool", "SeekOffset"), "GCode"
+_COUNTERS = ("HFProbeCounter", "HfProbeCounter")
+_LARGEST_FILE, _LONGEST_HEADER, _MOST_AXES = 1 << 28, 1 << 20, 1000
 _BESIDE = {
     "the NC blocks": {"HFProbeCounter", "GCode"},
     "the list of signals": {"SignalName", "Address"},
@@ -49,11 +60,10 @@ class CycleClock:
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
-        self.restarts = 0
+        self.restarts = self.gaps = 0
+        self.lost = 0.0
         self._restart_rows: list[int] = []
         self._rows = 0
-        self.gaps = 0
-        self.lost = 0.0
         self._usual: float | None = None
         self._last: float | None = None
         self._origin = 0.0
@@ -66,37 +76,28 @@ class CycleClock:
 
     def times(self, cycle: Floats) -> tuple[Floats, Floats]:
         """Times in s and number of the run of each sample, (n,); NaN where there is no count."""
-        counted = np.isfinite(cycle)
+        rows = np.flatnonzero(np.isfinite(cycle))
         time_s, run = np.full(cycle.shape, np.nan), np.full(cycle.shape, float(self.restarts))
-        counts = cycle[counted]
+        counts = cycle[rows]
         if len(counts):
             if self._last is None:
                 self._origin = self._last = float(counts[0])
-            time_s[counted], run[counted] = self._counted(counts, np.flatnonzero(counted))
+            before = np.concatenate(([self._last], counts[:-1]))
+            steps = counts - before
+            self._count_gaps(steps)
+            ends = sorted({0, *np.flatnonzero(steps < 0.0).tolist(), len(counts)})
+            for start, stop in itertools.pairwise(ends):
+                if steps[start] < 0.0:
+                    self._offset += (before[start] - self._origin) + RESTART_GAP_S / self.period_s
+                    self._origin = float(counts[start])
+                    self.restarts += 1
+                    self._restart_rows.append(self._rows + int(rows[start]))
+                part = counts[start:stop] - self._origin
+                time_s[rows[start:stop]] = (self._offset + part) * self.period_s
+                run[rows[start:stop]] = self.restarts
+            self._last = float(counts[-1])
         self._rows += len(cycle)
         return time_s, run
-
-    def _counted(self, counts: Floats, rows: np.ndarray) -> tuple[Floats, Floats]:
-        assert self._last is not None
-        before = np.concatenate(([self._last], counts[:-1]))
-        steps = counts - before
-        self._count_gaps(steps)
-        time_s, run = np.empty(len(counts)), np.empty(len(counts))
-        ends = sorted({0, *np.flatnonzero(steps < 0.0).tolist(), len(counts)})
-        for start, stop in itertools.pairwise(ends):
-            if steps[start] < 0.0:
-                self._restart(float(before[start]), float(counts[start]), int(rows[start]))
-            part = slice(start, stop)
-            time_s[part] = (self._offset + (counts[part] - self._origin)) * self.period_s
-            run[part] = self.restarts
-        self._last = float(counts[-1])
-        return time_s, run
-
-    def _restart(self, before: float, first: float, row: int) -> None:
-        self._offset += (before - self._origin) + RESTART_GAP_S / self.period_s
-        self._origin = first
-        self.restarts += 1
-        self._restart_rows.append(self._rows + row)
 
     def _count_gaps(self, steps: Floats) -> None:
         forward = steps[steps > 0.0]
@@ -124,6 +125,121 @@ class CycleClock:
         return lines
 
 
+class BlockEvents:
+    """Events in the order of the recording; a count that falls begins the next run."""
+
+    names = tuple(f"{EVENT}.{name}" for name in (*_EVENT_NUMBERS, _GCODE))
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._runs: list[tuple[list[float], list[list[float]]]] = [([], [])]
+
+    def add(self, event: Mapping[str, Any]) -> None:
+        """Keep an event; one without a count says nothing."""
+        counter = next((_number(event[name]) for name in _COUNTERS if name in event), math.nan)
+        if not math.isfinite(counter) or self.count >= MOST_EVENTS:
+            return
+        if self._runs[-1][0] and counter < self._runs[-1][0][-1]:
+            self._runs.append(([], []))
+        block = str(event.get(_GCODE) or "").strip()
+        numbers = [_number(event.get(name)) for name in _EVENT_NUMBERS]
+        self._runs[-1][0].append(counter)
+        self._runs[-1][1].append([*numbers, block_number(block) if block else math.nan])
+        self.count += 1
+
+    def at(self, cycle: Floats, run: Floats) -> dict[str, Floats]:
+        """Columns of the events in force; NaN before the first, shape (n,) each.
+
+        Args:
+            cycle: count of each sample, (n,).
+            run: how often the count has begun anew before it, (n,).
+        """
+        values = np.full((len(cycle), len(self.names)), np.nan)
+        for number in np.unique(run).astype(int):
+            counters, found = self._runs[min(number, len(self._runs) - 1)]
+            newest = np.searchsorted(counters, cycle, side="right") - 1
+            here = (run == number) & (newest >= 0) & np.isfinite(cycle)
+            if here.any():
+                values[here] = np.array(found)[newest[here]]
+        return dict(zip(self.names, values.T, strict=True))
+
+
+def block_number(block: str) -> float:
+    """A number that equal blocks share, whatever the day: CRC-32 of the text."""
+    return float(zlib.crc32(block.encode()))
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+@dataclass(slots=True)
+class EdgeContext:
+    """Context beside the samples.
+
+    Attributes:
+        period_s: of the count; None where nothing says it.
+        axis_names: number of an axis -> its name.
+        events: tool and block; they may still come while the samples are read.
+        has_events: whether there may be some.
+        remarks: one line each.
+    """
+
+    period_s: float | None = None
+    axis_names: dict[int, str] = field(default_factory=dict)
+    events: BlockEvents = field(default_factory=BlockEvents)
+    has_events: bool = False
+    remarks: list[str] = field(default_factory=list)
+
+    @classmethod
+    def beside(cls, path: Path) -> "EdgeContext":
+        """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
+        context = cls()
+        place = path.name.lower().rfind("hfdata")
+        for kind, read in (("header", context.read_header), ("hfblockevent", context.read_events)):
+            beside = path.with_name(path.name[:place] + kind + path.name[place + len("hfdata") :])
+            if place < 0 or not beside.is_file():
+                continue
+            try:
+                read(beside)
+            except (OSError, ValueError, csv.Error) as error:
+                why = " ".join(str(error).split())[:80]
+                context.remarks.append(f"{beside.name}: not used ({why})")
+        return context
+
+    def name_axis(self, address: str, name: str) -> None:
+        """Note the name of the axis that a signal belongs to."""
+        number = address.rpartition("|")[2]
+        if name.strip() and number.isdecimal() and len(self.axis_names) < _MOST_AXES:
+            self.axis_names.setdefault(int(number), name.strip()[:20])
+
+    def read_header(self, path: Path) -> None:
+        """Names of axes in a list of signals. Raises OSError and csv.Error."""
+        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+            for row in csv.DictReader(file.read(_LONGEST_HEADER).splitlines()):
+                self.name_axis(row.get("Address") or "", row.get("Axis") or "")
+
+    def read_events(self, path: Path) -> None:
+        """Events of a recording. Raises OSError, ValueError and csv.Error."""
+        if path.stat().st_size > _LARGEST_FILE:
+            raise ValueError(f"more than {_LARGEST_FILE >> 20} MB")
+        events = BlockEvents()
+        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+            first = file.readline(_LONGEST_HEADER)
+            delimiter = ";" if ";" in first.split(_GCODE)[0] else ","
+            file.seek(0)
+            reader = csv.DictReader(file, delimiter=delimiter)
+            if not set(_COUNTERS) & set(reader.fieldnames or ()):
+                raise ValueError(f"no column {_COUNTERS[0]}")
+            for row in reader:
+                events.add(row)
+        self.events, self.has_events = events, True
+        self.remarks.append(f"{path.name}: {events.count} blocks of the NC program")
+
+
 class EdgeRows:
     """The signals of one `Header`. A row without a number for each is set aside and counted.
 
@@ -139,12 +255,13 @@ class EdgeRows:
     def __init__(self, header: Any, first: Sequence[Any], context: EdgeContext) -> None:
         listed = header.get("SignalListHFData") if isinstance(header, dict) else None
         signals = [each for each in listed or () if isinstance(each, dict)]
-        if not signals or len(signals) > MOST_SIGNALS:
+        if not signals or len(signals) > MOST_COLUMNS:
             raise ValueError("no SignalListHFData with signals in its Header")
         names = [str(each.get("Address") or each.get("Name") or "") for each in signals]
         for name, each in zip(names, signals, strict=True):
             context.name_axis(name, str(each.get("Axis") or ""))
-        context.period_s = _period_s(header.get("CycleTimeMs"))
+        period_s = _number(header.get("CycleTimeMs")) / 1e3
+        context.period_s = period_s if SHORTEST_S <= period_s <= LONGEST_S else None
         width = len(first[0]) if first and isinstance(first[0], list) else 0
         if width == len(names) + 1 and EDGE_CYCLE not in names:
             names.insert(0, EDGE_CYCLE)  # each row begins with its count, listed or not
@@ -185,14 +302,6 @@ class EdgeRows:
             return math.nan
 
 
-def _period_s(cycle_time_ms: Any) -> float | None:
-    try:
-        period_s = float(cycle_time_ms) / 1e3
-    except (TypeError, ValueError, OverflowError):
-        return None
-    return period_s if SHORTEST_S <= period_s <= LONGEST_S else None
-
-
 class EdgeSource(Source):
     """The same rows with `time_s`, and with tool and block where events are known."""
 
@@ -203,8 +312,11 @@ class EdgeSource(Source):
         self.context = context
         self.sets_time = sets_time
         self._inner = inner
-        self.clock = CycleClock(period_s or context.period_s or PERIOD_S)
-        self._told = period_s is not None or context.period_s is not None
+        told_s = period_s or context.period_s
+        self.clock = CycleClock(told_s or PERIOD_S)
+        self._guessed = (
+            "" if told_s else "; the usual period of Industrial Edge, as no header says it"
+        )
         self._counted = EDGE_CYCLE in inner.names
         own = (TIME,) if sets_time and TIME not in inner.names else ()
         events = BlockEvents.names if self._counted and context.has_events else ()
@@ -218,19 +330,14 @@ class EdgeSource(Source):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks on the time, one line each; complete at the end."""
-        return (*self._inner.remarks, *self._time_remarks(), *self.context.remarks)
-
-    def _time_remarks(self) -> list[str]:
-        if not self.sets_time or TIME not in self.wanted:
-            return []
-        guessed = (
-            "" if self._told else "; the usual period of Industrial Edge, as no header says it"
-        )
-        if not self._counted:
+        time: list[str] = []
+        if self.sets_time and TIME in self.wanted and self._counted:
+            first, *more = self.clock.remarks()
+            time = [first + self._guessed, *more]
+        elif self.sets_time and TIME in self.wanted:
             period_s = self.clock.period_s
-            return [f"no CYCLE and no time: rows are taken as {period_s:g} s apart{guessed}"]
-        first, *more = self.clock.remarks()
-        return [first + guessed, *more]
+            time = [f"no CYCLE and no time: rows are taken as {period_s:g} s apart{self._guessed}"]
+        return (*self._inner.remarks, *time, *self.context.remarks)
 
     def holds_numbers(self, name: str) -> bool:
         """Return whether a column may hold numbers."""
@@ -253,20 +360,18 @@ class EdgeSource(Source):
         """The next rows, or None at the end. Raises TraceError and OSError."""
         block = self._inner.read_block()
         self.ragged_rows = self._inner.ragged_rows
-        if block is None or not self._derived():
+        derived = self._derived()
+        if block is None or not derived:
             return block
-        if not self._counted:
-            values = {TIME: block.row_number * self.clock.period_s}
+        if self._counted:
+            cycle = np.asarray(block.values[EDGE_CYCLE], dtype=np.float64)
+            time_s, run = self.clock.times(cycle)
+            events = self.context.events.at(cycle, run) if derived - {TIME} else {}
+            values = {TIME: time_s} | events
         else:
-            values = self._from_count(block.values[EDGE_CYCLE])
-        kept = {name: values[name] for name in self._derived()}
+            values = {TIME: block.row_number * self.clock.period_s}
+        kept = {name: values[name] for name in derived}
         return Block(block.values | kept, block.row_number, block.text)
-
-    def _from_count(self, cycle: Floats) -> dict[str, Floats]:
-        time_s, run = self.clock.times(np.asarray(cycle, dtype=np.float64))
-        if not set(BlockEvents.names) & set(self.wanted):
-            return {TIME: time_s}
-        return {TIME: time_s} | self.context.events.at(cycle, run)
 
     def close(self) -> None:
         """Close the file; safe twice."""
@@ -301,4 +406,4 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]
     period_s = mapped.scale if mapped is not None and by_count else None
     sets_time = by_count or (mapped is None and TIME not in source.names)
     context: EdgeContext | None = getattr(source, "context", None)
-    return EdgeSource(source, context or context_beside(path), period_s, sets_time=sets_time)
+    return EdgeSource(source, context or EdgeContext.beside(path), period_s, sets_time=sets_time)

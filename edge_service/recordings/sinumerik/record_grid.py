@@ -81,7 +81,10 @@ class RecordGrid:
         for index, value in values:
             column = self._columns[index]
             if math.isnan(column.first_s):
-                self._begin(column, time_s)
+                column.first_s = time_s
+                self._first_s = min(self._first_s, time_s)
+                if math.isnan(self._origin_s) and column.clock.interval_s == self.interval_s:
+                    self._set_origin(time_s)
             column.times_s.append(time_s)
             column.values.append(value)
 
@@ -90,7 +93,7 @@ class RecordGrid:
         if math.isinf(self._first_s):
             return 0
         if math.isnan(self._origin_s):
-            if not final and self._pending() < BLOCK_ROWS:
+            if not final and sum(len(each.times_s) for each in self._columns) < BLOCK_ROWS:
                 return 0
             self._set_origin(self._first_s)
         end_s = self._end_s() if final else self.newest_s - self._lookahead_s
@@ -115,12 +118,6 @@ class RecordGrid:
             self._forget(column, float(time_s[-1]))
         return time_s[kept], values
 
-    def _begin(self, column: _Column, time_s: float) -> None:
-        column.first_s = time_s
-        self._first_s = min(self._first_s, time_s)
-        if math.isnan(self._origin_s) and column.clock.interval_s == self.interval_s:
-            self._set_origin(time_s)
-
     def _set_origin(self, time_s: float) -> None:
         self._origin_s = time_s
         self._next_row = math.ceil(self._steps(self._first_s - self._tolerance_s - time_s))
@@ -128,9 +125,6 @@ class RecordGrid:
     def _steps(self, span_s: float) -> float:
         """Rows in a span of time; a broken clock may mean any number."""
         return min(max(span_s / self.interval_s, -MOST_STEPS), MOST_STEPS)
-
-    def _pending(self) -> int:
-        return sum(len(column.times_s) for column in self._columns)
 
     def _end_s(self) -> float:
         """Last time of the recording: what the clocks promise, but never before the last record."""

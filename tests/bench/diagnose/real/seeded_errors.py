@@ -18,7 +18,7 @@ from scipy import signal
 from edge_service.messages.samples import Floats
 from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.sessions import BadDataError
-from edge_service.recordings.signals.conditioning import white_noise_rms
+from edge_service.recordings.conditioning import white_noise_rms
 
 from ...pool import in_processes
 from ...real_machines import ACTUATOR_TOML, SEQUENCES

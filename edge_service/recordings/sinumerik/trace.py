@@ -9,14 +9,14 @@ from typing import IO
 from ...messages.channels import TIME
 from ...messages.samples import Floats
 from ..columns import TraceError
-from ..sinumerik.record_grid import BLOCK_ROWS, RecordGrid, SignalClock
-from ..sinumerik.signals import ControllerAxis, ControllerSignal, sinumerik_signal
-from ..sinumerik.xml_reader import XmlReader
-from ..source import Block, Form, Source, Text
+from ..source import MOST_COLUMNS, Block, Source, Text
+from .record_grid import BLOCK_ROWS, RecordGrid, SignalClock
+from .signals import ControllerAxis, ControllerSignal, sinumerik_signal
+from .xml_reader import XmlReader
 
 ROOT = "traceSession"
 LONGEST_INTERVAL_S = 1e6
-MOST_SIGNALS, MOST_FRAMES = 4096, 1000
+MOST_FRAMES = 1000
 FRAME_GAP_S = 1.0
 """Time between two frames where the file does not say it."""
 LATEST_S = 1e12
@@ -55,82 +55,6 @@ class DataFrame:
     signals: dict[str, DataSignal] = field(default_factory=dict)
 
 
-Record = tuple[DataFrame, dict[str, str]]
-"""A `<rec>`: its frame and its attributes."""
-
-
-class SinumerikParser:
-    """Reads an open file from its start, record by record."""
-
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
-        self.path = path
-        self.finished = False
-        self.frames: list[DataFrame] = []
-        self._records: list[Record] = []
-        self._records_read = 0
-        self._read_up_to = ""
-        self._root = ""
-        self._xml = XmlReader(path, file, self._start, so_far=self._so_far)
-
-    def read(self) -> list[Record]:
-        """Records of the next piece of the file; sets `finished` at its end. Raises TraceError."""
-        self._records = []
-        self.finished = not self._xml.feed()
-        self._count()
-        return self._records
-
-    def _count(self) -> None:
-        if self._records:
-            self._records_read += len(self._records)
-            self._read_up_to = f" up to {self._records[-1][1].get('time', '?')[:20]} s"
-
-    def _so_far(self) -> str:
-        self._count()
-        return f"; {self._records_read} records were read{self._read_up_to}"
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if name == "rec" and self.frames:
-            self._records.append((self.frames[-1], attributes))
-        elif not self._root and name != ROOT:
-            raise TraceError(
-                f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
-                f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
-            )
-        elif name == "dataFrame":
-            if len(self.frames) >= MOST_FRAMES:
-                raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
-            self.frames.append(DataFrame(len(self.frames) + 1))
-        elif name == "frameHeader" and self.frames:
-            frame = self.frames[-1]
-            frame.start_time = attributes.get("startTime", "")
-            frame.stop_s = _finite(attributes.get("stopInc")) or None
-            frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
-        elif name == "dataSignal" and self.frames:
-            self._read_signal(attributes)
-        self._root = self._root or name
-
-    def _read_signal(self, attributes: dict[str, str]) -> None:
-        signals = self.frames[-1].signals
-        key = attributes.get("id", "")
-        name = attributes.get("name") or key
-        interval_s = _finite(attributes.get("interval"))
-        if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
-            raise TraceError(
-                f"{self.path}: signal {name[:80]!r}: id {key[:40]!r}, interval "
-                f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
-            )
-        if sum(len(frame.signals) for frame in self.frames) >= MOST_SIGNALS:
-            raise TraceError(f"{self.path}: more than {MOST_SIGNALS} signals")
-        count = _finite(attributes.get("datapointCount"))
-        signals[key] = DataSignal(
-            key,
-            name,
-            attributes.get("unitsType", ""),
-            interval_s,
-            int(count) if count is not None and count >= 1.0 else None,
-        )
-
-
 class SinumerikSource(Source):
     """An open trace. Columns are `time_s` and the signals by name, in the controller's units.
 
@@ -141,9 +65,9 @@ class SinumerikSource(Source):
     without records has no rows. Later frames follow at the distance of their start times.
     """
 
-    def __init__(self, path: Path, file: IO[bytes], interpolate_positions: bool = False) -> None:
+    def __init__(self, path: Path, file: IO[bytes], axis: ControllerAxis) -> None:
         super().__init__(path, file)
-        self._interpolate_positions = interpolate_positions
+        self._interpolate_positions = axis.interpolate_positions
         self._signals_wanted: tuple[str, ...] = ()
         self._frame: DataFrame | None = None
         self._grid: RecordGrid | None = None
@@ -151,15 +75,19 @@ class SinumerikSource(Source):
         self._offset_s = 0.0
         self._time_s = -math.inf
         self._text: dict[str, Text] = {}
-        self._parser = SinumerikParser(path, file)
-        self._records: list[Record] = []
-        while not self._records and not self._parser.finished:
-            self._records = self._parser.read()
-        if not self._parser.frames or not self._parser.frames[0].signals:
+        self._frames: list[DataFrame] = []
+        self._records: list[tuple[DataFrame, dict[str, str]]] = []
+        self._records_read = 0
+        self._root = self._read_up_to = ""
+        self._xml = XmlReader(path, file, self._start, so_far=self._so_far)
+        self._finished = False
+        while not self._records and not self._finished:
+            self._read_on()
+        if not self._frames or not self._frames[0].signals:
             raise TraceError(
                 f"{path}: a trace session without data; expected <dataFrame> with <dataSignal>"
             )
-        self._signals = tuple(self._parser.frames[0].signals.values())
+        self._signals = tuple(self._frames[0].signals.values())
         self.names = (TIME, *(signal.name for signal in self._signals))
 
     @property
@@ -180,7 +108,7 @@ class SinumerikSource(Source):
             remarks.append(f"slower than the rows' {fastest_s:g} s and {how}: {', '.join(slower)}")
         remarks += [
             f"frame {frame.number}: {frame.drop_outs} drop-outs; stretches without records are gaps"
-            for frame in self._parser.frames
+            for frame in self._frames
             if frame.drop_outs
         ]
         return tuple(remarks)
@@ -193,37 +121,76 @@ class SinumerikSource(Source):
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
         while True:
-            while self._records:
-                block = self._read_records()
-                if block is not None:
-                    return block
-            block = self._block(final=self._parser.finished)
-            if block is not None:
+            for index, (frame, attributes) in enumerate(self._records):
+                if frame is not self._frame:
+                    block = self._block(final=True)
+                    if block is not None:
+                        self._records = self._records[index:]
+                        return block
+                    self._begin(frame)
+                self._add(attributes)
+            self._records = []
+            block = self._block(final=self._finished)
+            if block is not None or self._finished:
                 return block
-            if self._parser.finished:
-                return None
-            self._records = self._parser.read()
+            self._read_on()
 
-    def _read_records(self) -> Block | None:
-        """Add the records of one frame; a block if the frame before must be finished first."""
-        for index, (frame, attributes) in enumerate(self._records):
-            if frame is not self._frame:
-                block = self._block(final=True)
-                if block is not None:
-                    self._records = self._records[index:]
-                    return block
-                self._begin(frame)
-            self._add(attributes)
-        self._records = []
-        return None
+    def _read_on(self) -> None:
+        """Read the next piece of the file. Raises TraceError."""
+        self._finished = not self._xml.feed()
+        self._count()
+
+    def _count(self) -> None:
+        if self._records:
+            self._records_read += len(self._records)
+            self._read_up_to = f" up to {self._records[-1][1].get('time', '?')[:20]} s"
+
+    def _so_far(self) -> str:
+        self._count()
+        return f"; {self._records_read} records were read{self._read_up_to}"
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        """Take in an element."""
+        if name == "rec" and self._frames:
+            self._records.append((self._frames[-1], attributes))
+        elif not self._root and name != ROOT:
+            raise TraceError(
+                f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
+                f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
+            )
+        elif name == "dataFrame":
+            if len(self._frames) >= MOST_FRAMES:
+                raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
+            self._frames.append(DataFrame(len(self._frames) + 1))
+        elif name == "frameHeader" and self._frames:
+            frame = self._frames[-1]
+            frame.start_time = attributes.get("startTime", "")
+            frame.stop_s = _finite(attributes.get("stopInc")) or None
+            frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
+        elif name == "dataSignal" and self._frames:
+            key = attributes.get("id", "")
+            title = attributes.get("name") or key
+            interval_s = _finite(attributes.get("interval"))
+            if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
+                raise TraceError(
+                    f"{self.path}: signal {title[:80]!r}: id {key[:40]!r}, interval "
+                    f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
+                )
+            if sum(len(frame.signals) for frame in self._frames) >= MOST_COLUMNS:
+                raise TraceError(f"{self.path}: more than {MOST_COLUMNS} signals")
+            count = int(max(_finite(attributes.get("datapointCount")) or 0.0, 0.0)) or None
+            units_type = attributes.get("unitsType", "")
+            self._frames[-1].signals[key] = DataSignal(key, title, units_type, interval_s, count)
+        self._root = self._root or name
 
     def _begin(self, frame: DataFrame) -> None:
         """Start a frame: its clocks, and its place in time."""
         by_name = {signal.name: signal for signal in frame.signals.values()}
-        signals = [by_name.get(name) for name in self._signals_wanted]
-        known = [signal for signal in signals if signal is not None]
+        known = [by_name[name] for name in self._signals_wanted if name in by_name]
         self._column_of = {
-            signal.key: index for index, signal in enumerate(signals) if signal is not None
+            by_name[name].key: index
+            for index, name in enumerate(self._signals_wanted)
+            if name in by_name
         }
         self._grid = None
         if self._frame is not None:
@@ -233,27 +200,26 @@ class SinumerikSource(Source):
             fastest_s = min(signal.interval_s for signal in frame.signals.values())
             silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else None
             absent = SignalClock(max(signal.interval_s for signal in known))
-            clocks = [
-                SignalClock(
-                    signal.interval_s,
-                    signal.count,
-                    self._interpolate_positions and signal.units_type == "posn",
+            clocks = {
+                each.name: SignalClock(
+                    each.interval_s,
+                    each.count,
+                    self._interpolate_positions and each.units_type == "posn",
                 )
-                if signal
-                else absent
-                for signal in signals
-            ]
-            self._grid = RecordGrid(clocks, frame.stop_s, silence_s)
+                for each in known
+            }
+            wanted = [clocks.get(name, absent) for name in self._signals_wanted]
+            self._grid = RecordGrid(wanted, frame.stop_s, silence_s)
 
     def _next_offset_s(self, frame: DataFrame) -> float:
         """Origin of the time of a further frame, s after the first frame's zero."""
-        first, this = (_start(each.start_time) for each in (self._parser.frames[0], frame))
         after_s = self._time_s + FRAME_GAP_S
-        if first is None or this is None:
-            return after_s
         try:
+            first, this = (
+                datetime.fromisoformat(each.start_time) for each in (self._frames[0], frame)
+            )
             offset_s = (this - first).total_seconds()
-        except TypeError:  # one of the two has a time zone
+        except (ValueError, TypeError):  # no times, or one of the two has a time zone
             return after_s
         return offset_s if offset_s > self._time_s else after_s
 
@@ -297,13 +263,6 @@ class SinumerikSource(Source):
         return Block(values, self._number_rows(len(time_s)), text)
 
 
-def _start(text: str) -> datetime | None:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        return None
-
-
 def _float(text: str) -> float | None:
     try:
         return float(text)
@@ -316,12 +275,6 @@ def _finite(text: str | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _recognises(head: bytes, _path: Path) -> bool:
+def recognises(head: bytes, _path: Path) -> bool:
+    """Return whether a file begins as such a trace."""
     return f"<{ROOT}".encode() in head
-
-
-def _open(path: Path, file: IO[bytes], axis: ControllerAxis) -> Source:
-    return SinumerikSource(path, file, axis.interpolate_positions)
-
-
-FORM = Form("SINUMERIK trace XML", _recognises, _open)

@@ -1,14 +1,19 @@
-"""Runs of uniformly sampled data from recordings with faults of time or stuck channels."""
+"""Recorded channels made fit for analysis: runs of uniform samples, low-pass, differences, noise.
+
+Pure functions of series. All filters run forwards and backwards, so that nothing is delayed.
+"""
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage, signal
 from scipy.interpolate import CubicSpline
 
-from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from ...messages.row_faults import (
+from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
+from ..messages.row_faults import (
     CLOCK_RESET_S,
     LIMIT_SHARE,
     MOVED_ANGLE_RAD,
@@ -19,7 +24,7 @@ from ...messages.row_faults import (
     clock_parts,
     run_starts,
 )
-from ...messages.samples import Booleans, Floats, SampleFrame
+from ..messages.samples import Booleans, Floats, SampleFrame
 
 LARGEST_HOLE = 4.5
 """Samples further apart than this many periods are not bridged: up to three may be lost."""
@@ -35,6 +40,12 @@ MOVED = {ANGLE: MOVED_ANGLE_RAD, TABLE_POSITION: MOVED_TABLE_M, SETPOINT: MOVED_
 """Travel of another channel, rad or m, above which the axis has moved."""
 _STEPS = 3.0
 """Smallest steps of a channel that it must have missed."""
+CUTOFF_SHARE = 0.2
+"""Of the sampling rate; a low-pass above it has no samples to work with."""
+_DECIMATION_ORDER = 8
+_DECIMATION_RIPPLE_DB = 0.05
+_DECIMATION_PASS = 0.8
+"""Chebyshev filter before decimation: the one of MATLAB's and scipy's `decimate`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,12 +104,22 @@ def uniform_runs(
         clean = _clean(frame, required, optional)
         if len(clean) == 0:
             continue
-        period_s = period_s or _period(clean.time_s)
+        if period_s is None:
+            forward = np.diff(clean.time_s)
+            forward = forward[forward > 0.0]
+            if forward.size == 0:
+                raise ValueError("time_s never increases; a recording needs a clock")
+            period_s = float(np.median(forward))
         for piece in _pieces(clean, period_s):
-            if buffer and not _follows(buffer[-1], piece, period_s):
-                yield from _finished(buffer, period_s, min_rows, required)
-                buffer, held = [], 0
-            fresh = _after(piece, buffer[-1].time_s[-1]) if buffer else piece
+            fresh = piece
+            if buffer:
+                last_s = buffer[-1].time_s[-1]
+                unbroken = -CLOCK_RESET_S <= piece.time_s[0] - last_s <= LARGEST_HOLE * period_s
+                if unbroken and buffer[-1].channels.keys() == piece.channels.keys():
+                    fresh = _rows(piece, np.flatnonzero(piece.time_s > last_s))
+                else:
+                    yield from _finished(buffer, period_s, min_rows, required)
+                    buffer, held = [], 0
             for start in range(0, len(fresh), max_rows):
                 part = _rows(fresh, slice(start, start + max_rows))
                 if held + len(part) > max_rows:
@@ -116,45 +137,24 @@ def _clean(frame: SampleFrame, required: Sequence[str], optional: Sequence[str])
         if name not in frame.channels:
             there = ", ".join(frame.channels)
             raise ValueError(f"the recording lacks {name}, which this needs; it has {there}")
-    names = [*required, *(name for name in optional if name in frame.channels)]
     keep = np.abs(frame.time_s) < WILDEST
     channels = {}
-    for name in names:
+    for name in (*required, *(name for name in optional if name in frame.channels)):
         known = np.abs(frame.channels[name]) < WILDEST
         if name in required:
             keep &= known
         channels[name] = np.where(known, frame.channels[name], np.nan)
-    return SampleFrame(frame.time_s[keep], {name: channels[name][keep] for name in names})
+    return _rows(SampleFrame(frame.time_s, channels), keep)
 
 
-def _period(time_s: Floats) -> float:
-    steps = np.diff(time_s)
-    forward = steps[steps > 0.0]
-    if forward.size == 0:
-        raise ValueError("time_s never increases; a recording needs a clock")
-    return float(np.median(forward))
-
-
-def _pieces(frame: SampleFrame, period_s: float) -> list[SampleFrame]:
+def _pieces(frame: SampleFrame, period_s: float) -> Iterator[SampleFrame]:
     """Split at gaps and at new clocks; within a piece the time strictly increases."""
-    pieces = []
     for part in clock_parts(frame.time_s):
         newer = ~(part.repeated | part.backwards)
         clock = _rows(frame, part.rows.start + np.flatnonzero(newer))
         gaps = np.flatnonzero(np.diff(clock.time_s) > LARGEST_HOLE * period_s) + 1
-        edges = [0, *gaps.tolist(), len(clock)]
-        pieces += [_rows(clock, slice(*edge)) for edge in itertools.pairwise(edges)]
-    return pieces
-
-
-def _follows(before: SampleFrame, after: SampleFrame, period_s: float) -> bool:
-    step_s = float(after.time_s[0] - before.time_s[-1])
-    unbroken = -CLOCK_RESET_S <= step_s <= LARGEST_HOLE * period_s
-    return unbroken and before.channels.keys() == after.channels.keys()
-
-
-def _after(frame: SampleFrame, time_s: float) -> SampleFrame:
-    return _rows(frame, np.flatnonzero(frame.time_s > time_s))
+        for edge in itertools.pairwise([0, *gaps.tolist(), len(clock)]):
+            yield _rows(clock, slice(*edge))
 
 
 def _rows(frame: SampleFrame, index: slice | np.ndarray) -> SampleFrame:
@@ -166,7 +166,7 @@ def _rows(frame: SampleFrame, index: slice | np.ndarray) -> SampleFrame:
 def _finished(
     buffer: Sequence[SampleFrame], period_s: float, min_rows: int, required: Sequence[str]
 ) -> Iterator[UniformRun]:
-    """Runs from consecutive pieces, parted where a channel is stuck."""
+    """Runs from consecutive pieces, parted where a channel is stuck; on an even clock."""
     time_s = np.concatenate([part.time_s for part in buffer])
     channels = {
         name: np.concatenate([part.channels[name] for part in buffer])
@@ -178,22 +178,18 @@ def _finished(
             del channels[name], stuck[name]
     bad = np.logical_or.reduce([np.zeros(len(time_s), dtype=bool), *stuck.values()])
     edges = np.flatnonzero(np.diff(bad)) + 1
-    for piece in np.split(np.arange(len(time_s)), edges):
-        if len(piece) >= max(min_rows, 4) and not bad[piece[0]]:
-            yield _even(
-                time_s[piece], {name: all_[piece] for name, all_ in channels.items()}, period_s
-            )
-
-
-def _even(time_s: Floats, channels: Mapping[str, Floats], period_s: float) -> UniformRun:
-    """One run, resampled if its clock is not even; without channels that lack a value."""
-    channels = {name: values for name, values in channels.items() if np.isfinite(values).all()}
-    count = round((time_s[-1] - time_s[0]) / period_s) + 1
-    period_s = float(time_s[-1] - time_s[0]) / (count - 1)
-    grid = time_s[0] + period_s * np.arange(count)
-    if count != len(time_s) or np.max(np.abs(grid - time_s)) > EVEN * period_s:
-        channels = {name: CubicSpline(time_s, values)(grid) for name, values in channels.items()}
-    return UniformRun(float(time_s[0]), period_s, channels)
+    for rows in np.split(np.arange(len(time_s)), edges):
+        if len(rows) < max(min_rows, 4) or bad[rows[0]]:
+            continue
+        times = time_s[rows]
+        values = {name: all_[rows] for name, all_ in channels.items()}
+        values = {name: each for name, each in values.items() if np.isfinite(each).all()}
+        count = round((times[-1] - times[0]) / period_s) + 1
+        step_s = float(times[-1] - times[0]) / (count - 1)
+        grid = times[0] + step_s * np.arange(count)
+        if count != len(times) or np.max(np.abs(grid - times)) > EVEN * step_s:
+            values = {name: CubicSpline(times, each)(grid) for name, each in values.items()}
+        yield UniformRun(float(times[0]), step_s, values)
 
 
 def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Booleans]:
@@ -210,7 +206,10 @@ def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Bool
             continue
         stuck = np.zeros(len(values), dtype=bool)
         greatest = LIMIT_SHARE * float(np.nanmax(np.abs(values), initial=0.0))
-        for start, end in _repeats(values, time_s):
+        starts = run_starts(values)
+        ends = np.append(starts[1:], len(values)) - 1
+        long = (ends - starts >= LEAST_REPEATS) & (time_s[ends] - time_s[starts] >= STUCK_S)
+        for start, end in zip(starts[long].tolist(), ends[long].tolist(), strict=True):
             limited = name == TORQUE and abs(values[start]) >= greatest > 0.0
             if not limited and _moved(channels, name, start, end):
                 stuck[start : end + 1] = True
@@ -218,23 +217,89 @@ def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Bool
     return found
 
 
-def _repeats(values: Floats, time_s: Floats) -> list[tuple[int, int]]:
-    """First and last row of every long stretch of one value."""
-    starts = run_starts(values)
-    ends = np.append(starts[1:], len(values)) - 1
-    long = (ends - starts >= LEAST_REPEATS) & (time_s[ends] - time_s[starts] >= STUCK_S)
-    return list(zip(starts[long].tolist(), ends[long].tolist(), strict=True))
-
-
 def _moved(channels: Mapping[str, Floats], name: str, start: int, end: int) -> bool:
     """True if another channel shows that the axis moved meanwhile."""
     for other, least in MOVED.items():
-        values = channels.get(other)
-        if other == name or values is None:
+        if other == name or other not in channels:
             continue
-        steps = np.abs(np.diff(values[start : end + 1]))
+        values = channels[other][start : end + 1]
+        steps = np.abs(np.diff(values))
         smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
-        travel = float(np.nanmax(values[start : end + 1]) - np.nanmin(values[start : end + 1]))
+        travel = float(np.nanmax(values) - np.nanmin(values))
         if travel > least and travel > _STEPS * smallest:
             return True
     return False
+
+
+def with_angle(
+    frames: Iterable[SampleFrame] | SampleFrame, ratio_m_per_rad: float
+) -> Iterator[SampleFrame]:
+    """Frames with a motor angle; x / R_t stands in where there is no rotary encoder."""
+    for frame in [frames] if isinstance(frames, SampleFrame) else frames:
+        if ANGLE in frame.channels or TABLE_POSITION not in frame.channels:
+            yield frame
+        else:
+            channels = dict(frame.channels)
+            channels[ANGLE] = channels.pop(TABLE_POSITION) / ratio_m_per_rad
+            yield SampleFrame(frame.time_s, channels)
+
+
+def central_difference(values: Floats, period_s: float) -> Floats:
+    """(x_{k-2} - 8 x_{k-1} + 8 x_{k+1} - x_{k+2}) / 12 T, (n,); shorter at the ends.
+
+    It is right to (w T)^4 / 30. The difference of two neighbours, right to (w T)^2 / 6 only, makes
+    the accelerations of a machine's moves too small by half a per mille, and an inertia too great.
+    """
+    rate = np.asarray(np.gradient(values, period_s), dtype=np.float64)
+    outer, inner = values[4:] - values[:-4], values[3:-1] - values[1:-3]
+    rate[2:-2] = (8.0 * inner - outer) / (12.0 * period_s)
+    return rate
+
+
+def low_pass(values: Floats, cutoff_hz: float, order: int, period_s: float) -> Floats:
+    """Butterworth low-pass, forwards and backwards: zero phase, (n,)."""
+    half_rate_hz = 0.5 / period_s
+    if cutoff_hz >= half_rate_hz:
+        raise ValueError(
+            f"cutoff_hz: {cutoff_hz:g} Hz is not below half of the sampling rate, "
+            f"{half_rate_hz:g} Hz"
+        )
+    sos = signal.butter(order, cutoff_hz / half_rate_hz, output="sos")
+    filtered: Floats = signal.sosfiltfilt(sos, values)
+    return filtered
+
+
+def decimate(values: Floats, factor: int) -> Floats:
+    """Zero-phase Chebyshev low-pass, then every `factor`th row, (n,) or (n, p)."""
+    filtered: Floats = signal.decimate(values, factor, axis=0, zero_phase=True)
+    return filtered
+
+
+def anti_alias(values: Floats, factor: int) -> Floats:
+    """Zero-phase Chebyshev low-pass of `decimate` alone, (n,): all rows are kept."""
+    sos = signal.cheby1(
+        _DECIMATION_ORDER, _DECIMATION_RIPPLE_DB, _DECIMATION_PASS / factor, output="sos"
+    )
+    filtered: Floats = signal.sosfiltfilt(sos, values)
+    return filtered
+
+
+def white_noise_rms(values: Floats) -> float:
+    """Standard deviation of the white noise on a smooth series (n,).
+
+    From fifth differences, which a motion of limited jerk leaves at 0 except where the jerk jumps;
+    their median absolute value stands for sqrt(252) sigma, sqrt(sum of binomial(5, k)^2).
+    """
+    fifth = np.diff(values, 5)
+    return float(np.median(np.abs(fifth)) / 0.6745 / math.sqrt(252.0)) if fifth.size else 0.0
+
+
+def mean_of_held(values: Floats, samples: float) -> Floats:
+    """Mean torque around each sample of a drive that holds its torque for a period, (n,).
+
+    The commands shifted later by `samples`, a spline between them, and the mean over a period:
+    1 - (w T)^2 / 24, which the second difference has.
+    """
+    shifted: Floats = ndimage.shift(values, samples, order=3, mode="nearest")
+    shifted[1:-1] += np.diff(shifted, 2) / 24.0
+    return shifted

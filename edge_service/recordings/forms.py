@@ -4,20 +4,25 @@ A stranger should learn what he has opened. The bytes are those of the formats' 
 as file(1) collects them.
 """
 
-import functools
-import importlib
-import pkgutil
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
-from .. import forms
-from ..columns import TraceError
-from ..sinumerik.signals import ControllerAxis
-from ..sinumerik.tuning import is_tuning
-from ..source import Form, Source
+from . import matlab, parquet
+from .columns import TraceError
+from .matlab import MatlabSource
+from .parquet import ParquetSource
+from .sinumerik import edge_json, trace
+from .sinumerik.edge_json import EdgeJsonSource
+from .sinumerik.signals import ControllerAxis
+from .sinumerik.trace import SinumerikSource
+from .sinumerik.tuning import is_tuning
+from .source import BYTE_ORDER_MARK, Source
+from .text import TextSource
 
 HEAD_BYTES = 1 << 16
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 ARCHIVE = "unpack it first"
 CSV = "export it as CSV"
 PARQUET = "convert it to Parquet or CSV"
@@ -75,13 +80,13 @@ _TAR = 257
 _LOOKED_AT = 400
 
 
-@functools.cache
-def all_forms() -> tuple[Form, ...]:
-    """Every form that a module of this folder holds, in the order of asking."""
-    names = sorted(module.name for module in pkgutil.iter_modules(forms.__path__))
-    modules = [importlib.import_module(f"{forms.__name__}.{name}") for name in names]
-    found = [module.FORM for module in modules if hasattr(module, "FORM")]
-    return tuple(sorted(found, key=lambda form: form.rank))
+@dataclass(frozen=True, slots=True)
+class Form:
+    """One form of recordings: its name, by which first bytes it is told, and how it is opened."""
+
+    name: str
+    recognises: Callable[[bytes, Path], bool]
+    open: Callable[[Path, IO[bytes], ControllerAxis], Source]
 
 
 def open_source(path: Path, axis: ControllerAxis) -> Source:
@@ -89,7 +94,7 @@ def open_source(path: Path, axis: ControllerAxis) -> Source:
     head = head_of(path)
     form = _form(head, path)
     if form is None:
-        raise TraceError(f"{path}: no trace but {named(head)}")
+        raise TraceError(f"{path}: no trace but {foreign(head) or 'no text'}")
     file = path.open("rb")
     try:
         return form.open(path, file, axis)
@@ -101,27 +106,15 @@ def open_source(path: Path, axis: ControllerAxis) -> Source:
 def head_of(path: Path) -> bytes:
     """First bytes of a file. Raises TraceError for a folder, and OSError."""
     if path.exists() and not path.is_file():
-        names = ", ".join(form.name for form in all_forms())
+        names = ", ".join(form.name for form in FORMS)
         raise TraceError(f"{path}: a folder or device; expected a file: {names}")
     with path.open("rb") as file:
         return file.read(HEAD_BYTES)
 
 
-def name_of(head: bytes, path: Path) -> str:
-    """Name of what a file is by its first bytes: a form of recordings, or something else."""
-    if not head.strip():
-        return "nothing: the file is empty"
-    form = _form(head, path)
-    return named(head) if form is None else f"a recording, {form.name}"
-
-
 def is_recording(path: Path) -> bool:
     """Return whether a file has the form of a recording. Raises OSError."""
     return path.is_file() and _form(head_of(path), path) is not None
-
-
-def _form(head: bytes, path: Path) -> Form | None:
-    return next((form for form in all_forms() if form.recognises(head, path)), None)
 
 
 def foreign(head: bytes) -> str | None:
@@ -152,6 +145,15 @@ def foreign(head: bytes) -> str | None:
     return name
 
 
-def named(head: bytes) -> str:
-    """As `foreign`, with a name for everything."""
-    return foreign(head) or "no text"
+FORMS = (
+    Form("JSON of Industrial Edge", edge_json.recognises, lambda p, f, _: EdgeJsonSource(p, f)),
+    Form("MATLAB 5", matlab.recognises, lambda p, f, _: MatlabSource(p, f)),
+    Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
+    Form("SINUMERIK trace XML", trace.recognises, SinumerikSource),
+    Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: TextSource(p, f)),
+)
+"""In the order of asking."""
+
+
+def _form(head: bytes, path: Path) -> Form | None:
+    return next((form for form in FORMS if form.recognises(head, path)), None)

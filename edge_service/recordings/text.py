@@ -9,9 +9,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..columns import BY_NUMBER, TraceError
-from ..source import MOST_COLUMNS, Block, Form, Source, floats_from_text
-from .registry import BYTE_ORDER_MARK, foreign
+from .columns import BY_NUMBER, TraceError
+from .source import BYTE_ORDER_MARK, MOST_COLUMNS, Block, Source, floats_from_text
 
 BLOCK_BYTES = 1 << 19
 LONGEST_LINE = 1 << 22
@@ -28,7 +27,7 @@ _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
 
-class CsvSource(Source):
+class TextSource(Source):
     """An open CSV file. Cells that are no numbers become NaN, ragged rows are counted."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
@@ -263,11 +262,3 @@ def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:
     if width == len(names) - 1 and not names[-1]:
         return tuple(names[:-1])
     return tuple(names)
-
-
-FORM = Form(
-    "text (CSV)",
-    lambda head, _path: foreign(head) is None,
-    lambda path, file, _axis: CsvSource(path, file),
-    rank=1,
-)

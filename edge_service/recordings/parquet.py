@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import IO, Any
 
-from ...messages.samples import Floats
-from ..columns import TraceError
-from ..source import MOST_COLUMNS, Block, Form, Source, Text, floats_from_text
+from ..messages.samples import Floats
+from .columns import TraceError
+from .source import MOST_COLUMNS, Block, Source, Text, floats_from_text
 
 MAGIC = b"PAR1"
 PARQUET_SUFFIXES = (".parquet", ".pq")
@@ -157,54 +157,48 @@ def page_sizes(head: bytes) -> tuple[int, int, int] | None:
 
     The header is a struct of Thrift's compact protocol; fields 2 and 3 are the sizes.
     """
+    at, numbers, fields = 0, [0], dict[int, int]()
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            value |= (head[at] & 0x7F) << shift
+            shift += 7
+            at += 1
+            if not head[at - 1] & 0x80:
+                return value
+
+    def zigzag() -> int:
+        value = varint()
+        return (value >> 1) ^ -(value & 1)
+
     try:
-        fields: dict[int, int] = {}
-        end = _skip_struct(head, 0, fields, 0)
+        while numbers:  # of the current field, in each struct that is open
+            delta, kind = head[at] >> 4, head[at] & 0x0F
+            at += 1
+            if not (delta or kind):
+                numbers.pop()
+                continue
+            numbers[-1] = numbers[-1] + delta if delta else zigzag()
+            if kind in (4, 5, 6):
+                value = zigzag()
+                if len(numbers) == 1:
+                    fields[numbers[0]] = value
+            elif kind == 8:
+                size = varint()
+                at += size
+            elif kind == 12:
+                numbers.append(0)
+            elif kind not in (1, 2):  # a truth stands in the type; no lists, no doubles
+                return None
     except IndexError:
         return None
     unpacked, packed = fields.get(2, -1), fields.get(3, -1)
-    return (end, unpacked, packed) if min(unpacked, packed) >= 0 else None
+    return (at, unpacked, packed) if min(unpacked, packed) >= 0 else None
 
 
-def _varint(head: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while True:
-        value |= (head[at] & 0x7F) << shift
-        shift += 7
-        at += 1
-        if not head[at - 1] & 0x80:
-            return value, at
-
-
-def _skip_struct(head: bytes, at: int, fields: dict[int, int], depth: int) -> int:
-    """Pass a struct, and note its whole numbers by field; IndexError beyond `head`."""
-    number = 0
-    while head[at]:
-        delta, kind = head[at] >> 4, head[at] & 0x0F
-        at += 1
-        if delta:
-            number += delta
-        else:
-            zigzag, at = _varint(head, at)
-            number = (zigzag >> 1) ^ -(zigzag & 1)
-        if kind in (1, 2):  # a truth stands in the type
-            continue
-        if kind in (4, 5, 6):
-            zigzag, at = _varint(head, at)
-            fields[number] = (zigzag >> 1) ^ -(zigzag & 1)
-        elif kind == 8:
-            size, at = _varint(head, at)
-            at += size
-        elif kind == 12 and depth < 4:
-            at = _skip_struct(head, at, {}, depth + 1)
-        else:
-            raise IndexError  # neither lists nor doubles stand in a page's header
-    return at + 1
-
-
-def _recognises(head: bytes, path: Path) -> bool:
+def recognises(head: bytes, path: Path) -> bool:
+    """Parquet by its magic bytes, or by its name where nothing stands in the file."""
     magic = head[: len(MAGIC)]
     return magic == MAGIC or (not magic.strip() and path.suffix.lower() in PARQUET_SUFFIXES)
-
-
-FORM = Form("Parquet", _recognises, lambda path, file, _axis: ParquetSource(path, file))

@@ -7,13 +7,13 @@ number per signal, and `HFBlockEvent`, the NC block that is begun. Others (`HFTi
 
 import codecs
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 from ..columns import TraceError
-from ..sinumerik.edge import EVENT, HEADER, PAYLOAD, SAMPLES, EdgeRows
-from ..sinumerik.edge_context import EdgeContext
-from ..source import Block, Form, Source
+from ..source import BYTE_ORDER_MARK, Block, Source
+from .edge import EVENT, HEADER, PAYLOAD, SAMPLES, EdgeContext, EdgeRows
 
 BLOCK_ROWS = 1 << 12
 CHUNK_BYTES = 1 << 18
@@ -25,61 +25,46 @@ class JsonError(Exception):
     """JSON that is cut off or damaged, or another than expected; the text is one line."""
 
 
-class JsonMessages:
-    """Members of the object up to the list, then its elements one by one.
+class JsonText:
+    """Values of a JSON text one by one, in bounded memory. Every method raises JsonError."""
 
-    Args:
-        file: at its start.
-        list_name: of the long list.
-
-    Raises:
-        JsonError: there is no such list.
-    """
-
-    def __init__(self, file: IO[bytes], list_name: str) -> None:
-        self.members: dict[str, Any] = {}
+    def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self._text, self._position, self._passed = "", 0, 0
         self._ended = False
         self._decoder = codecs.getincrementaldecoder("utf-8-sig")("replace")
         self._json = json.JSONDecoder()
-        self._done = False
-        self._first = True
-        self._expect("{")
-        self._open_list(list_name)
 
-    def next(self) -> Any:
-        """The next element; StopIteration at the end of the list. Raises JsonError."""
-        if not self._done:
-            if self._peek() == "]":
-                self._done = True
-            elif not self._first:
-                self._expect(",")
-        if self._done:
-            raise StopIteration
-        self._first = False
-        return self._value()
-
-    def _open_list(self, name: str) -> None:
-        while self._peek() != "}":
-            key = self._value()
-            self._expect(":")
-            if key == name and self._peek() == "[":
-                self._expect("[")
-                return
-            if not isinstance(key, str) or len(self.members) > 100:
+    def elements(self, name: str, members: dict[str, Any]) -> Iterator[Any]:
+        """Elements of the list `name` of the outermost object; `members` takes those before it."""
+        self.expect("{")
+        while self.peek() != "}":
+            key = self.value()
+            self.expect(":")
+            if key == name and self.peek() == "[":
                 break
-            self.members[key] = self._value()
-            if self._peek() == ",":
-                self._expect(",")
-        raise JsonError(f"no list {name!r}")
+            if not isinstance(key, str) or len(members) > 100:
+                raise JsonError(f"no list {name!r}")
+            members[key] = self.value()
+            if self.peek() == ",":
+                self.expect(",")
+        else:
+            raise JsonError(f"no list {name!r}")
+        self.expect("[")
+        if self.peek() == "]":
+            return
+        yield self.value()
+        while self.peek() != "]":
+            self.expect(",")
+            yield self.value()
 
-    def _expect(self, mark: str) -> None:
-        if self._peek() != mark:
+    def expect(self, mark: str) -> None:
+        """Pass a mark."""
+        if self.peek() != mark:
             raise self._damaged(f"no {mark!r}")
         self._position += 1
 
-    def _peek(self) -> str:
+    def peek(self) -> str:
         """The next character that is no space; empty at the end."""
         while True:
             while self._position < len(self._text) and self._text[self._position] in _SPACE:
@@ -89,8 +74,9 @@ class JsonMessages:
             if not self._more(CHUNK_BYTES):
                 return ""
 
-    def _value(self) -> Any:
-        self._peek()
+    def value(self) -> Any:
+        """The next value."""
+        self.peek()
         while True:
             try:
                 value, end = self._json.raw_decode(self._text, self._position)
@@ -130,15 +116,11 @@ class EdgeJsonSource(Source):
         super().__init__(path, file)
         self.context = EdgeContext(has_events=True)
         self._waiting: list[Any] = []
-        self._ended = False
-        try:
-            self._messages = JsonMessages(file, PAYLOAD)
-        except JsonError as error:
-            raise self._wrong(error) from None
+        members: dict[str, Any] = {}
+        self._messages = JsonText(file).elements(PAYLOAD, members)
         self._fill(1)
         try:
-            header = self._messages.members.get(HEADER)
-            self._rows = EdgeRows(header, self._waiting, self.context)
+            self._rows = EdgeRows(members.get(HEADER), self._waiting, self.context)
         except ValueError as error:
             raise TraceError(f"{path}: {error}") from None
         self.names = self._rows.names
@@ -158,14 +140,15 @@ class EdgeJsonSource(Source):
 
     def _fill(self, rows: int) -> None:
         """Read messages until so many rows wait, or all have been read."""
-        while len(self._waiting) < rows and not self._ended:
+        while len(self._waiting) < rows:
             try:
-                message = self._messages.next()
+                message = next(self._messages)
             except StopIteration:
-                self._ended = True
                 return
             except JsonError as error:
-                raise self._wrong(error) from None
+                raise TraceError(
+                    f"{self.path}: {error}; {self._rows_seen} samples were read"
+                ) from None
             if not isinstance(message, dict):
                 continue
             samples, event = message.get(SAMPLES), message.get(EVENT)
@@ -174,15 +157,8 @@ class EdgeJsonSource(Source):
             if isinstance(event, dict):
                 self.context.events.add(event)
 
-    def _wrong(self, error: JsonError) -> TraceError:
-        return TraceError(f"{self.path}: {error}; {self._rows_seen} samples were read")
 
-
-def _recognises(head: bytes, _path: Path) -> bool:
-    start = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+def recognises(head: bytes, _path: Path) -> bool:
+    """Return whether a file begins as such a recording."""
+    start = head.removeprefix(BYTE_ORDER_MARK).lstrip()
     return start.startswith(b"{") and (b'"SignalListHFData"' in head or b'"HFData"' in head)
-
-
-FORM = Form(
-    "JSON of Industrial Edge", _recognises, lambda path, file, _axis: EdgeJsonSource(path, file)
-)

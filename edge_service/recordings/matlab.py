@@ -17,8 +17,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..columns import TraceError
-from ..source import MOST_COLUMNS, Block, Form, Source
+from .columns import TraceError
+from .source import MOST_COLUMNS, Block, Source
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 BLOCK_ROWS = 1 << 14
@@ -214,8 +214,6 @@ def _text(cell: Any) -> str:
     return text.strip() if isinstance(text, str) else ""
 
 
-FORM = Form(
-    "MATLAB 5",
-    lambda head, _path: head.startswith(MAGIC),
-    lambda path, file, _axis: MatlabSource(path, file),
-)
+def recognises(head: bytes, _path: Path) -> bool:
+    """MATLAB 5 by the text that begins such a file."""
+    return head.startswith(MAGIC)

@@ -1,1 +1,0 @@
-"""Forms of recordings: one module each, found by themselves."""

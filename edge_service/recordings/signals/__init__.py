@@ -1,1 +1,0 @@
-"""Recorded signals made fit for analysis: uniform runs, stuck channels, low-pass. Pure."""
