@@ -157,7 +157,7 @@ def test_mcap_holds_every_row(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("out", "says"),
-    [("out.xml", r"ends in '\.xml'"), ("out.txt", r"ends in '\.txt'"), ("no/out.csv", "written")],
+    [("out.xml", r"ends in '\.xml'"), ("out.txt", r"ends in '\.txt'")],
 )
 def test_places_that_cannot_be_written(tmp_path: Path, out: str, says: str) -> None:
     with pytest.raises(TraceError, match=says):
