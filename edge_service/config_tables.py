@@ -79,14 +79,6 @@ class StoreConfig(Table):
     budget_mb: float = Field(2000.0, ge=10.0)
 
 
-class JobsConfig(Table):
-    """`[jobs]`: what one fingerprint or diagnosis may take, and all recordings together."""
-
-    minutes: float = Field(60.0, gt=0.0, le=10_080.0)
-    memory_mb: float = Field(4000.0, ge=500.0)
-    recordings_mb: float = Field(5000.0, ge=1.0)
-
-
 class AlarmsConfig(Table):
     """`[alarms]`: what calls a person; percent of the fresh screw's preload."""
 

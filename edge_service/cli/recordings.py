@@ -52,7 +52,11 @@ def record(
     settings = configured(config, None, endpoint)
     name = axis or settings.axes[0].name
     progress(f"recording axis {name}")
-    rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
+
+    def tell(share: float) -> None:
+        progress(f"edge-service record: recording axis {name}, {100.0 * share:.0f} %")
+
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration_s, tell))
     words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
     return Answer(words, Recorded(out=str(out), axis=name, rows=rows, lost_payloads=lost))
 

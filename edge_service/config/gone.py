@@ -18,6 +18,7 @@ GONE: dict[str, str] = {
     "http.allowed_hosts": "gone; http.url is the address of a proxy, own names are let in",
     "http.connections": "gone; the limits of a proxy are in its own file (deploy/nginx.conf)",
     "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",
+    "jobs": "gone; a job ends after an hour, recordings take half of store.budget_mb at most",
     "vibration.interval_s": "gone; vibration is reduced once a second",
     "vibration.orders": "gone; state ball_diameter_m and ball_circle_m in the machine file",
     "vibration.slip": "gone; balls may slip by 2 %",

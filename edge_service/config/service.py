@@ -8,7 +8,6 @@ from pydantic_core import PydanticCustomError
 
 from ..config_tables import (
     AlarmsConfig,
-    JobsConfig,
     StoreConfig,
     Table,
     VibrationConfig,
@@ -167,7 +166,6 @@ class EdgeConfig(Table):
     vibration: VibrationConfig = VibrationConfig()
     alarms: AlarmsConfig = AlarmsConfig()
     store: StoreConfig = StoreConfig()
-    jobs: JobsConfig = JobsConfig()
     axes: tuple[AxisConfig, ...] = Field(min_length=1)
     _digest: str = PrivateAttr("")
     _file: Path | None = PrivateAttr(None)
@@ -195,6 +193,11 @@ class EdgeConfig(Table):
     def place(self, table: str) -> str:
         """A table after the file that it was read from: for mistakes in it."""
         return table if self._file is None else f"{self._file}: {table}"
+
+    @property
+    def file(self) -> Path | None:
+        """File that it was read from."""
+        return self._file
 
     def of_digest(self, digest: str) -> "EdgeConfig":
         """The same configuration, which knows the digest of what it was read from."""

@@ -16,15 +16,15 @@ from ..health.store.store import StoreFailedError
 from .access import Authenticator, NoteChange, authorized, noted
 from .context import Clock
 from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
-from .jobs import JobDesk, RefusedError
+from .jobs import Jobs
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
+from .recordings import Recordings, RefusedError
 from .routes.axis import SendCommand, work_router
-from .routes.diagnose import diagnose_router
 from .routes.docs import docs_router
 from .routes.history import history_router
 from .routes.jobs import job_router, on_refused
 from .routes.log import log_router
-from .routes.motions import MotionDesk, motion_router
+from .routes.motions import ListMotions, motion_router
 from .routes.outputs import OutputDesk, output_router
 from .routes.preload import alive_router, axis_router, service_router
 from .routes.schemas import schema_router
@@ -67,10 +67,11 @@ def create_app(
     clock: Clock,
     hosts: Iterable[str] = LOOPBACK_HOSTS,
     send_command: SendCommand | None = None,
-    desk: JobDesk | None = None,
+    jobs: Jobs | None = None,
+    recordings: Recordings | None = None,
+    motions: ListMotions | None = None,
     outputs: OutputDesk | None = None,
     authenticator: Authenticator | None = None,
-    motion_desk: MotionDesk | None = None,
     note_change: NoteChange = lambda _caller, _action: None,
     metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
 ) -> FastAPI:
@@ -81,10 +82,11 @@ def create_app(
         clock: UNIX time in ns.
         hosts: Host names, without port, under which the service may be addressed.
         send_command: Passes on what a person asks of an axis; None: nothing is taken.
-        desk: Keeps recordings and runs jobs; None: there are none.
+        jobs: Runs commands; None: there are none.
+        recordings: Those kept here; None: none are.
+        motions: Lists the motions of an axis; None: there are none.
         outputs: Knows the queues of the outputs; None: there are none.
         authenticator: Finds who asks; None: whoever reaches the service may do anything.
-        motion_desk: Writes motions and records axes; None: there is none.
         note_change: Takes note of a change by its caller, method and path.
         metrics: Answers a scrape by Prometheus; None: there are none.
     """
@@ -100,8 +102,7 @@ def create_app(
     app.state.service_state = state
     app.state.clock = clock
     app.state.send_command = send_command
-    app.state.desk = desk
-    app.state.motion_desk = motion_desk
+    app.state.jobs, app.state.recordings, app.state.motions = jobs, recordings, motions
     app.state.readers_of = Counter[str]()
     app.state.outputs = outputs
     app.state.authenticator = authenticator or Authenticator()
@@ -123,7 +124,7 @@ def create_app(
         docs_router,
     ):
         app.include_router(router, dependencies=[Depends(authorized)])
-    for router in (job_router, motion_router, output_router, diagnose_router, token_router):
+    for router in (job_router, motion_router, output_router, token_router):
         app.include_router(router, dependencies=[Depends(authorized), Depends(noted)])
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app

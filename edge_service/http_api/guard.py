@@ -18,9 +18,7 @@ LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 JSON_BYTES, RECORDING_BYTES = 64_000, 300_000_000
 BODY_IDLE_S = 20.0
 """Longest pause within a body."""
-TRACE_TYPES = {"text/csv": "csv", "application/vnd.apache.parquet": "parquet"}
-"""Content types of a recording, and the suffix of its name."""
-_RECORDING = re.compile(r"PUT /api/v1/recordings/[^/]+|POST /api/v1/axes/[^/]+/diagnose")
+_RECORDING = re.compile(r"PUT /api/v1/recordings/[^/]+")
 
 SECURITY_HEADERS = {
     "content-security-policy": (
@@ -107,11 +105,6 @@ class Guard:
         if int(headers.get("content-length", "0")) > most:
             return HTTPStatus.REQUEST_ENTITY_TOO_LARGE, _too_long(most)
         return None
-
-
-def content_type(headers: Headers) -> str:
-    """Content type of a request's body, without parameters; empty if it does not say."""
-    return headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
 def name_of(host: str) -> str:

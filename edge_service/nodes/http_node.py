@@ -2,9 +2,12 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+import shutil
+import tempfile
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from ..clock import CLOCK, now_ns
@@ -21,6 +24,9 @@ from ..health.store.tokens import Tokens
 from ..http_api.access import Authenticator, Caller
 from ..http_api.app import create_app
 from ..http_api.guard import own_hosts
+from ..http_api.jobs import Jobs
+from ..http_api.recordings import Recordings
+from ..http_api.routes.motions import MotionAnswer
 from ..http_api.serve import serve
 from ..messages.alarm import Command
 from ..messages.estimate import PreloadEstimate
@@ -29,11 +35,10 @@ from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, RAW, STATUS
+from ..models.machine import Machine
+from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
 from .health_node import health_settings
-from .jobs.job_desk import ProcessJobDesk
-from .jobs.live_recorder import LiveRecorder
-from .jobs.motion_desk import LiveMotionDesk
 from .outputs.desk import Scrape, StoreOutputDesk
 from .stores.disagreement_recorder import DisagreementRecorder
 from .supervision.heartbeat import Heartbeat
@@ -49,6 +54,7 @@ from .wiring.stages import load_machines
 log = logging.getLogger(__name__)
 REFUSALS_PERIOD_S = FLUSH_PERIOD_S = TOKENS_PERIOD_S = 1.0
 _FLUSH_LIMIT_S = 60.0
+MOST_TEMPORARY_MB = 500.0  # of recordings without a state folder: that may be memory
 SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 
 
@@ -90,7 +96,12 @@ async def run(context: NodeContext) -> None:
     outputs = StoreOutputDesk(config, context.store)
     scrape = Scrape(context, state, outputs)
     machine_files = {axis.name: axis.machine for axis in config.axes}
-    desk = ProcessJobDesk(config.store.folder, machine_files, config.jobs)
+    root = folder or Path(tempfile.mkdtemp(prefix="edge-service-"))
+    most_mb = MOST_TEMPORARY_MB if folder is None else config.store.budget_mb / 2.0
+    recordings = Recordings(root / "recordings", round(most_mb * 1e6))
+    service: tuple[str, ...] = ("--bus", context.bus.endpoint)
+    service += () if config.file is None else (str(config.file),)
+    jobs = Jobs(context.store, root / "jobs", recordings, machine_files, service)
     reporter = Reporter(context, "http")
     reporter.readings = lambda: {"live_readers": float(len(state.readers))}
     publishers = {axis: context.publisher(axis, COMMAND) for axis in machines}
@@ -99,18 +110,18 @@ async def run(context: NodeContext) -> None:
         command = Command(action="recorded", user="edge-service", note=name)
         publishers[axis].publish(command, now_ns())
 
-    recorder = DisagreementRecorder(desk.folder, on_kept)
-    live = LiveRecorder(desk.folder)
+    recorder = DisagreementRecorder(recordings.folder, on_kept)
     app = create_app(
         state,
         now_ns,
         own_hosts(http.url),
         partial(give, context),
-        desk,
+        jobs,
+        recordings,
+        partial(_motions, machines),
         outputs=outputs,
         metrics=scrape.text if scrape.output else None,
         authenticator=authenticator,
-        motion_desk=LiveMotionDesk(machine_files, live),
     )
     serve_app = partial(serve, app, tls=tls)
     try:
@@ -118,22 +129,40 @@ async def run(context: NodeContext) -> None:
             tasks.start("server", _server(context, reporter, serve_app, state), vital=True)
             _follow(context, reporter, tasks, state)
             dispatcher = EventDispatcher(context.events)
-            tell = _follow_events(context, tasks, state, dispatcher, recorder, live)
+            tell = _follow_events(context, tasks, state, dispatcher, recorder)
             app.state.note_change = partial(_note_change, tell)
             tasks.start("tokens", partial(_follow_tokens, authenticator))
             tasks.repeat("refusals", REFUSALS_PERIOD_S, _telling_refusals(state, tell))
             tasks.start("history", partial(_keep_history, history))
             tasks.start("recorder", recorder.run)
-            tasks.start("live_recorder", live.run)
-            tasks.start("jobs", desk.run)
             tasks.start("store", partial(dispatcher.watch, tell))
             answer_history(context, state)
             with CLOCK.telling(partial(_clock_set, state, tell)):
                 await context.forever()
     finally:
-        await desk.close()
+        await jobs.close()
+        if folder is None:
+            shutil.rmtree(root, ignore_errors=True)
         with suppress(StoreFailedError):
             history.flush(now_ns() / 1e9)
+
+
+def _motions(machines: Mapping[str, Machine], axis: str) -> list[MotionAnswer]:
+    """Motions that end by themselves, with their duration on an axis, or why it refuses them."""
+    limits, answers = motion_limits(machines[axis]), []
+    for name, motion in MOTIONS.items():
+        duration_s, refused = None, None
+        try:
+            duration_s = motion.duration_s(limits)
+        except MotionError as error:
+            refused = str(error)
+        if duration_s is not None or refused:
+            answers.append(
+                MotionAnswer(
+                    name=name, purpose=motion.purpose, duration_s=duration_s, refused=refused
+                )
+            )
+    return answers
 
 
 def _place(config: EdgeConfig) -> str:
@@ -182,7 +211,6 @@ def _follow_events(
     state: ServiceState,
     dispatcher: EventDispatcher,
     recorder: DisagreementRecorder,
-    live: LiveRecorder,
 ) -> Callable[[Event], None]:
     """Take in events of the axes and of the service; none of the takers can hold up another.
 
@@ -210,7 +238,6 @@ def _follow_events(
 
     def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
         recorder.follow(axis, frame)
-        live.follow(axis, frame)
         samples.rest(axis, SAMPLES_PERIOD_S)
 
     tasks.start("dispatch", dispatcher.run)

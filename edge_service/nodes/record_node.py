@@ -2,6 +2,7 @@
 
 import asyncio
 import signal
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,9 +16,16 @@ FIRST_FRAME_S = 5.0
 
 
 async def record_axis(
-    config: EdgeConfig, axis: str, out: Path, duration_s: float | None
+    config: EdgeConfig,
+    axis: str,
+    out: Path,
+    duration_s: float | None,
+    tell: Callable[[float], None] = lambda _share: None,
 ) -> tuple[int, int]:
     """Record until `duration_s` of axis time, SIGINT or SIGTERM.
+
+    Args:
+        tell: takes the share that is recorded, once a second.
 
     Returns:
         Rows written and payloads lost on the way.
@@ -42,12 +50,16 @@ async def record_axis(
                 f"{config.keys.key(axis, RAW)}: nothing is published; check the name of the axis"
             ) from None
         rows, first_s = 0, float(frame.time_s[0])
+        told_s = first_s
         with TraceWriter(out, tuple(frame.channels)) as writer:
             while True:
                 if duration_s is not None:
                     frame = frame.until(first_s + duration_s)
                 writer.write(frame)
                 rows += len(frame)
+                if duration_s and len(frame) and frame.time_s[-1] >= told_s + 1.0:
+                    told_s = float(frame.time_s[-1])
+                    tell((told_s - first_s) / duration_s)
                 if duration_s is not None and frame.time_s.size == 0:
                     break
                 try:

@@ -116,7 +116,7 @@ def _name_old_files(config: EdgeConfig) -> None:
     """Say once which files in the state folder nobody reads any more."""
     folder = config.store.folder
     if folder is not None and folder.is_dir():
-        old = sorted(path.name for path in (*folder.glob("axis=*"), *folder.glob("@*.sqlite")))
+        old = sorted(path.name for path in (*folder.glob("axis=*"), *folder.glob("@*")))
         if old:
             log.warning("%s: of a former version, and not read: %s", folder, ", ".join(old))
 

@@ -7,17 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from edge_service import process
 from edge_service.config import DEFAULT_MACHINE
+from edge_service.health.store.store import Store
 from edge_service.http_api import guard
 from edge_service.http_api.app import create_app
-from edge_service.http_api.jobs import JobKind
-from edge_service.nodes.jobs.job_desk import ProcessJobDesk
+from edge_service.http_api.jobs import Jobs
+from edge_service.http_api.recordings import Recordings
 
 from ..bench.faults.hostile_requests import HostileRequest, hostile_requests
 from .test_limits import connected, served
 
 COUNT, AT_ONCE = 1500, 20
-DONE = {kind: lambda *_: [sys.executable, "-S", "-c", ""] for kind in JobKind}
 
 
 async def _status(port: int, request: HostileRequest) -> bytes:
@@ -33,18 +34,21 @@ async def test_no_request_is_answered_by_a_failure(
     scene, tmp_path: Path, caplog, monkeypatch, seed: int
 ):
     scene.hear_all()
-    desk = ProcessJobDesk(tmp_path, {"X": DEFAULT_MACHINE, "Y": DEFAULT_MACHINE}, commands=DONE)
-    (tmp_path / "@recordings").mkdir()
-    (tmp_path / "@recordings" / "a.csv").write_text("time_s\n")
+    kept = Recordings(tmp_path / "recordings", 1 << 20)
+    machines = {"X": DEFAULT_MACHINE, "Y": DEFAULT_MACHINE}
+    jobs = Jobs(Store(None), tmp_path / "jobs", kept, machines)
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "a.csv").write_text("time_s\n")
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-S", "-c", ""))
     description = create_app(scene.state, lambda: 0).openapi()
     monkeypatch.setattr(guard, "BODY_IDLE_S", 0.5)
     seen: dict[bytes, HostileRequest] = {}
-    async with served(scene, desk) as port:
+    async with served(scene, jobs=jobs, recordings=kept) as port:
         asking = islice(hostile_requests(description, seed), COUNT // 2)
         while batch := list(islice(asking, AT_ONCE)):
             statuses = await asyncio.gather(*(_status(port, each) for each in batch))
             seen |= dict(zip(statuses, batch, strict=True))
-    await desk.close()
+    await jobs.close()
     assert set(seen) >= {b"200", b"404", b"405", b"413", b"422"}
     assert [seen[each] for each in seen if each[:1] == b"5" and each not in (b"503", b"507")] == []
     assert "Exception" not in caplog.text

@@ -19,9 +19,9 @@ POST = b"POST /api/v1/axes/X/commands HTTP/1.1\r\ncontent-type: application/json
 
 
 @asynccontextmanager
-async def served(scene, desk=None) -> AsyncIterator[int]:
+async def served(scene, **parts) -> AsyncIterator[int]:
     """The scene's state over a socket; the port."""
-    app = create_app(scene.state, lambda: scene.now_ns, desk=desk)
+    app = create_app(scene.state, lambda: scene.now_ns, **parts)
     stop, bound = asyncio.Event(), asyncio.get_running_loop().create_future()
     task = asyncio.create_task(
         serve.serve(

@@ -52,12 +52,14 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(
             assert "recording_kept" in told
             kept = (await client.get("recordings")).json()["recordings"]
             assert name in [each["name"] for each in kept]
-            asked = await client.post("axes/X/diagnose", json={"recordings": [name]})
+            asked = await client.post(
+                "jobs", json={"command": "diagnose", "axis": "X", "recordings": [name]}
+            )
             assert asked.status_code == 202
             path = asked.headers["location"].removeprefix("/api/v1/")
             job = await once(client, path, lambda j: j["state"] != "running" and j)
             assert job["state"] == "done", job["lines"]
-            document = (await client.get("axes/X/diagnosis")).json()
+            document = (await client.get(f"{path}/files/diagnosis.json")).json()
             named = {each["name"]: each["probability"] for each in document["effects"]}
             assert named["position_friction"] > 0.9
             report = await client.get(f"{path}/files/report.html")

@@ -68,13 +68,17 @@ def job(number: int, state: str, begun_s: float, ended_s: float | None = None) -
 
     return {
         "id": number,
-        "kind": "diagnose",
+        "command": "diagnose",
         "axis": "X",
         "recordings": ["a.csv"],
-        "baseline": None,
+        "options": {"duration_s": None, "baseline": None},
         "state": state,
         "started": ago(begun_s),
         "ended": ago(ended_s),
+        "stage": "choosing causes",
+        "share": 0.4 if state == "running" else None,
+        "left_s": 30.0 if state == "running" else None,
+        "verdict": None,
         "lines": ["reading a.csv"],
         "files": ["diagnosis.json"] if state == "done" else [],
     }
@@ -91,40 +95,37 @@ FOUND = {"verdict": "explained", "effects": []}
 def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: Any) -> None:
     """While another axis still records and its job still runs."""
     page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
-    live = {"axis": "X", "recorded_s": 3.0, "seconds": 60.0}
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": running()}))
+    live = job(3, "running", 3.0) | {"command": "record", "share": 0.05}
+    live["options"] = {"duration_s": 60.0, "baseline": None}
+    listed = {"items": [live, *running()]}
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json=listed))
     page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
-    page.route("**/axes/X/recording", lambda route: route.fulfill(json=live))
     page.evaluate("location.hash = '#/X/tests'")
     page.wait_for_selector("#step-record :text('Axis X: 3 s of 60 s recorded.')")
-    with page.expect_response("**/axes/Y/recording"):
-        page.evaluate("location.hash = '#/Y/tests'")
-    asked = []
+    page.evaluate("location.hash = '#/Y/tests'")
     for _ in range(3):
-        with page.expect_response(re.compile(r"/axes/./recording")) as answered:
+        with page.expect_response("**/api/v1/jobs"):
             pass
-        asked.append(answered.value.url.split("/axes/")[1])
-    assert asked == ["Y/recording"] * 3
     assert "X" not in page.inner_text("#step-record")
     assert "is in the list below" not in page.inner_text("#step-record")
     with page.expect_request(lambda request: request.method == "POST") as begun:
         page.click("#record-start")
-    assert "/axes/Y/" in begun.value.url
+    assert begun.value.post_data_json["axis"] == "Y"
 
 
 def test_progress_goes_on_while_a_job_says_nothing(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
     jobs = running()
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": jobs}))
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"items": jobs}))
     page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
     page.evaluate("location.hash = '#/X/tests'")
     bar = page.locator("#jobs progress")
     bar.wait_for()
     assert bar.count() == 1
-    assert "Stage 1 of 4" in page.inner_text("#jobs .progress")
-    first, said_first = bar.evaluate("bar => bar.value"), page.inner_text("#jobs .progress")
-    page.wait_for_function(f"document.querySelector('#jobs progress').value > {first}")
-    assert first >= 0.2
+    said_first = page.inner_text("#jobs .progress")
+    assert said_first.startswith("choosing causes. About 30 s left.")
+    jobs[0] |= {"share": 0.6, "left_s": 20.0}
+    page.wait_for_function("document.querySelector('#jobs progress').value == 0.6")
     assert page.inner_text("#jobs .progress") != said_first
     assert page.locator("#jobs details[open]").count() == 0
 
@@ -136,13 +137,13 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     def hold(route: Any) -> None:
         held.append(route)
 
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"jobs": running()[1:]}))
+    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"items": running()[1:]}))
     page.route("**/diagnosis.json", hold)
     with page.expect_request("**/diagnosis.json"):
         page.evaluate("location.hash = '#/X/tests'")
     page.evaluate("location.hash = '#/X/service'")
     page.wait_for_selector("#service:visible")
-    with page.expect_response("**/axes/X/recording"):
+    with page.expect_response("**/api/v1/recordings"):
         page.evaluate("location.hash = '#/X/tests'")
     page.evaluate("new Promise((done) => setTimeout(done, 300))")
     for route in held:

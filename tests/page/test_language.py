@@ -11,7 +11,7 @@ from edge_service.health.advice import tasks
 from edge_service.health.advice.headline import headline
 from edge_service.health.model_watch.channel_model import CHANNELS
 from edge_service.http_api.app import STATIC
-from edge_service.http_api.jobs import JobKind, JobState
+from edge_service.http_api.jobs import JobCommand, JobState
 from edge_service.messages.advice import Level, Task
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.components import COMPONENTS
@@ -84,7 +84,7 @@ CODES: dict[str, Iterable[str]] = {
     "severity": Severity,
     "part": ComponentStatus,
     "component": {each.removesuffix("_process") for each in COMPONENTS},
-    "job": JobKind,
+    "job.command": JobCommand,
     "job.state": JobState,
     "fault": [str(fault.name).lower() for fault in Fault],
     "motion": [name for name, motion in MOTIONS.items() if isinstance(motion, FiniteMotion)],

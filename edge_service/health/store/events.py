@@ -149,7 +149,7 @@ class EventLog:
 
     def after(self, last_id: int, most: int) -> list[StoredEvent]:
         """First `most` events with a higher number, oldest first. Raises StoreFailedError."""
-        found = self._found("id > ? ORDER BY id LIMIT ?", last_id, most)
+        found = self._found("id > ? ORDER BY id LIMIT ?", min(last_id, _GREATEST), most)
         return self._with_waiting(found, lambda each: each.id > last_id)[:most]
 
     def page(

@@ -1,4 +1,4 @@
-"""Routes of recordings and of the jobs that are made of them."""
+"""Routes of recordings and of jobs."""
 
 import os
 from collections.abc import AsyncIterator
@@ -8,25 +8,17 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
+from ..answers import Answer
 from ..axis_answers import AcceptedAnswer
 from ..context import StateDep, check_axis
-from ..jobs import (
-    JobAnswer,
-    JobBody,
-    JobDesk,
-    JobsAnswer,
-    RecordingAnswer,
-    RecordingName,
-    RecordingsAnswer,
-    RefusedError,
-)
+from ..jobs import JobAnswer, JobBody, Jobs, JobsAnswer
 from ..problems import documented, problem_response
+from ..recordings import RecordingAnswer, RecordingName, Recordings, RefusedError
 
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
 )
 """A report shows its own styles and pictures, and can do nothing."""
-
 _CHUNK_BYTES = 1 << 18
 
 job_router = APIRouter(
@@ -36,12 +28,10 @@ job_router = APIRouter(
 )
 
 
-async def desk_of(request: Request) -> JobDesk:
-    """Desk that keeps recordings and runs jobs."""
-    desk: JobDesk | None = request.app.state.desk
-    if desk is None:
-        raise HTTPException(503, "this service runs no jobs")
-    return desk
+class RecordingsAnswer(Answer):
+    """All recordings, newest first."""
+
+    recordings: list[RecordingAnswer]
 
 
 async def on_refused(request: Request, error: Exception) -> Response:
@@ -50,19 +40,34 @@ async def on_refused(request: Request, error: Exception) -> Response:
     return problem_response(request.url.path, error.status, str(error))
 
 
-DeskDep = Annotated[JobDesk, Depends(desk_of)]
+async def _recordings_of(request: Request) -> Recordings:
+    recordings: Recordings | None = request.app.state.recordings
+    if recordings is None:
+        raise HTTPException(503, "this service keeps no recordings")
+    return recordings
+
+
+async def _jobs_of(request: Request) -> Jobs:
+    jobs: Jobs | None = request.app.state.jobs
+    if jobs is None:
+        raise HTTPException(503, "this service runs no jobs")
+    return jobs
+
+
+RecordingsDep = Annotated[Recordings, Depends(_recordings_of)]
+JobsDep = Annotated[Jobs, Depends(_jobs_of)]
 
 
 @job_router.get("/recordings", response_model=RecordingsAnswer)
-async def recordings(desk: DeskDep) -> RecordingsAnswer:
-    """Recordings that were uploaded, newest first."""
-    return RecordingsAnswer(recordings=desk.recordings())
+async def recordings(kept: RecordingsDep) -> RecordingsAnswer:
+    """Recordings that were uploaded or made here, newest first."""
+    return RecordingsAnswer(recordings=kept.listed())
 
 
-async def opened(name: RecordingName, desk: DeskDep) -> AsyncIterator[BinaryIO]:
+async def _opened(name: RecordingName, kept: RecordingsDep) -> AsyncIterator[BinaryIO]:
     """A recording, open until it is sent: it may be removed meanwhile."""
     try:
-        file = desk.recording(name).open("rb")
+        file = kept.path(name).open("rb")
     except OSError as error:
         raise RefusedError(503, f"{name}: cannot be read ({error.strerror})") from None
     with file:
@@ -71,7 +76,7 @@ async def opened(name: RecordingName, desk: DeskDep) -> AsyncIterator[BinaryIO]:
 
 @job_router.get("/recordings/{name}", response_class=StreamingResponse)
 async def recording(
-    name: RecordingName, file: Annotated[BinaryIO, Depends(opened)]
+    name: RecordingName, file: Annotated[BinaryIO, Depends(_opened)]
 ) -> StreamingResponse:
     """A recording as a file."""
     headers = {
@@ -88,51 +93,47 @@ async def recording(
     status_code=201,
     openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
 )
-async def upload(name: RecordingName, request: Request, desk: DeskDep) -> RecordingAnswer:
+async def upload(name: RecordingName, request: Request, kept: RecordingsDep) -> RecordingAnswer:
     """Upload a trace file (CSV or Parquet) as the request's body."""
-    return await desk.receive(name, request.stream())
+    return await kept.receive(name, request.stream())
 
 
 @job_router.delete("/recordings/{name}", response_model=AcceptedAnswer)
-async def remove(name: RecordingName, desk: DeskDep) -> AcceptedAnswer:
+async def remove(name: RecordingName, kept: RecordingsDep) -> AcceptedAnswer:
     """Forget a recording."""
-    desk.remove(name)
+    kept.remove(name)
     return AcceptedAnswer()
 
 
 @job_router.get("/jobs", response_model=JobsAnswer)
-async def jobs(desk: DeskDep) -> JobsAnswer:
-    """Jobs since the service started, newest first."""
-    return JobsAnswer(jobs=desk.jobs())
+async def all_jobs(jobs: JobsDep) -> JobsAnswer:
+    """The last jobs, newest first."""
+    return JobsAnswer(items=await jobs.all())
 
 
 @job_router.post("/jobs", response_model=JobAnswer, status_code=202)
-async def start(body: JobBody, state: StateDep, desk: DeskDep) -> JobAnswer:
-    """Start a fingerprint, a diagnosis or a comparison of the same moves; one runs at a time.
-
-    It runs in a process of its own.
-    """
+async def start(body: JobBody, state: StateDep, jobs: JobsDep, response: Response) -> JobAnswer:
+    """Start a command in a process of its own, for an hour at most; two run at a time."""
     check_axis(state, body.axis)
-    return await desk.start(body)
+    job = await jobs.start(body)
+    response.headers["location"] = f"/api/v1/jobs/{job.id}"
+    return job
 
 
 @job_router.get("/jobs/{number}", response_model=JobAnswer)
-async def job(number: int, desk: DeskDep) -> JobAnswer:
+async def one(number: int, jobs: JobsDep) -> JobAnswer:
     """One job: how far it is, what it said, what it made."""
-    found = next((each for each in desk.jobs() if each.id == number), None)
-    if found is None:
-        raise HTTPException(404, f"there is no job {number}")
-    return found
+    return await jobs.get(number)
 
 
 @job_router.delete("/jobs/{number}", response_model=JobAnswer)
-async def cancel(number: int, desk: DeskDep) -> JobAnswer:
-    """Cancel a job that runs."""
-    return await desk.cancel(number)
+async def cancel(number: int, jobs: JobsDep) -> JobAnswer:
+    """End a job that runs; a recording keeps what there is."""
+    return await jobs.cancel(number)
 
 
 @job_router.get("/jobs/{number}/files/{name}", response_class=FileResponse)
-async def job_file(number: int, name: str, desk: DeskDep) -> FileResponse:
+async def job_file(number: int, name: str, jobs: JobsDep) -> FileResponse:
     """A file that a job made, such as `report.html`."""
-    path = desk.file(number, name)
+    path = await jobs.file(number, name)
     return FileResponse(path, headers={"content-security-policy": _REPORT_POLICY})

@@ -1,19 +1,18 @@
-"""Routes of a test: motions for the controller, and what the axis does recorded while it moves."""
+"""Routes of motions for the controller, by which an axis is tested."""
 
+from collections.abc import Callable
 from enum import StrEnum
-from typing import Annotated, Protocol
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 from pydantic import Field
 from starlette.exceptions import HTTPException
 
 from ..answers import Answer
-from ..axis_answers import AcceptedAnswer
 from ..context import AxisDep
 from ..problems import documented
-
-LONGEST_S = 3600.0
+from .jobs import JobsDep
 
 
 class MotionForm(StrEnum):
@@ -38,95 +37,28 @@ class MotionsAnswer(Answer):
     motions: list[MotionAnswer]
 
 
-class RecordingBody(Answer):
-    """Request to record an axis from now on."""
-
-    motion: str = Field(
-        "", pattern=r"^[a-z_]{0,30}$", description="Name of the motion, for the file's name."
-    )
-    seconds: float = Field(gt=0.0, le=LONGEST_S, allow_inf_nan=False)
-
-
-class LiveRecordingAnswer(Answer):
-    """Recording that is being made."""
-
-    axis: str
-    name: str = Field(description="Name that it will have among the recordings.")
-    seconds: float = Field(description="Length that was asked for, s.")
-    recorded_s: float = Field(description="Length so far, s.")
-
-
-class MotionDesk(Protocol):
-    """Writes motions and records axes. Every call may raise RefusedError."""
-
-    def motions(self, axis: str) -> list[MotionAnswer]:
-        """All motions that end by themselves."""
-        ...
-
-    async def motion(self, axis: str, name: str, form: MotionForm) -> bytes:
-        """A motion's file, within the limits of the axis."""
-        ...
-
-    def live(self) -> LiveRecordingAnswer | None:
-        """The recording that is being made."""
-        ...
-
-    def record(self, axis: str, body: RecordingBody) -> LiveRecordingAnswer:
-        """Begin to record; refused while another recording is made."""
-        ...
-
-    def stop(self, axis: str) -> None:
-        """End a recording early, and keep what there is."""
-        ...
-
-
+ListMotions = Callable[[str], list[MotionAnswer]]
 motion_router = APIRouter(
-    prefix="/api/v1/axes/{axis}",
+    prefix="/api/v1/axes/{axis}/motions",
     tags=["jobs"],
     responses=documented(404, 409, 422, 503),
 )
 
 
-async def desk_of(request: Request) -> MotionDesk:
-    """Desk that writes motions and records axes."""
-    desk: MotionDesk | None = request.app.state.motion_desk
-    if desk is None:
-        raise HTTPException(503, "this service makes no recordings")
-    return desk
-
-
-MotionDeskDep = Annotated[MotionDesk, Depends(desk_of)]
-
-
-@motion_router.get("/motions", response_model=MotionsAnswer)
-async def motions(axis: AxisDep, desk: MotionDeskDep) -> MotionsAnswer:
+@motion_router.get("", response_model=MotionsAnswer)
+async def motions(axis: AxisDep, request: Request) -> MotionsAnswer:
     """Motions that tell something about the axis, with their duration on it."""
-    return MotionsAnswer(motions=desk.motions(axis))
+    listed: ListMotions | None = request.app.state.motions
+    if listed is None:
+        raise HTTPException(503, "this service writes no motions")
+    return MotionsAnswer(motions=listed(axis))
 
 
-@motion_router.get("/motions/{name}.{form}", response_class=Response)
-async def motion(axis: AxisDep, name: str, form: MotionForm, desk: MotionDeskDep) -> Response:
+@motion_router.get("/{name}", response_class=Response)
+async def motion(
+    axis: AxisDep, name: str, jobs: JobsDep, form: Annotated[MotionForm, Query(alias="format")]
+) -> Response:
     """A motion for the controller, within the limits of the axis: setpoints or an NC program."""
-    content = await desk.motion(axis, name, form)
+    content = await jobs.motion(axis, name, form.value)
     headers = {"content-disposition": f'attachment; filename="{name}.{form.value}"'}
     return Response(content, media_type="text/plain", headers=headers)
-
-
-@motion_router.get("/recording", response_model=LiveRecordingAnswer | None)
-async def recording(axis: AxisDep, desk: MotionDeskDep) -> LiveRecordingAnswer | None:
-    """The recording that is being made of the axis; null if there is none."""
-    live = desk.live()
-    return live if live is not None and live.axis == axis else None
-
-
-@motion_router.post("/recording", response_model=LiveRecordingAnswer, status_code=202)
-async def record(axis: AxisDep, body: RecordingBody, desk: MotionDeskDep) -> LiveRecordingAnswer:
-    """Record what the axis does from now on; one recording is made at a time."""
-    return desk.record(axis, body)
-
-
-@motion_router.delete("/recording", response_model=AcceptedAnswer)
-async def stop(axis: AxisDep, desk: MotionDeskDep) -> AcceptedAnswer:
-    """End the recording early; what there is so far is kept."""
-    desk.stop(axis)
-    return AcceptedAnswer()

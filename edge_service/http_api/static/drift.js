@@ -28,14 +28,14 @@ export async function loadDrift(state) {
   if (!byId("drift").firstChild) build();
   axis = state.axis;
   const turn = ++asked;
-  const [{ recordings }, { jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
-  const job = jobs.find((each) => each.kind === "drift" && each.axis === state.axis);
-  const verdict = job?.state === "done" ? (await fetchJson(`/api/v1/jobs/${job.id}/files/drift.json`)).verdict : job?.lines.at(-1);
+  const [{ recordings }, { items: jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
+  const job = jobs.find((each) => each.command === "fingerprint" && each.recordings.length > 1 && each.axis === state.axis);
+  const verdict = job?.verdict ?? job?.lines.at(-1);
   if (turn !== asked) return; // the answer to a newer question is on its way
   refill(parts.list, JSON.stringify(recordings), () => (recordings.length ? recordings.map(recordingNode) : [element("li", { class: "quiet" }, t("drift.no_recordings"))]));
   refill(parts.answer, JSON.stringify([job ?? null, verdict ?? ""]), () => answerNodes(job, verdict));
-  parts.start.disabled = jobs.some((each) => each.state === "running");
-  if (parts.start.disabled) poll(state);
+  parts.start.disabled = jobs.filter((each) => each.state === "running").length > 1;
+  if (job?.state === "running") poll(state);
   else if (parts.status.textContent === t("drift.started")) write(parts.status, "");
 }
 
@@ -64,7 +64,7 @@ function answerNodes(job, verdict) {
 async function compare() {
   const newestFirst = [...parts.list.querySelectorAll(":checked")].map((box) => box.value);
   if (newestFirst.length < 2) return write(parts.status, t("drift.two"));
-  const body = { kind: "drift", axis, recordings: newestFirst.reverse() };
+  const body = { command: "fingerprint", axis, recordings: newestFirst.reverse() };
   try {
     await fetchJson("/api/v1/jobs", { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
     write(parts.status, t("drift.started"));

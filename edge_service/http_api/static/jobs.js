@@ -5,25 +5,23 @@ import { clock, lasting, number } from "./format.js";
 import { named, t } from "./strings.js";
 
 const KINDS = ["fingerprint", "diagnose"];
-// What a job says when it enters a stage, in order.
-const STAGES = { fingerprint: ["reading"], diagnose: ["reading", "signatures", "sets", "values"] };
 const verdicts = new Map(); // job -> what its diagnosis says
 
 export function startForm(parts, start) {
-  parts.kind = element("select", { id: "job-kind" }, ...KINDS.map((value) => element("option", { value }, t(`job.${value}`))));
+  parts.kind = element("select", { id: "job-kind" }, ...KINDS.map((value) => element("option", { value }, t(`job.command.${value}`))));
   parts.baseline = element("select", { id: "job-baseline" });
   parts.start = button(t("job.start"), { id: "job-start", class: "primary" }, start);
   return element("div", {}, element("label", { for: "job-kind" }, t("job.make"), parts.kind), element("label", { for: "job-baseline" }, t("job.compare"), parts.baseline), element("div", { class: "buttons" }, parts.start));
 }
 
 export async function readVerdicts(jobs) {
-  await Promise.all(jobs.filter((job) => job.files.includes("diagnosis.json") && !verdicts.has(job.id)).map(readVerdict));
+  await Promise.all(jobs.filter((job) => job.files.includes("diagnosis.json") && job.state === "done" && !verdicts.has(job.id)).map(readVerdict));
 }
 
 export function renderJobs(list, jobs, cancel) {
   const open = new Set([...list.querySelectorAll("details[open]")].map((node) => node.dataset.job));
-  refill(list, JSON.stringify([jobs, [...verdicts.keys()]]), () => (jobs.length ? jobs.map((job) => jobNode(job, jobs, cancel, open)) : [element("li", { class: "quiet" }, t("job.none"))]));
-  for (const job of jobs.filter(({ state }) => state === "running")) renderProgress(list.querySelector(`[data-progress="${job.id}"]`), job, jobs);
+  refill(list, JSON.stringify([jobs, [...verdicts.keys()]]), () => (jobs.length ? jobs.map((job) => jobNode(job, cancel, open)) : [element("li", { class: "quiet" }, t("job.none"))]));
+  for (const job of jobs.filter(({ state }) => state === "running")) renderProgress(list.querySelector(`[data-progress="${job.id}"]`), job);
 }
 
 async function readVerdict(job) {
@@ -33,8 +31,8 @@ async function readVerdict(job) {
 
 const fileOf = (job, name) => `/api/v1/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
-function jobNode(job, jobs, cancel, open) {
-  const head = element("p", {}, element("b", {}, `${named("job", job.kind)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${named("job.state", job.state)}`);
+function jobNode(job, cancel, open) {
+  const head = element("p", {}, element("b", {}, `${named("job.command", job.command)} ${job.id}`), ` · ${t("job.axis", { axis: job.axis })} · ${clock(job.ended ?? job.started)} · ${named("job.state", job.state)}`);
   const node = element("li", { class: "job", "data-state": job.state }, head, job.state === "running" ? progressNode(job) : verdictNode(job), filesNode(job));
   if (job.state === "running") node.append(element("div", { class: "buttons" }, button(t("job.cancel"), { "aria-label": t("job.cancel.label", { n: job.id }) }, () => cancel(job))));
   if (job.lines.length) node.append(logNode(job, open.has(String(job.id))));
@@ -47,34 +45,29 @@ function logNode(job, isOpen) {
   return node;
 }
 
-// One bar: the stage, and the time left by how long the last one of its kind took.
+// One bar: the share that is done, the stage and the time left.
 function progressNode(job) {
   return element("div", { class: "progress", "data-progress": job.id }, element("progress", { max: 1, "aria-label": t("job.progress") }), element("p", {}));
 }
 
-function renderProgress(node, job, jobs) {
-  const stages = STAGES[job.kind] ?? ["reading"];
-  const at = Math.max(0, ...stages.map((stage, i) => (job.lines.some((line) => line.startsWith(stage)) ? i : 0)));
-  const before = jobs.find((each) => each.kind === job.kind && each.state === "done" && each.ended);
+function renderProgress(node, job) {
+  node.querySelector("progress").value = job.share ?? 0;
   const took = (Date.now() - Date.parse(job.started)) / 1000;
-  const whole = before ? (Date.parse(before.ended) - Date.parse(before.started)) / 1000 : null;
-  const left = whole === null ? t("job.left.unknown") : took < whole ? t("job.left", { span: lasting(whole - took) }) : t("job.left.over");
-  const share = whole === null ? (at + 0.5) / stages.length : Math.min(took / whole, 0.95);
-  node.querySelector("progress").value = share;
-  write(node.querySelector("p"), [t("job.stage", { n: at + 1, of: stages.length, stage: t(`stage.${stages[at]}`) }), left, t("job.since", { span: lasting(took) })].join(" "));
+  const left = job.left_s === null ? "" : t("job.left", { span: lasting(job.left_s) });
+  write(node.querySelector("p"), [job.stage ? `${job.stage}.` : "", left, t("job.since", { span: lasting(took) })].filter(Boolean).join(" "));
 }
 
 function verdictNode(job) {
   const found = verdicts.get(job.id);
-  if (job.state !== "done") return element("p", { class: "job-verdict", lang: "en" }, job.lines.at(-1) ?? "");
-  if (!found) return element("p", { class: "job-verdict" }, t(job.kind === "diagnose" ? "job.read" : "job.ready"));
+  if (job.state !== "done") return element("p", { class: "job-verdict", lang: "en" }, job.verdict ?? job.lines.at(-1) ?? "");
+  if (!found) return element("p", { class: "job-verdict" }, t("job.ready"));
   const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map((effect) => t("verdict.cause", { name: named("effect", effect.name), n: number(100 * effect.probability) }));
   return element("p", { class: "job-verdict" }, [named("verdict", found.verdict), ...causes].join(" "));
 }
 
 function filesNode(job) {
   const links = job.files.map((name) => {
-    const open = name.endsWith(".html") ? { target: "_blank", rel: "noopener" } : { download: `${job.kind}_${job.id}_${name}` };
+    const open = name.endsWith(".html") ? { target: "_blank", rel: "noopener" } : { download: `${job.command}_${job.id}_${name}` };
     return element("a", { href: fileOf(job, name), lang: "en", ...open }, name);
   });
   return element("p", { class: "links" }, ...links);

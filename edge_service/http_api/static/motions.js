@@ -31,7 +31,7 @@ function renderMotion() {
   const refused = motion.refused ? element("span", { lang: "en" }, motion.refused) : null;
   parts.about.replaceChildren(named("motion.purpose", motion.name), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }));
   const path = `/api/v1/axes/${encodeURIComponent(parts.shown)}/motions/${motion.name}`;
-  parts.links.replaceChildren(...(refused ? [] : FORMS.map((form) => element("a", { class: "button", href: `${path}.${form}`, download: `${motion.name}.${form}` }, t(`motion.${form}`)))));
+  parts.links.replaceChildren(...(refused ? [] : FORMS.map((form) => element("a", { class: "button", href: `${path}?format=${form}`, download: `${motion.name}.${form}` }, t(`motion.${form}`)))));
 }
 
 export function motionSeconds() {

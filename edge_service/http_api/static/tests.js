@@ -48,26 +48,26 @@ export async function loadTests(state) {
   if (!parts.file) build();
   axis = state.axis;
   const turn = ++asked;
-  const paths = ["recordings", "jobs", `axes/${encodeURIComponent(axis)}/recording`];
-  const [{ recordings }, { jobs }, live] = await Promise.all(paths.map((path) => fetchJson(`/api/v1/${path}`)));
+  const paths = ["recordings", "jobs"];
+  const [{ recordings }, { items: jobs }] = await Promise.all(paths.map((path) => fetchJson(`/api/v1/${path}`)));
   await readVerdicts(jobs);
   if (turn !== asked) return; // the answer to a newer question is on its way
   loadMotions(axis).catch(() => {});
-  renderRecorder(axis, live);
+  renderRecorder(axis, jobs);
   refill(parts.list, JSON.stringify(recordings), () => (recordings.length ? recordings.map(recordingNode) : [element("li", { class: "quiet" }, t("recordings.none"))]));
   renderJobs(parts.jobs, jobs, cancel);
   renderChoices(jobs);
   const running = jobs.some((job) => job.state === "running");
-  parts.start.disabled = running;
+  parts.start.disabled = jobs.filter((job) => job.state === "running").length > 1;
   if (!running && parts.status.textContent === t("job.started")) write(parts.status, t("job.over"));
-  if (running || live) poll();
+  if (running) poll();
 }
 
 const again = () => loadTests({ axis });
 
 function renderChoices(jobs) {
   const fingerprints = jobs.filter((job) => job.files.includes("fingerprint.json"));
-  const choices = fingerprints.map((job) => [String(job.id), `${t("job.fingerprint")} ${job.id}, ${clock(job.started)}`]);
+  const choices = fingerprints.map((job) => [String(job.id), `${t("job.command.fingerprint")} ${job.id}, ${clock(job.started)}`]);
   options(parts.baseline, [["", t("job.compare.nothing")], ...choices]);
   for (const select of [parts.left, parts.right]) options(select, [["", t("compare.choose")], ...choices]);
   byId("compare").hidden = fingerprints.length < 2;
@@ -112,7 +112,7 @@ async function upload() {
 async function startJob() {
   const recordings = [...byId("tests").querySelectorAll("[name=recording]:checked")].map((box) => box.value);
   if (recordings.length === 0) return write(parts.status, t("job.choose"));
-  const body = { kind: parts.kind.value, axis, recordings, baseline: parts.baseline.value && parts.kind.value === "fingerprint" ? Number(parts.baseline.value) : null };
+  const body = { command: parts.kind.value, axis, recordings, options: { baseline: parts.baseline.value && parts.kind.value === "fingerprint" ? Number(parts.baseline.value) : null } };
   await act(fetchJson("/api/v1/jobs", { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) }), t("job.started"));
 }
 

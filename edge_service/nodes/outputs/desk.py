@@ -10,7 +10,7 @@ from ...config import EdgeConfig
 from ...health.service_state import ServiceState
 from ...health.store.outbox import Counts, Outbox
 from ...health.store.store import Store, StoreFailedError
-from ...http_api.jobs import RefusedError
+from ...http_api.recordings import RefusedError
 from ...outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
 from ..output_node import make_output, outbox_of, send_test
 from ..wiring.context import NodeContext

@@ -22,7 +22,6 @@ from types import FrameType
 import click
 
 from edge_service.exit_status import BAD_INPUT, DONE
-from edge_service.limited_process import ProcessLimits, limited_command, why_it_ended
 
 from ..table import Figure, PipelineBench
 from .hostile_files import right_files, spoiled
@@ -31,7 +30,7 @@ KINDS = (
     *("csv", "text", "parquet", "xml", "json", "matlab", "tuning"),
     *("config", "machine"),
 )
-LIMITS = ProcessLimits(memory_mb=2500.0, cpu_s=3600.0)
+LIMIT_MB, LIMIT_S = 2500, 3600
 MOST_MEMORY_MB, LONGEST_S = 500.0, 20
 FILES_AT_ONCE = 500
 _SETTINGS = ("config", "machine")
@@ -110,6 +109,7 @@ def work(kind: str, first_seed: int, count: int) -> None:
         raise _TooLongError
 
     signal.signal(signal.SIGVTALRM, end)
+    resource.setrlimit(resource.RLIMIT_AS, (LIMIT_MB * 10**6, LIMIT_MB * 10**6))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for machine in (Path(__file__).parents[3] / "deploy").glob("*.toml"):
@@ -131,14 +131,14 @@ def _say(values: dict[str, object]) -> None:
 def run(kind: str, first_seed: int, count: int) -> tuple[list[Fault], float]:
     """Faults among the files of some seeds, and the peak of memory, MB; in a limited process."""
     worker = [sys.executable, "-m", "tests.bench.faults.files", "--work", kind]
-    line = limited_command([*worker, str(first_seed), str(count)], LIMITS, dies_with_caller=True)
-    ended = subprocess.run(line, capture_output=True, check=False)
+    line = [*worker, str(first_seed), str(count)]
+    ended = subprocess.run(line, capture_output=True, check=False, timeout=LIMIT_S)
     said = [json.loads(each) for each in ended.stdout.splitlines()]
     faults = [Fault(kind, each["seed"], each["problem"]) for each in said if "problem" in each]
     if ended.returncode != 0:
         seed = said[-1].get("seed", -1) if said else -1
         last = ended.stderr.decode(errors="replace").strip()[-200:]
-        faults.append(Fault(kind, seed, why_it_ended(ended.returncode, LIMITS) or last))
+        faults.append(Fault(kind, seed, last or f"ended with {ended.returncode}"))
     return faults, max((each["peak_mb"] for each in said if "peak_mb" in each), default=0.0)
 
 

@@ -30,7 +30,6 @@ _CHUNK = b"a" * 1_000_000
 _BODIES = {
     "POST /api/v1/jobs": "application/json",
     "POST /api/v1/axes/X/commands": "application/json",
-    "POST /api/v1/axes/X/diagnose": "application/json",
     "PUT /api/v1/recordings/big.csv": "text/csv",
     "GET /api/v1/axes": "text/plain",
 }

@@ -6,9 +6,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from edge_service.http_api.jobs import RefusedError
-from edge_service.nodes.jobs import recordings
-from edge_service.nodes.jobs.recordings import MOST_AT_ONCE, Recordings
+from edge_service.http_api import recordings
+from edge_service.http_api.recordings import MOST_AT_ONCE, Recordings, RefusedError
 
 MB = 1 << 20
 

@@ -9,22 +9,42 @@ import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
-from ...atomic import made_folder, replaced_bytes
-from ...http_api.jobs import RECORDING_NAME, RecordingAnswer, RefusedError
-from ...http_api.times import rfc3339_s
-from ...threads import Threads
+from pydantic import Field, WithJsonSchema
+
+from ..atomic import made_folder, replaced_bytes
+from ..threads import Threads
+from .answers import Answer, Timestamp
+from .times import rfc3339_s
 
 MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
 """Room on the disk that recordings leave to history and events."""
 _AT_ONCE_BYTES = 1 << 20
-_NAME = re.compile(RECORDING_NAME)
+_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)"
+RecordingName = Annotated[str, WithJsonSchema({"type": "string", "pattern": f"^{_NAME}$"})]
+"""Name of a recording; whoever keeps them judges it."""
+
+
+class RefusedError(Exception):
+    """Refusal of a request; the text is one line, `status` the HTTP status that says so."""
+
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class RecordingAnswer(Answer):
+    """One recording."""
+
+    name: str
+    size: int = Field(description="Bytes.")
+    uploaded: Timestamp
 
 
 class Recordings:
-    """Recordings of one folder.
+    """Recordings of one folder. Every call may raise RefusedError.
 
     Args:
         folder: where they are; what uploads left there that were cut off is removed.
@@ -34,9 +54,8 @@ class Recordings:
     def __init__(self, folder: Path, most_bytes: int) -> None:
         self.folder = folder
         self._most_bytes = most_bytes
-        self._uploads = 0
+        self._uploads = self._coming_bytes = 0
         self._threads = Threads("upload", MOST_AT_ONCE)
-        self._coming_bytes = 0
         for left in folder.glob(".*.part*"):
             with contextlib.suppress(OSError):
                 left.unlink()
@@ -47,10 +66,20 @@ class Recordings:
         return sorted(answers, key=lambda each: each.uploaded, reverse=True)
 
     def path(self, name: str) -> Path:
-        """File of a recording that is there. Raises RefusedError."""
+        """File of a recording that is there."""
         path = self._named(name)
         if path.is_symlink() or not path.is_file():
             raise RefusedError(404, f"there is no recording {name!r}")
+        return path
+
+    def place(self, name: str) -> Path:
+        """File that a new recording is to have; refused where there is no room for one."""
+        path = self._named(name)
+        try:
+            made_folder(self.folder)
+            self._check_room(0)
+        except OSError as error:
+            raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
         return path
 
     def remove(self, name: str) -> None:
@@ -61,18 +90,23 @@ class Recordings:
             raise RefusedError(507, f"{name}: cannot be removed ({error.strerror})") from None
 
     async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> RecordingAnswer:
-        """Keep a recording that comes in chunks. Raises RefusedError."""
+        """Keep a recording that comes in chunks; no disk holds up the event loop."""
         path = self._named(name)
-        with self._place():
-            try:
-                await self._threads.run(made_folder, self.folder)
-                await self._write(path, chunks)
-                return _answer(path, path.stat())
-            except OSError as error:
-                raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
+        if self._uploads >= MOST_AT_ONCE:
+            raise RefusedError(
+                503, f"{MOST_AT_ONCE} recordings are already being uploaded; try again later"
+            )
+        self._uploads += 1
+        try:
+            await self._threads.run(made_folder, self.folder)
+            await self._write(path, chunks)
+            return _answer(path, path.stat())
+        except OSError as error:
+            raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
+        finally:
+            self._uploads -= 1
 
     async def _write(self, path: Path, chunks: AsyncIterator[bytes]) -> None:
-        """Write to a file that takes its name at the end; no disk holds up the event loop."""
         closing, size = ExitStack(), 0
         file = await self._threads.run(closing.enter_context, replaced_bytes(path))
         try:
@@ -91,25 +125,15 @@ class Recordings:
             self._coming_bytes -= size
 
     def _append(self, file: BinaryIO, batch: bytes) -> None:
+        self._check_room(len(batch))
+        file.write(batch)
+
+    def _check_room(self, more_bytes: int) -> None:
         kept = sum(status.st_size for _, status in self._kept())
         if kept + self._coming_bytes > self._most_bytes:
             raise RefusedError(507, f"{self._most_bytes / 1e6:g} MB of recordings: remove some")
-        if shutil.disk_usage(self.folder).free < LEFT_FREE_BYTES + len(batch):
+        if shutil.disk_usage(self.folder).free < LEFT_FREE_BYTES + more_bytes:
             raise RefusedError(507, "the disk is nearly full: remove some recordings")
-        file.write(batch)
-
-    @contextlib.contextmanager
-    def _place(self) -> Iterator[None]:
-        """One of the uploads at once."""
-        if self._uploads >= MOST_AT_ONCE:
-            raise RefusedError(
-                503, f"{MOST_AT_ONCE} recordings are already being uploaded; try again later"
-            )
-        self._uploads += 1
-        try:
-            yield
-        finally:
-            self._uploads -= 1
 
     def _kept(self) -> Iterator[tuple[Path, os.stat_result]]:
         """Recordings that are whole. Nothing else in the folder is one: no link, no folder."""
@@ -120,7 +144,7 @@ class Recordings:
                     yield path, status
 
     def _named(self, name: str) -> Path:
-        if not _NAME.fullmatch(name):
+        if not re.fullmatch(_NAME, name):
             raise RefusedError(
                 422,
                 f"{name!r}: expected letters, digits, '_', '-', '.', ending in .csv or .parquet",

@@ -1,0 +1,67 @@
+"""Programs started beside the service: in the background, and ended with all that they started."""
+
+import asyncio
+import os
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+PROGRAM = (sys.executable, "-m", "edge_service")
+NICE = 10
+PATIENCE_S = 5.0
+"""Time that a program has to end by itself when it is asked to."""
+ENVIRONMENT = {
+    "EDGE_SERVICE_PROGRESS": "1",
+    "MALLOC_ARENA_MAX": "2",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}
+
+
+async def started(*words: str, **streams: Any) -> asyncio.subprocess.Process:
+    """Process of `edge-service WORDS...`, first to go where memory runs short. Raises OSError."""
+    process = await asyncio.create_subprocess_exec(
+        *(*PROGRAM, *words),
+        stdin=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+        env=os.environ | ENVIRONMENT,
+        **streams,
+    )
+    with suppress(OSError):  # it has ended already, or this system knows no such thing
+        os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
+        _let_go_first(process.pid)
+    return process
+
+
+async def end(process: asyncio.subprocess.Process) -> None:
+    """Ask a process and what it started to end, then kill them."""
+    _signal(process, signal.SIGTERM)
+    with suppress(TimeoutError):
+        async with asyncio.timeout(PATIENCE_S):
+            await process.wait()
+    _signal(process, signal.SIGKILL)
+    await process.wait()
+
+
+async def finished(*words: str, limit_s: float) -> tuple[int, str]:
+    """Exit status of `edge-service WORDS...` and the last line it said. OSError, TimeoutError."""
+    process = await started(
+        *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+    )
+    try:
+        async with asyncio.timeout(limit_s):
+            _, said = await process.communicate()
+    finally:
+        await end(process)
+    return process.returncode or 0, said.decode(errors="replace").strip().rpartition("\n")[2]
+
+
+def _let_go_first(pid: int) -> None:
+    Path(f"/proc/{pid}/oom_score_adj").write_text("1000")
+
+
+def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, number)
