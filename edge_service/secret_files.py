@@ -1,11 +1,12 @@
-"""Secrets in files of their own, or among the credentials that systemd hands over."""
+"""Secrets: which keys they are, and how they come from files of their own or from systemd."""
 
-import logging
 import os
 import stat
 from pathlib import Path
+from typing import Any, get_args
 
-log = logging.getLogger(__name__)
+from pydantic import BaseModel, SecretStr
+
 CREDENTIALS = "$CREDENTIALS_DIRECTORY"
 """Beginning of a path that leads to the credentials of the unit."""
 MOST_BYTES = 65_536
@@ -15,36 +16,60 @@ class SecretError(Exception):
     """A file that holds no secret that may be used; the text is one line without the secret."""
 
 
+def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
+    """Keys of a table that hold secrets; each has a key `..._file` beside it."""
+    fields = model.model_fields.items()
+    return tuple(
+        name
+        for name, field in fields
+        if SecretStr in (field.annotation, *get_args(field.annotation))
+    )
+
+
+def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The content of a table with the secrets in place of the files that hold them.
+
+    Args:
+        folder: that paths are relative to.
+
+    Raises:
+        SecretError: one line with the key, without the secret.
+    """
+    read = {}
+    for key in secret_keys(model):
+        name = content.get(f"{key}_file")
+        if not isinstance(name, str):
+            continue
+        if key in content:
+            raise SecretError(f"{key}: there is {key}_file as well; one of the two is enough")
+        try:
+            read[key] = read_secret(secret_path(folder, Path(name)))
+        except SecretError as error:
+            raise SecretError(f"{key}_file: {error}") from None
+    return content | read
+
+
+def open_secrets(content: dict[str, Any], path: Path) -> list[str]:
+    """Passwords of outputs and drivers that stand in a configuration which others may read."""
+    if not path.stat().st_mode & stat.S_IROTH:
+        return []
+    outputs, axes = content.get("outputs"), content.get("axes")
+    tables: dict[str, Any] = {}
+    if isinstance(outputs, dict):
+        tables |= {f"outputs.{name}": table for name, table in outputs.items()}
+    for number, axis in enumerate(axes if isinstance(axes, list) else ()):
+        if isinstance(axis, dict):
+            tables[f"axes[{number}].settings"] = axis.get("settings")
+    return [
+        f"{name}.password"
+        for name, table in tables.items()
+        if isinstance(table, dict) and "password" in table
+    ]
+
+
 def secret_path(folder: Path, path: Path) -> Path:
     """Path of a secret: among the credentials, or relative to `folder`."""
     return path if path.parts[:1] == (CREDENTIALS,) else folder / path
-
-
-def read_secret(path: Path, *, private: bool = True) -> str:
-    """Secret in a file, without blanks around it.
-
-    Args:
-        private: others must not be able to read or change it: nobody but its owner; its group too
-            if root owns it, as root may hand a file to the service's group. Else that is logged.
-
-    Raises:
-        SecretError: there is no such file, no text in it, or others may read it.
-    """
-    place = expanded(path)
-    try:
-        handle = os.open(place, os.O_RDONLY | os.O_NONBLOCK)
-        with os.fdopen(handle, "rb") as file:
-            _check(path, os.fstat(handle), private=private)
-            content = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise SecretError(f"{path}: {error.strerror}") from None
-    try:
-        secret = content.decode().strip()
-    except UnicodeDecodeError:
-        raise SecretError(f"{path}: expected text in UTF-8") from None
-    if not secret or len(content) > MOST_BYTES:
-        raise SecretError(f"{path}: expected 1 to {MOST_BYTES} bytes")
-    return secret
 
 
 def expanded(path: Path) -> Path:
@@ -57,13 +82,34 @@ def expanded(path: Path) -> Path:
     return Path(folder, *path.parts[1:])
 
 
-def _check(path: Path, status: os.stat_result, *, private: bool) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        raise SecretError(f"{path}: expected a file")
-    allowed = stat.S_IRWXU | (stat.S_IRGRP if status.st_uid == 0 else 0)
-    mode = stat.S_IMODE(status.st_mode)
-    if mode & ~allowed:
-        problem = f"{path}: others may read or change it (mode {mode:o}); chmod 600 it"
-        if private:
-            raise SecretError(problem)
-        log.warning("%s", problem)
+def read_secret(path: Path) -> str:
+    """Secret in a file that its owner alone may read, without blanks around it.
+
+    Its group may read it too if root owns it, as root may hand a file to the service's group.
+
+    Raises:
+        SecretError: there is no such file, no text in it, or others may read or change it.
+    """
+    place = expanded(path)
+    try:
+        handle = os.open(place, os.O_RDONLY | os.O_NONBLOCK)
+        with os.fdopen(handle, "rb") as file:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
+                raise SecretError(f"{path}: expected a file")
+            allowed, mode = (0o740 if status.st_uid == 0 else 0o700), stat.S_IMODE(status.st_mode)
+            if mode & ~allowed:
+                raise SecretError(
+                    f"{path}: others may read or change it (mode {mode:o}); "
+                    f"chmod {mode & allowed:o} {place}"
+                )
+            content = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise SecretError(f"{path}: {error.strerror}") from None
+    try:
+        secret = content.decode().strip()
+    except UnicodeDecodeError:
+        raise SecretError(f"{path}: expected text in UTF-8") from None
+    if not secret or len(content) > MOST_BYTES:
+        raise SecretError(f"{path}: expected 1 to {MOST_BYTES} bytes")
+    return secret

@@ -11,13 +11,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..config_secrets import open_secrets, with_secrets
 from ..config_tables import (
     StoreConfig,
     Table,
 )
 from ..models.machine import Machine
-from ..secret_files import SecretError, secret_path
+from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
 from .gone import GONE_SETTINGS, gone_key
 from .mistakes import ConfigError, explain
 from .service import AxisConfig, EdgeConfig, HttpConfig

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..config_secrets import secret_keys
+from ..secret_files import secret_keys
 
 
 class ConfigError(Exception):

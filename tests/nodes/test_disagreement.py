@@ -40,7 +40,9 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 60.0)
         async with httpx.AsyncClient(base_url=f"{address}api/v1/", timeout=60.0) as client:
-            name = await once(client, "axes/X/health", lambda h: h["consistency"]["recording"])
+            name = await once(
+                client, "axes/X/health", lambda h: (h["consistency"] or {}).get("recording")
+            )
             health = (await client.get("axes/X/health")).json()
             assert health["consistency"]["state"] == "disagrees"
             raised = lambda h: "model" in [each["alarm"] for each in h["alarms"]]  # noqa: E731
