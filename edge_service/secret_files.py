@@ -99,10 +99,8 @@ def read_secret(path: Path) -> str:
                 raise SecretError(f"{path}: expected a file")
             allowed, mode = (0o740 if status.st_uid == 0 else 0o700), stat.S_IMODE(status.st_mode)
             if mode & ~allowed:
-                raise SecretError(
-                    f"{path}: others may read or change it (mode {mode:o}); "
-                    f"chmod {mode & allowed:o} {place}"
-                )
+                problem = f"{path}: others may read or change it (mode {mode:o})"
+                raise SecretError(f"{problem}; chmod 600 {place}")
             content = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise SecretError(f"{path}: {error.strerror}") from None

@@ -110,6 +110,8 @@ class JobBody(Answer):
 class Job(JobBody):
     """Row of a job."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": []})
+
     state: JobState
     started: Timestamp
     ended: Timestamp | None = None

@@ -25,7 +25,8 @@ function record(axis) {
 }
 
 export function renderRecorder(axis, jobs) {
-  const before = parts.axis === axis ? parts.job : null;
+  const isOther = parts.axis !== axis;
+  const before = isOther ? null : parts.job;
   parts.axis = axis;
   parts.job = jobs.find((job) => job.command === "record" && job.axis === axis && job.state === "running");
   parts.start.hidden = Boolean(parts.job);
@@ -34,7 +35,8 @@ export function renderRecorder(axis, jobs) {
     const of = parts.job.options.duration_s;
     parts.bar.value = parts.job.share ?? 0;
     write(parts.status, t("record.live", { axis, span: lasting(parts.bar.value * of), of: lasting(of) }));
-  } else if (before) {
+  } else if (isOther) write(parts.status, "");
+  else if (before) {
     const ended = jobs.find((job) => job.id === before.id);
     write(parts.status, ended?.state === "done" ? t("record.done") : t("failed", { why: ended?.verdict ?? "" }));
   }
