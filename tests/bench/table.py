@@ -1,99 +1,122 @@
-"""Tables of the benchmarks: aligned text for people, JSON-able rows for programs."""
+"""Tables of the benchmarks, and the work behind them spread over processes."""
 
+import contextlib
 import math
-from collections.abc import Container, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import TypeVar
 
-MISSING = "-"
-_HEADINGS = ("figure", "value", "unit", "aim", "met")
+from edge_service.cli.options import InputError
 
-
-def aligned(rows: Sequence[Sequence[str]], right: Container[int] = ()) -> list[str]:
-    """Lines of a table whose columns are as wide as their widest cell.
-
-    Args:
-        right: numbers of the columns that are flush right.
-
-    >>> aligned([("a", "value"), ("long", "1")], right=(1,))
-    ['a     value', 'long      1']
-    """
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.rjust(width) if k in right else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+Progress = Callable[[str], None]
+"""Takes a line that says how far it is."""
+Result = TypeVar("Result")
+_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table in Markdown."""
-    body = [f"| {' | '.join(row)} |" for row in rows]
-    return [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *body]
+class BenchError(InputError):
+    """A measurement that could not be made; the text is one line."""
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
-    """One part of the estimator's benchmark.
+class Table:
+    """One table.
 
     Attributes:
-        name: of the part, and of its rows in JSON.
-        heads: of the figures, in the order of the table.
-        rows: a label and the figures (as many as heads) of each row.
+        heads: of the columns.
+        rows: cells of each row, as many as heads; numbers are flush right.
         notes: what must be known to read them.
     """
 
-    name: str
-    title: str
     heads: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[object, ...]], ...]
+    rows: tuple[tuple[object, ...], ...]
     notes: tuple[str, ...] = ()
 
-    def as_text(self) -> str:
-        """An aligned table, then the notes."""
-        table = [(self.title, *self.heads)]
-        table += [(label, *(cell(figure) for figure in row)) for label, row in self.rows]
-        return "\n".join([*aligned(table, right=range(1, len(table[0]))), *self.notes])
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able values; what is not a number is null, what never came is "never"."""
-        rows = [
-            {"row": label}
-            | {key_of(head): plain(x) for head, x in zip(self.heads, row, strict=True)}
-            for label, row in self.rows
+    def __str__(self) -> str:
+        """Aligned columns, then the notes."""
+        right = [any(isinstance(row[k], int | float) for row in self.rows) for k in self._columns]
+        cells = [self.heads, *([cell(each) for each in row] for row in self.rows)]
+        widths = [max(len(row[k]) for row in cells) for k in self._columns]
+        lines = [
+            "  ".join(
+                row[k].rjust(widths[k]) if right[k] else row[k].ljust(widths[k])
+                for k in self._columns
+            ).rstrip()
+            for row in cells
         ]
-        return {"rows": rows, "notes": list(self.notes)}
+        return "\n".join([*lines, *self.notes])
 
-
-def key_of(head: str) -> str:
-    """A head as a key for a program: small letters without blanks."""
-    return head.lower().replace(" ", "_")
+    @property
+    def _columns(self) -> range:
+        return range(len(self.heads))
 
 
 def cell(figure: object) -> str:
     """One figure as printed: three digits after the point, whole numbers as they are."""
     if figure is None:
-        return MISSING
+        return "-"
     if isinstance(figure, list | tuple):
-        return " ".join(cell(each) for each in figure) or MISSING
+        return " ".join(cell(each) for each in figure) or "-"
     if not isinstance(figure, float):
         return str(figure)
     if math.isnan(figure):
-        return MISSING
+        return "-"
     return "never" if math.isinf(figure) else f"{figure:.3f}"
 
 
-def plain(figure: object) -> object:
-    """A figure for JSON, or figures within lists and dictionaries."""
-    if isinstance(figure, dict):
-        return {name: plain(each) for name, each in figure.items()}
-    if isinstance(figure, list | tuple):
-        return [plain(each) for each in figure]
-    if isinstance(figure, float) and not math.isfinite(figure):
-        return None if math.isnan(figure) else "never"
-    return figure
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A measured number beside a peer's and an aim.
+
+    Attributes:
+        theirs: the same of a peer, in `unit`; less is better.
+        peer: its name.
+        at_least, at_most: the aim; of the ratio if there is a peer, else of the value.
+    """
+
+    name: str
+    value: float
+    unit: str
+    theirs: float | None = None
+    peer: str = ""
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times less than the peer's it is; None without a peer."""
+        return None if self.theirs is None else self.theirs / self.value
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the aim is met; None without one."""
+        if self.at_least is None and self.at_most is None:
+            return None
+        value = self.value if self.ratio is None else self.ratio
+        above = self.at_least is None or value >= self.at_least
+        return above and (self.at_most is None or value <= self.at_most)
+
+
+def figures_table(figures: Sequence[Figure], notes: Sequence[str] = ()) -> Table:
+    """A row for each figure."""
+    heads = ("figure", "value", "unit", "theirs", "of", "ratio", "aim", "met")
+    rows = []
+    for each in figures:
+        limits = ((">=", each.at_least), ("<=", each.at_most))
+        aim = ", ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)
+        numbers = (each.value, each.theirs, each.ratio)
+        value, theirs, ratio = ("" if x is None else number_text(x) for x in numbers)
+        met = {None: "", True: "yes", False: "NO"}[each.met]
+        rows.append((each.name, value, each.unit, theirs, each.peer, ratio, aim, met))
+    return Table(heads, tuple(rows), tuple(notes))
+
+
+def number_text(value: float) -> str:
+    """Three significant digits, all digits of what is greater, thousands parted by commas."""
+    return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
 def mean_of(values: Sequence[float]) -> float:
@@ -102,86 +125,30 @@ def mean_of(values: Sequence[float]) -> float:
     return sum(finite) / len(finite) if finite else math.nan
 
 
-class Figures(Protocol):
-    """Figures of one run."""
+def in_processes(
+    jobs: Sequence[Callable[[], Result]], processes: int = 2
+) -> Iterator[tuple[int, Result]]:
+    """Number and result of each job, as they end, in processes of one thread each.
 
-    def as_text(self) -> str:
-        """Aligned tables, for a terminal."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able values."""
-
-
-class PipelineBenchError(Exception):
-    """A measurement that could not be made; the text is one line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One measured number.
-
-    Attributes
-    ----------
-    key : str
-        Its name in JSON.
-    name : str
-        Its name in the table.
-    value : float
-        The number, in `unit`.
-    unit : str
-        SI unit, `MB` (1e6 bytes), or empty.
-    at_most, at_least : float or None
-        The aim; None if there is none.
+    Args:
+        jobs: can be pickled.
     """
-
-    key: str
-    name: str
-    value: float
-    unit: str
-    at_most: float | None = None
-    at_least: float | None = None
-
-    @property
-    def met(self) -> bool | None:
-        """True if the aim is met; None without an aim."""
-        if self.at_most is None and self.at_least is None:
-            return None
-        below = self.at_most is None or self.value <= self.at_most
-        return below and (self.at_least is None or self.value >= self.at_least)
+    context = multiprocessing.get_context("spawn")
+    with _one_thread_each(), ProcessPoolExecutor(processes, context) as pool:
+        started = {pool.submit(job): number for number, job in enumerate(jobs)}
+        for done in as_completed(started):
+            yield started[done], done.result()
 
 
-@dataclass(frozen=True, slots=True)
-class PipelineBench:
-    """All figures of one run, and what must be known to read them."""
-
-    figures: tuple[Figure, ...]
-    notes: tuple[str, ...]
-
-    def value(self, key: str) -> float:
-        """One figure's number; KeyError for an unknown key."""
-        return {figure.key: figure.value for figure in self.figures}[key]
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able values."""
-        return {
-            "schema": "drivers-bench/1",
-            "figures": [asdict(figure) | {"met": figure.met} for figure in self.figures],
-            "notes": list(self.notes),
-        }
-
-    def as_text(self) -> str:
-        """An aligned table, then the notes."""
-        rows = [_HEADINGS, *(_row(figure) for figure in self.figures)]
-        return "\n".join([*aligned(rows, right=(1,)), "", *self.notes])
-
-
-def _row(figure: Figure) -> tuple[str, ...]:
-    limits = (("<=", figure.at_most), (">=", figure.at_least))
-    aim = ", ".join(f"{sign} {number_text(limit)}" for sign, limit in limits if limit is not None)
-    met = {None: "", True: "yes", False: "NO"}[figure.met]
-    return figure.name, number_text(figure.value), figure.unit, aim, met
-
-
-def number_text(value: float) -> str:
-    """Three significant digits, all digits of what is greater, thousands parted by commas."""
-    return f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+@contextlib.contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes begun meanwhile leave the other cores to each other."""
+    before = {name: os.environ.get(name) for name in _THREAD_COUNTS}
+    os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value

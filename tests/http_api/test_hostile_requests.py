@@ -15,7 +15,7 @@ from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import Jobs
 from edge_service.http_api.recordings import Recordings
 
-from ..bench.faults.hostile_requests import HostileRequest, hostile_requests
+from .hostile_requests import HostileRequest, hostile_requests
 from .test_limits import connected, served
 
 COUNT, AT_ONCE = 1500, 20

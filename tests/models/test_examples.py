@@ -9,21 +9,8 @@ import pytest
 
 from edge_service.models import bounds
 from edge_service.models.screw import ball_screw, friction, nut_law, stiffness
-from tests.bench.oracles import linear_drive, state_space
 
-from ..bench.oracles import component_drive, printed_friction, screw_formulas, series_stiffness
-
-PHYSICS = (
-    ball_screw,
-    component_drive,
-    friction,
-    linear_drive,
-    nut_law,
-    printed_friction,
-    screw_formulas,
-    series_stiffness,
-    stiffness,
-)
+PHYSICS = (ball_screw, friction, nut_law, stiffness)
 
 
 def public_functions(module: ModuleType) -> dict[str, str]:
@@ -38,7 +25,7 @@ def public_functions(module: ModuleType) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("module", [*PHYSICS, state_space, bounds], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("module", [*PHYSICS, bounds], ids=lambda m: m.__name__)
 def test_examples_hold(module: ModuleType) -> None:
     result = doctest.testmod(module)
     assert result.attempted > 0

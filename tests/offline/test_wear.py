@@ -6,21 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import t as student
 
 from edge_service.cli.entry import main
 from edge_service.offline.reproduce.wear import (
     Crossing,
-    Date,
     WearTest,
     crossing,
     read_wear_test,
     study,
 )
-
-from ..bench.wear.bench import lives_of, share
-from ..bench.wear.histories import WEARING, Law
-from ..bench.wear.straight_line import Stage, interval_score, line_dates, paired_scores, tally
 
 REAL = Path(__file__).parents[3] / "shared/data/xjtu_wear/lower_screw_drag_nm.txt"
 
@@ -55,73 +49,6 @@ def test_a_crossing_is_the_first_below_and_the_last_from_above() -> None:
     assert (found.first_h, found.last_h) == (pytest.approx(15.0), pytest.approx(35.0))
     assert crossing(test, 50.0) == Crossing(math.inf, math.inf)
     assert math.isinf(crossing(worn([100.0, 85.0, 95.0]), 90.0).last_h)
-
-
-def test_the_score_is_that_of_the_interval_and_the_middle() -> None:
-    # K = 1 of Bracher et al. (2021): (|y - m| / 2 + alpha / 2 IS) / 1.5 with alpha = .1
-    date = Date(100.0, 150.0, 300.0)
-    assert interval_score(date, 200.0) == pytest.approx((25.0 + 0.05 * 200.0) / 1.5)
-    missed = (0.5 * 250.0 + 0.05 * (200.0 + 20.0 * 100.0)) / 1.5
-    assert interval_score(date, 400.0) == pytest.approx(missed)
-
-
-def test_dates_are_held_against_what_came() -> None:
-    said = {0.0: {}, 10.0: {90.0: Date(20, 30, 40)}, 20.0: {90.0: Date(50, 60, 70)}}
-    said[40.0] = {90.0: Date(41, 42, 43)}
-    asked = [Stage(at, 100.0, dates, {}) for at, dates in said.items()]
-    found = tally(asked, {90.0: 35.0, 80.0: math.inf}, lambda stage: stage.trend)
-    assert (found.asked, found.stated, found.held, found.said_after) == (3, 2, 1, 1)
-    assert found.lead_h == {90.0: 25.0}
-    assert found.coverage == 0.5
-    assert paired_scores(asked, {90.0: 35.0}).shape == (0, 2)
-
-
-def test_the_straight_line_has_the_band_of_least_squares() -> None:
-    """Fieller's bounds are where the band of the line's mean meets the limit."""
-    time_h = 10.0 * np.arange(12.0)
-    percent = 100.0 - 0.1 * time_h + np.random.default_rng(2).standard_normal(12)
-    test = WearTest(time_h, time_h, 0.005 * percent)
-    limit = 80.0
-    date = line_dates(test, (limit,))[limit]
-    slope, level = np.polyfit(time_h, test.percent, 1)
-    rest = test.percent - level - slope * time_h
-    mean_h, sxx = time_h.mean(), np.sum((time_h - time_h.mean()) ** 2)
-    sigma = np.sqrt(rest @ rest / 10.0)
-    grid = np.linspace(0.0, 2000.0, 200_001)
-    half = student.ppf(0.95, 10) * sigma * np.sqrt(1.0 / 12.0 + (grid - mean_h) ** 2 / sxx)
-    line = level + slope * grid
-    inside = grid[np.abs(line - limit) <= half]
-    assert date.likely_h == pytest.approx((limit - level) / slope, rel=0.02)
-    assert date.earliest_h == pytest.approx(inside[0], rel=0.03)
-    assert date.latest_h == pytest.approx(inside[-1], rel=0.06)
-
-
-def test_bands_hold_whatever_the_law_and_a_straight_line_is_beaten() -> None:
-    parts = [lives_of(law, lives=3, seed=21) for law in WEARING]
-    trend = [each for part in parts for each in part.trend]
-    line = [each for part in parts for each in part.line]
-    assert share(trend, "held", "stated") > 0.8
-    assert share(trend, "held", "stated") > share(line, "held", "stated") + 0.2
-    assert share(trend, "stated", "asked") > 0.5
-    scores = np.concatenate([part.scores for part in parts]).mean(axis=0)
-    assert scores[0] < scores[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [31, 32])
-def test_nine_of_ten_bands_hold_over_all_laws(seed: int) -> None:
-    parts = [lives_of(law, seed=seed) for law in WEARING]
-    trend = [each for part in parts for each in part.trend]
-    assert 0.85 <= share(trend, "held", "stated") <= 0.96
-    assert share(trend, "stated", "asked") > 0.6
-    scores = np.concatenate([part.scores for part in parts]).mean(axis=0)
-    assert scores[0] < 0.8 * scores[1]
-
-
-@pytest.mark.parametrize("law", ["none"])
-def test_a_screw_that_does_not_wear_rarely_has_a_date(law: Law) -> None:
-    part = lives_of(law, lives=8, seed=23)
-    assert share(part.trend, "stated", "asked") < 0.2
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"needs {REAL}, a real screw's wear")

@@ -1,173 +1,26 @@
-"""`edge-service bench diagnose`: the diagnosis against a plant that shares no code with it.
+"""The benches of the diagnosis: a foreign plant, one beside the checkout, and real machines."""
 
-The truth generator lives beside the tests, in `foreign_plant`; a case is a set of causes, their
-strength, a motion and a seed. What is withheld is either in the library and unknown to the baseline
-(it must be named), or taken out of the library too (it must be unknown). What is diagnosed is the
-recording alone: the causes are written beside the answer after it is given. A second recording of
-the same axis shows how far the gap really shrinks.
-"""
+from collections.abc import Collection
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-
-import numpy as np
-
-from edge_service.diagnose.result import Diagnosis
-from edge_service.diagnose.session.session import Session
-from edge_service.models.effects.registry import active_effect
-from edge_service.models.machine import Machine
-
-from ... import foreign_plant as plant
-from ..pool import in_processes
-from .cases import BenchCase, BenchError, baseline_machine, diagnosed, recorded, session_of_frames
-from .overlap import overlap
-from .rows import LARGE, BenchRow, read_rows, write_rows
-from .table import as_text
-
-__all__ = ["BenchCase", "BenchError", "BenchRow", "plan_cases", "run_diagnose_bench"]
-
-INTERVALS: dict[str, frozenset[str]] = {
-    "position_friction": frozenset({"table_position_m"}),
-    "external_force": frozenset({"time_s"}),
-    "stribeck": frozenset({"motor_speed_rad_s"}),
-    "viscous_error": frozenset({"motor_speed_rad_s"}),
-    "quadratic_friction": frozenset({"motor_speed_rad_s"}),
-    "timestamp_skew": frozenset({"motor_speed_rad_s"}),
-    "warmup": frozenset({"time_s", "temperature_c"}),
-    "thermal_growth": frozenset({"time_s", "temperature_c", "table_position_m"}),
-    "inertia_error": frozenset({"motor_acceleration_rad_s2"}),
-}
-"""Causes whose gap is a function of something that has intervals, and of what."""
-
-
-def run_case(case: BenchCase) -> BenchRow:
-    """Simulate and diagnose one case."""
-    machine = baseline_machine()
-    session = session_of_frames(machine, [recorded(case, case.motion, case.seed)])
-    start = time.process_time()
-    found = diagnosed(machine, session, case.withheld)
-    seconds = time.process_time() - start
-    again = session_of_frames(machine, [recorded(case, "production", case.seed + 500_000)])
-    row = _row(case, found, again, seconds)
-    covered = _covered(row, found, machine, session)
-    return row if covered is None else replace(row, covered=covered)
-
-
-def _covered(row: BenchRow, found: Diagnosis, machine: Machine, session: Session) -> float | None:
-    """Overlap of named and true intervals, where there is one cause with a large gap."""
-    case = row.case
-    right = INTERVALS.get(case.causes[0], frozenset()) if len(case.causes) == 1 else frozenset()
-    if not right or row.ratio < LARGE:
-        return None
-    healthy = replace(case, causes=())
-    without = session_of_frames(machine, [recorded(healthy, case.motion, case.seed)])
-    return overlap(found.where, session, without, right)
-
-
-def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
-    """Shrink of another recording's gap by each named effect beside the others, in its channel."""
-    shrinks = {}
-    for each in found.effects:
-        others = [
-            active_effect(other.name, values)
-            for other in found.effects
-            if other is not each
-            for values in other.entries
-        ]
-        mine = [active_effect(each.name, values) for values in each.entries]
-        before, after = (
-            Session.of_runs(again.runs, again.baseline, active).channels[each.channel].rms
-            for active in (others, [*others, *mine])
-        )
-        shrinks[each.name] = 1.0 - after / before
-    return shrinks
-
-
-def _with_all(found: Diagnosis, again: Session) -> dict[str, tuple[float, float]]:
-    """Another recording's gap in each channel that an effect is named in, before and after."""
-    active = [active_effect(each.name, values) for each in found.effects for values in each.entries]
-    after = Session.of_runs(again.runs, again.baseline, active)
-    claimed = sorted({each.channel for each in found.effects})
-    return {name: (again.channels[name].rms, after.channels[name].rms) for name in claimed}
-
-
-def _row(case: BenchCase, found: Diagnosis, again: Session, seconds: float) -> BenchRow:
-    return BenchRow(
-        case=case,
-        verdict=found.verdict.value,
-        named={each.name: each.probability for each in found.effects},
-        classes={each.name: list(each.tied) for each in found.effects},
-        ratio=max(each.before / each.floor for each in found.gap.values()),
-        unexplained=found.unexplained.share or 0.0,
-        shrink={e.name: (e.shrink.estimate, e.shrink.low, e.shrink.high) for e in found.effects},
-        realised=_realised(found, again),
-        gap={name: (g.before, g.after, g.floor) for name, g in found.gap.items()},
-        where=[f"{place.channel}:{place.variable}" for place in found.where],
-        seconds=seconds,
-        again=_with_all(found, again),
-    )
-
-
-def run_cases(
-    cases: Sequence[BenchCase], workers: int = 2, progress: Callable[[str], None] = lambda _l: None
-) -> Iterator[BenchRow]:
-    """All cases over some processes, as they are done."""
-    jobs = [partial(run_case, case) for case in cases]
-    for count, (_, row) in enumerate(in_processes(jobs, workers), start=1):
-        progress(f"{count} of {len(cases)}: {row.case.label}: {row.verdict} {row.named}")
-        yield row
-
-
-def plan_cases(count: int, seed: int = 0) -> list[BenchCase]:
-    """A mixture of cases: healthy, singles, pairs, triples, oddities and leave-one-out."""
-    known, odd = sorted(plant.FAULTS), sorted(plant.ODDITIES)
-    random = np.random.default_rng(seed)
-    cases: list[BenchCase] = []
-    while len(cases) < count:
-        k = len(cases)
-        motion = ("full", "production", "staircase")[k % 3]
-        kind = ("healthy", "single", "single", "single", "pair", "odd", "out", "triple")[k % 8]
-        strength = float(random.choice([0.5, 1.0, 2.0]))
-        number = seed * 10_000 + k
-        name = known[(k // 2) % len(known)]
-        if kind == "healthy":
-            cases.append(BenchCase((), 1.0, motion, number))
-        elif kind == "odd":
-            cases.append(BenchCase((str(random.choice(odd)),), strength, motion, number))
-        elif kind == "out":
-            cases.append(BenchCase((name,), max(strength, 1.0), motion, number, (name,)))
-        else:
-            size = {"single": 1, "pair": 2, "triple": 3}[kind]
-            others = [each for each in random.permutation(known) if each != name][: size - 1]
-            cases.append(BenchCase((name, *map(str, others)), strength, motion, number))
-    return cases
+from .. import real_machines
+from ..estimator.plants.second_plant import BESIDE
+from ..table import BenchError, Progress, Table
+from .foreign_table import run_foreign
+from .second_plant import MAKE, has_diagnosis_plant, run_diagnosis_plant
+from .seeded_errors import run_seeded_errors
 
 
 def run_diagnose_bench(
-    count: int,
-    out: Path | None = None,
-    workers: int = 2,
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _line: None,
-) -> str:
-    """Run a mixture of `count` cases and return the table.
-
-    Rows go to `out`, a JSON line each, as they are done; cases that it holds already are not run
-    again.
-
-    Raises:
-        BenchError: no truth generator is at hand.
-    """
-    planned = plan_cases(count, seed)
-    known = {row.case: row for row in (read_rows(out) if out else ())}
-    if out is not None and known:
-        write_rows(known.values(), out, "w")
-    for row in run_cases([case for case in planned if case not in known], workers, progress):
-        known[row.case] = row
-        if out is not None:
-            write_rows([row], out, "a")
-    rows = [known[case] for case in planned]
-    return as_text(rows)
+    parts: Collection[str], quick: bool, seed: int, progress: Progress
+) -> list[Table]:
+    """Run some parts. Raises BenchError."""
+    tables = []
+    if "foreign" in parts:
+        tables.append(run_foreign(20 if quick else 500, seed, progress))
+    if "second-plant" in parts:
+        if not has_diagnosis_plant(BESIDE):
+            raise BenchError(f"bench diagnose: no {MAKE} in {BESIDE}")
+        tables.append(run_diagnosis_plant(BESIDE, seed, quick, progress))
+    if "real-machines" in parts:
+        tables.append(run_seeded_errors(real_machines.DATA, seed, progress))
+    return tables

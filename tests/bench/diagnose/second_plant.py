@@ -7,14 +7,13 @@ answers. Nothing of it is imported.
 import json
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..estimator.plants.second_plant import run_command, tool_command
-from ..pool import Progress
-from .table import BenchFigure, figures_as_text
+from ..table import Progress, Table
+from .figures import Row, figures_table, share, value
 
 MAKE, SCORE = "make.py", "score.py"
 THINNED = (2, 4, 10, 20, 40)
@@ -30,51 +29,37 @@ Case = Mapping[str, Any]
 
 
 def has_diagnosis_plant(folder: Path) -> bool:
-    """Tell whether its commands are there."""
+    """Whether its commands are there."""
     return all((folder / name).is_file() for name in (MAKE, SCORE))
 
 
-def run_diagnosis_plant(
-    folder: Path, seed: int, quick: bool, out: Path | None, say: Progress = lambda _line: None
-) -> str:
+def run_diagnosis_plant(folder: Path, seed: int, quick: bool, say: Progress) -> Table:
     """Make its recordings of one seed, score the answers to them, and tell both as a table.
 
     Args:
         quick: a dozen cases and two rates instead of ninety and five.
-        out: each finished case of the whole recordings as a line of JSON, gone on with if there.
 
-    Raises SecondPlantError where a command fails.
+    Raises BenchError where a command fails.
     """
     with tempfile.TemporaryDirectory(prefix="second-plant-") as home:
         recordings = Path(home) / "recordings"
         say(f"second plant, seed {seed}: making recordings")
         extent = ["--set", "small" if quick else "full"]
-        make = [str(folder / MAKE), str(recordings), "--seed", str(seed), *extent]
-        run_command(make, say)
-        rows = [] if out is None else ["--rows", str(out)]
-        found = _scored(folder, recordings, rows, partial(_reported, say, f"seed {seed}"))
+        run_command([str(folder / MAKE), str(recordings), "--seed", str(seed), *extent], say)
+        found = _scored(folder, recordings, f"seed {seed}", say)
         figures = figures_of(found["cases"], found["metrics"])
         for every in THINNED[1::2] if quick else THINNED:
-            thinned = Path(home) / f"every{every}"
+            thinned, name = Path(home) / f"every{every}", f"{RATE_HZ / every:g} Hz"
             thin(recordings, thinned, every)
-            name = f"{RATE_HZ / every:g} Hz"
-            cases = _scored(folder, thinned, [], partial(_reported, say, name))["cases"]
-            figures += slow_figures_of(cases, name)
-    title = f"second plant beside the checkout, seed {seed}"
-    return "\n".join([title, *figures_as_text(figures)])
+            figures += slow_figures_of(_scored(folder, thinned, name, say)["cases"], name)
+    return figures_table(figures, (f"second plant beside the checkout, seed {seed}",))
 
 
-def _reported(say: Progress, name: str, line: str) -> None:
-    say(f"{name}: {line}")
-
-
-def _scored(
-    folder: Path, recordings: Path, more: Sequence[str], say: Progress
-) -> Mapping[str, Any]:
+def _scored(folder: Path, recordings: Path, name: str, say: Progress) -> Mapping[str, Any]:
     """Scores and cases of some recordings."""
     answers = recordings / "scores.json"
     command = [str(folder / SCORE), str(recordings), "--tool", tool_command()]
-    run_command([*command, "--json", str(answers), *more], say)
+    run_command([*command, "--json", str(answers)], lambda line: say(f"{name}: {line}"))
     found: Mapping[str, Any] = json.loads(answers.read_text("utf-8"))
     return found
 
@@ -98,57 +83,51 @@ def thin(recordings: Path, out: Path, every: int) -> None:
     (out / "answers.json").write_text(json.dumps(known | {"cases": kept}), "utf-8")
 
 
-def figures_of(cases: Sequence[Case], metrics: Mapping[str, Any]) -> list[BenchFigure]:
+def figures_of(cases: Sequence[Case], metrics: Mapping[str, Any]) -> list[Row]:
     """The table of whole recordings; what has no answer counts as wrong."""
     singles = _of_kind(cases, "single")
     clear = [case for case in singles if max(case["snr"].values()) >= CLEAR]
     controls = _of_kind(cases, "control")
     held_out, said = metrics["hold-out"], metrics.get("probability", {})
     return [
-        _share("singles, clear: named first", ">= 97 %", map(_is_first, clear)),
-        _share("singles, all strengths: named first", ">= 92 %", map(_is_first, singles)),
-        _share("doubles: both named", ">= 85 %", map(_are_both, _of_kind(cases, "double"))),
-        _share(
+        share("singles, clear: named first", ">= 97 %", map(_is_first, clear)),
+        share("singles, all strengths: named first", ">= 92 %", map(_is_first, singles)),
+        share("doubles: both named", ">= 85 %", map(_are_both, _of_kind(cases, "double"))),
+        share(
             "cause that no entry has: unknown, or none above .5",
             ">= 90 %",
             map(_is_nameless, _of_kind(cases, "open")),
         ),
-        _share("healthy: no_gap", ">= 97 %", (_verdict(each) == "no_gap" for each in controls)),
-        _share("healthy: falsely attributed", "<= .5 %", map(_claims, controls)),
-        BenchFigure(
-            "calibration error", "<= .05", said.get("ece", 0.0), int(said.get("n", 0)), "1"
-        ),
-        BenchFigure(
+        share("healthy: no_gap", ">= 97 %", (_verdict(each) == "no_gap" for each in controls)),
+        share("healthy: falsely attributed", "<= .5 %", map(_claims, controls)),
+        value("calibration error", "<= .05", said.get("ece", 0.0), int(said.get("n", 0))),
+        value(
             "realised shrink of what an oracle reaches, median",
             ">= 95 %",
             held_out["median_share_of_achievable"] or 0.0,
             int(held_out["share_n"]),
             "%",
         ),
-        BenchFigure(
+        value(
             "90 % interval of the shrink holds it",
             "85-95 %",
             held_out["coverage"]["rate"] or 0.0,
             int(held_out["coverage"]["n"]),
+            "%",
         ),
-        BenchFigure("processor time, median, s", "", metrics["run"]["cpu_median"], len(cases), "1"),
+        value("processor time, median, s", "", metrics["run"]["cpu_median"], len(cases)),
     ]
 
 
-def slow_figures_of(cases: Sequence[Case], rate: str) -> list[BenchFigure]:
+def slow_figures_of(cases: Sequence[Case], rate: str) -> list[Row]:
     """The table of thinned recordings."""
     controls = _of_kind(cases, "control")
     singles = _of_kind(cases, "single")
     quiet = (_verdict(each) == "no_gap" for each in controls)
     return [
-        _share(f"{rate}: friction error named first", "all", map(_is_first, singles)),
-        _share(f"{rate}: healthy no_gap", "all", quiet),
+        share(f"{rate}: friction error named first", "all", map(_is_first, singles)),
+        share(f"{rate}: healthy no_gap", "all", quiet),
     ]
-
-
-def _share(name: str, aim: str, hits: Iterable[bool]) -> BenchFigure:
-    counted = list(hits)
-    return BenchFigure(name, aim, sum(counted) / max(len(counted), 1), len(counted))
 
 
 def _of_kind(cases: Sequence[Case], kind: str) -> list[Case]:

@@ -11,7 +11,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.channels import CHANNELS
 
 from ..speed.process_meter import ServiceProcess
-from ..table import Figure, PipelineBenchError
+from ..table import BenchError, Figure
 
 SESSIONS = 8
 """Of the ten that the stub has."""
@@ -65,11 +65,11 @@ async def _measure(stub: ServiceProcess, url: str, window_s: float) -> list[Figu
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
     if count == 0:
-        raise PipelineBenchError("no notification came")
+        raise BenchError("no notification came")
     name = f"OPC UA, {SESSIONS} sessions at 100 ms: notifications"
     return [
-        Figure("opcua_notifications_per_s", name, count / elapsed_s, "1/s"),
-        Figure("opcua_cpu_s", "  processor per notification", cpu_s / count, "s"),
+        Figure(name, count / elapsed_s, "1/s"),
+        Figure("  processor per notification", cpu_s / count, "s"),
     ]
 
 
@@ -81,7 +81,7 @@ async def _wait_for(stub: ServiceProcess, driver: Driver) -> None:
             return
         except DriverUnavailableError as error:
             if stub.since_start_s() > PATIENCE_S:
-                raise PipelineBenchError(f"the stub does not answer: {error}") from None
+                raise BenchError(f"the stub does not answer: {error}") from None
             await asyncio.sleep(0.2)
 
 

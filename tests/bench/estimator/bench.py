@@ -1,100 +1,129 @@
-"""The bench of the mixture estimator: each row measured, beside the thesis', and what was aimed at.
+"""The bench of the estimator: every part measured beside its aims.
 
 Truth comes from the library's plant and from others written differently; every axis is
 commissioned on a recording of its own before it is judged.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from ..life.bench import life_section
-from ..pool import Progress, in_processes
-from ..table import Section
-from .healthy.false_conditions import healthy_section
-from .parts import TABLE
-from .plants.second_plant import has_second_plant, plant_section, run_second_plant
-from .rows import BenchTable, table_of
-from .tasks import BenchSettings, Task, tasks_of
-from .wear.wear_rates import rate_section
+from ..life.bench import life_table, live, shapes
+from ..table import BenchError, Progress, Table, in_processes
+from .healthy.false_conditions import healthy_table, shifts
+from .healthy.production_cases import PLANTS, SHIFT_S
+from .losses import losses_table, lost
+from .parts import FIRST_SEED, TABLE
+from .plants.foreign import foreign, foreign_errors, foreign_one_encoder
+from .plants.own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
+from .plants.second_plant import BESIDE, has_second_plant, plant_table, run_second_plant
+from .plants.spoiled import hostile
+from .plants.thesis import thesis_runs
+from .rows import table_of
+from .trend_coverage import Coverage, coverage, trend_table
+from .wear_rates import rate_session, rate_table
 
-SCHEMA = "estimator-bench/1"
-_SECTIONS: Mapping[str, Callable[[Any], Section]] = {
-    "life": life_section,
-    "rates": rate_section,
-    "healthy": healthy_section,
-    "second-plant": plant_section,
+PROCESSES = 2
+_TABLES: Mapping[str, Callable[[Any], Table]] = {
+    "table": table_of,
+    "life": life_table,
+    "rates": rate_table,
+    "healthy": healthy_table,
+    "losses": losses_table,
+    "trend": trend_table,
+    "second-plant": plant_table,
 }
+_FOREIGN_ERRORS = (
+    ("no", 0.0),
+    *(("torque_gain", share) for share in (-0.02, 0.02)),
+    *(("inertia", share) for share in (-0.05, 0.05)),
+    *(("skew_s", skew_s) for skew_s in (-1e-6, 1e-6)),
+    *(("series", share) for share in (-0.1, 0.1)),
+)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EstimatorBench:
-    """Accuracy of the estimator; a part that was not asked for is None or absent.
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Cases that one process runs."""
 
-    Attributes:
-        unmeasured: why a part that was asked for could not be measured.
+    part: str
+    name: str
+    run: Callable[[], Iterable[object]]
+
+    def __call__(self) -> list[object]:
+        """All its results."""
+        return list(self.run())
+
+
+def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
+    """All cases, the longest of the table first.
+
+    Args:
+        quick: fewer and shorter cases, for a look.
+        axes: seeds of the axes of lives, rates, shifts and losses.
     """
+    few = (1,) if quick else (1, 2)
+    yield Task("own", "40 minutes", partial(long_run, 1, quick))
+    for axis in few:
+        yield Task("own", f"warm-up, axis {axis}", partial(warm_up, axis, quick))
+    for axis in (3,) if quick else (3, 4, 5):
+        yield Task("foreign", f"foreign axis {axis}", partial(foreign, axis, quick))
+        blind = partial(foreign_one_encoder, axis, quick)
+        yield Task("foreign", f"foreign, one encoder {axis}", blind)
+    for error, share in () if quick else _FOREIGN_ERRORS:
+        wrong = partial(foreign_errors, error, share, quick)
+        yield Task("foreign", f"foreign {error} {share:g}", wrong)
+    yield Task("own", "intervals", partial(intervals, 1, quick))
+    for axis in few:
+        yield Task("own", f"closed loop, axis {axis}", partial(closed_loop, axis, quick))
+        yield Task("own", f"loads, axis {axis}", partial(loads, axis, quick))
+    yield Task("spoiled", "spoiled recordings", partial(hostile, quick))
+    for which in range(0 if quick else len(ERRORS)):
+        yield Task("own", ERRORS[which][0], partial(calibration, which, quick))
+    runs = 1 if quick else 2
+    for first in range(0, 1 if quick else 8, runs):
+        yield Task("thesis", f"thesis' simulations {first}", partial(thesis_runs, first, runs))
+    yield Task("trend", "screws of six laws", partial(_trend, 50 if quick else 400))
+    shift_s = 60.0 if quick else SHIFT_S
+    for axis in axes:
+        for plant in ("foreign", "own"):
+            for shape in shapes(quick):
+                name = f"life {plant} {axis}: {shape}"
+                yield Task("life", name, partial(live, plant, shape, axis, quick))
+        for warming in (False, True):
+            name = f"wear axis {axis}, {'warming up' if warming else 'cold'}"
+            yield Task("rates", name, partial(rate_session, axis, warming, quick))
+        for plant in PLANTS:
+            healthy = partial(shifts, plant, axis, shift_s)
+            yield Task("healthy", f"healthy {plant} {axis}", healthy)
+            yield Task("losses", f"losses {plant} {axis}", partial(lost, plant, axis, shift_s))
 
-    table: BenchTable | None
-    sections: tuple[Section, ...] = ()
-    unmeasured: tuple[str, ...] = ()
 
-    def as_text(self) -> str:
-        """All tables, for a terminal."""
-        tables = [each.as_text() for each in (self.table, *self.sections) if each]
-        return "\n\n".join([*tables, *self.unmeasured])
-
-    def as_dict(self) -> dict[str, Any]:
-        """For a program; what is not a number is null."""
-        known: dict[str, Any] = {"schema": SCHEMA, "unmeasured": list(self.unmeasured)}
-        if self.table is not None:
-            known |= self.table.as_dict()
-        known |= {section.name: section.as_dict() for section in self.sections}
-        return known
+def _trend(lives: int) -> Iterator[Coverage]:
+    yield coverage(lives)
 
 
 def run_estimator_bench(
-    settings: BenchSettings | None = None, progress: Progress | None = None
-) -> EstimatorBench:
-    """Run the parts asked for, the same numbers in every run.
-
-    Args:
-        progress: called with what is done.
-    """
-    settings, say = settings or BenchSettings(), progress or (lambda _: None)
-    found = _run(tasks_of(settings), settings.processes, say)
-    unmeasured = _run_second_plant(settings, found, say)
-    named = [name for name in _SECTIONS if found.get(name)]
-    table = [part for name in TABLE for part in found.get(name, [])]
-    return EstimatorBench(
-        table=table_of(table) if table else None,
-        sections=tuple(_SECTIONS[name](found[name]) for name in named),
-        unmeasured=unmeasured,
-    )
-
-
-def _run(tasks: Sequence[Task], processes: int, say: Progress) -> dict[str, list[Any]]:
-    """Results of all tasks by part, in the order of the tasks."""
+    parts: Collection[str],
+    quick: bool,
+    say: Progress,
+    seed: int = FIRST_SEED,
+    seeds: int = 1,
+) -> list[Table]:
+    """Run some of `PARTS`, the same numbers in every run. Raises BenchError."""
+    tasks = [task for task in tasks_of(quick, range(seed, seed + seeds)) if task.part in parts]
     done: dict[int, list[Any]] = {}
-    for number, result in in_processes(tasks, processes):
+    for number, result in in_processes(tasks, PROCESSES):
         done[number] = result
         say(f"{len(done)} of {len(tasks)}: {tasks[number].name}")
     found: dict[str, list[Any]] = {}
     for number, task in enumerate(tasks):
-        found.setdefault(task.part, []).extend(done[number])
-    return found
-
-
-def _run_second_plant(
-    settings: BenchSettings, found: dict[str, list[Any]], say: Progress
-) -> tuple[str, ...]:
-    """Add its recordings; why there are none, where there are none."""
-    folder = settings.second_plant
-    if "second-plant" not in settings.parts:
-        return ()
-    if not has_second_plant(folder):
-        return (f"second plant: not measured, there is none in {folder}",)
-    for seed in range(settings.seed, settings.seed + settings.seeds):
-        parts = run_second_plant(folder, seed, settings.quick, settings.processes, say)
-        found.setdefault("second-plant", []).extend(parts)
-    return ()
+        found.setdefault("table" if task.part in TABLE else task.part, []).extend(done[number])
+    if "second-plant" in parts:
+        if not has_second_plant(BESIDE):
+            raise BenchError(f"bench estimator: no second plant in {BESIDE}")
+        for each in range(seed, seed + seeds):
+            rows = run_second_plant(BESIDE, each, quick, PROCESSES, say)
+            found.setdefault("second-plant", []).extend(rows)
+    return [_TABLES[name](found[name]) for name in _TABLES if name in found]

@@ -2,6 +2,5 @@
 
 TABLE = ("own", "foreign", "thesis", "spoiled")
 """Parts whose rows make the table with aims."""
-PARTS = (*TABLE, "life", "rates", "healthy", "second-plant")
+PARTS = (*TABLE, "life", "rates", "healthy", "losses", "trend", "second-plant")
 FIRST_SEED = 3
-PROCESSES = 2

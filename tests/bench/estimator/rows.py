@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
-from ..table import aligned, cell, plain
+from ..table import Table
 from .aims import AIMS, Aim
 from .plants.foreign import ROW as _FOREIGN
 from .plants.own import Part
@@ -30,52 +29,30 @@ class BenchRow:
     added: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class BenchTable:
-    """All rows, in order."""
-
-    rows: tuple[BenchRow, ...]
-
-    def as_text(self) -> str:
-        """For a terminal."""
-        heads = (
-            "row",
-            "wrong",
-            "rows",
-            "cases",
-            "thesis MAE",
-            "MAE",
-            "worst",
-            "drop",
-            "cover",
-            "score",
-            "seen s",
-        )
-        table: list[tuple[str, ...]] = [(*heads, "met", "aim")]
-        table += [(*_cells(row), _met(row), _remark(row)) for row in self.rows]
-        lines = aligned(table, right=range(1, len(heads)))
-        judged = [row.met for row in self.rows if row.met is not None]
-        lines.append(f"{sum(judged)} of {len(judged)} aims met; {self._wrong()}")
-        return "\n".join(lines)
-
-    def _wrong(self) -> str:
-        """Count of confidently wrong numbers; rows made of others' numbers are left out."""
-        scores = [row.ours for row in self.rows if row.ours and not row.row.endswith(_AGAIN)]
-        answered = sum(each.answered for each in scores)
-        wrong = sum(round(each.wrong * each.answered) for each in scores if each.wrong > 0.0)
-        return f"confidently wrong: {wrong} of {answered} numbers in {_cases(scores)} cases"
-
-    def as_dict(self) -> dict[str, Any]:
-        """For a program; what is not a number is null."""
-        return {"rows": plain([asdict(row) for row in self.rows])}
+HEADS = (
+    *("row", "wrong", "rows", "cases", "thesis MAE", "MAE", "worst", "drop", "cover", "score"),
+    *("seen s", "met", "aim"),
+)
 
 
-def table_of(parts: Sequence[Part]) -> BenchTable:
+def table_of(parts: Sequence[Part]) -> Table:
     """Pool the parts of each row and hold them against the aims."""
     ours = _pooled_by_row(parts, lambda part: part.ours)
     thesis = _pooled_by_row(parts, lambda part: part.thesis)
     rows = [_row(name, aim, ours, thesis) for name, aim in AIMS.items()]
-    return BenchTable((*rows, _coverage_row(rows)))
+    rows.append(_coverage_row(rows))
+    judged = [row.met for row in rows if row.met is not None]
+    note = f"{sum(judged)} of {len(judged)} aims met; {_wrong(rows)}"
+    return Table(HEADS, tuple((*_cells(row), _met(row), _remark(row)) for row in rows), (note,))
+
+
+def _wrong(rows: Sequence[BenchRow]) -> str:
+    """Count of confidently wrong numbers; rows made of others' numbers are left out."""
+    scores = [row.ours for row in rows if row.ours and not row.row.endswith(_AGAIN)]
+    answered = sum(each.answered for each in scores)
+    wrong = sum(round(each.wrong * each.answered) for each in scores if each.wrong > 0.0)
+    cases = sum(each.cases for each in scores)
+    return f"confidently wrong: {wrong} of {answered} numbers in {cases} cases"
 
 
 def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) -> dict[str, Score]:
@@ -111,17 +88,16 @@ def _coverage_row(rows: Sequence[BenchRow]) -> BenchRow:
     )
 
 
-def _cases(scores: Sequence[Score]) -> int:
-    return sum(each.cases for each in scores)
-
-
-def _cells(row: BenchRow) -> tuple[str, ...]:
-    ours, thesis = row.ours, row.thesis
+def _cells(row: BenchRow) -> tuple[object, ...]:
+    ours = row.ours
     if ours is None:
-        return (row.row, *["-"] * 10)
-    counted = (cell(ours.wrong), str(ours.answered), str(ours.cases))
-    figures = (
-        math.nan if thesis is None else thesis.mae,
+        return (row.row, *[None] * 10)
+    return (
+        row.row,
+        ours.wrong,
+        ours.answered,
+        ours.cases,
+        math.nan if row.thesis is None else row.thesis.mae,
         ours.mae,
         ours.worst,
         ours.false_drop,
@@ -129,7 +105,6 @@ def _cells(row: BenchRow) -> tuple[str, ...]:
         ours.interval_score,
         ours.detection_s,
     )
-    return (row.row, *counted, *(cell(figure) for figure in figures))
 
 
 def _remark(row: BenchRow) -> str:

@@ -3,20 +3,18 @@
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from edge_service.regression.interval_estimate import LEVEL
 
-from ..pool import Progress, in_processes
-from ..table import aligned
+from ..table import Progress, Table, in_processes
 from .cases import Recovered, Recoveries, recoveries
 
-_HEADINGS = ("parameter", "unit", "truth", "mean", "bias/s", "held", "share, 95 %", "width")
+_HEADS = ("parameter", "unit", "truth", "mean", "bias/s", "held", "share, 95 %", "width")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,62 +78,29 @@ def share_interval(held: int, count: int, level: float = 0.95) -> tuple[float, f
     return low, high
 
 
-@dataclass(frozen=True, slots=True)
-class IdentificationBench:
-    """All parameters."""
-
-    recoveries: tuple[Recovery, ...]
-
-    @classmethod
-    def of(cls, runs: Sequence[Recoveries]) -> "IdentificationBench":
-        """One entry for each parameter of the first run."""
-        return cls(tuple(Recovery.of(name, [run[name] for run in runs]) for name in runs[0]))
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able values; null is a number that does not exist."""
-        return {
-            "schema": "identification_bench/1",
-            "level": LEVEL,
-            "parameters": [
-                {key: _finite(value) for key, value in asdict(each).items()}
-                for each in self.recoveries
-            ],
-        }
-
-    def as_text(self) -> str:
-        """An aligned table, then what it means."""
-        rows = [_HEADINGS, *(_row(each) for each in self.recoveries)]
-        held, count = sum(r.held for r in self.recoveries), sum(r.count for r in self.recoveries)
-        return "\n".join(
-            [
-                *aligned(rows),
-                "",
-                f"{held} of {count} intervals hold the truth, {100 * LEVEL:g} % are meant to; "
-                "bias/s: mean error over the stated standard deviation; width: of the interval, "
-                "as a share of the truth where that is not 0.",
-            ]
-        )
-
-
-def run(seeds: int, progress: Progress = lambda _line: None) -> IdentificationBench:
-    """Identify `seeds` simulated axes on all cores."""
-    workers = min(os.cpu_count() or 1, seeds)
+def run(seeds: int, progress: Progress = lambda _line: None) -> list[Recovery]:
+    """Identify `seeds` simulated axes on all cores; one entry for each parameter."""
     runs: dict[int, Recoveries] = {}
     jobs = [partial(recoveries, seed) for seed in range(1, seeds + 1)]
-    for number, done in in_processes(jobs, workers):
+    for number, done in in_processes(jobs, min(os.cpu_count() or 1, seeds)):
         runs[number] = done
         progress(f"{len(runs)} of {seeds} axes")
-    return IdentificationBench.of([runs[number] for number in range(seeds)])
+    return [Recovery.of(name, [runs[k][name] for k in range(seeds)]) for name in runs[0]]
 
 
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def table_of(found: Sequence[Recovery]) -> Table:
+    """A row for each parameter, then what it means."""
+    held, count = sum(each.held for each in found), sum(each.count for each in found)
+    note = (
+        f"{held} of {count} intervals hold the truth, {100 * LEVEL:g} % are meant to; "
+        "bias/s: mean error over the stated standard deviation; width: of the interval, "
+        "as a share of the truth where that is not 0."
+    )
+    return Table(_HEADS, tuple(_row(each) for each in found), (note,))
 
 
 def _row(each: Recovery) -> tuple[str, ...]:
-    width = f"{each.width:.2g}"
-    if each.truth:
-        width = f"{100.0 * each.width / abs(each.truth):.2g} %"
+    width = f"{100.0 * each.width / abs(each.truth):.2g} %" if each.truth else f"{each.width:.2g}"
     missing = f" ({each.undetermined} infinite)" if each.undetermined else ""
     return (
         each.name,

@@ -1,7 +1,6 @@
-"""The simulated axis by itself: a recording of it, and what its equations cost."""
+"""A recording of the simulated axis."""
 
 import asyncio
-import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from pathlib import Path
@@ -13,9 +12,7 @@ from edge_service.messages.channels import CHANNELS
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.writer import TraceWriter
 
-LIVE_FRAME_S = 0.1
 _RECORDED_FRAME_S = 1.0
-_WARM_UP_S = 1.0
 
 
 def write_recording(path: Path, duration_s: float) -> None:
@@ -28,20 +25,6 @@ def write_recording(path: Path, duration_s: float) -> None:
                     writer.write(frame.until(duration_s))
 
     asyncio.run(record())
-
-
-def simulation_share(duration_s: float) -> float:
-    """Processor time over axis time of one simulated axis, in frames as the live service takes."""
-
-    async def run() -> float:
-        begun_s = 0.0
-        async with aclosing(_frames(_WARM_UP_S + duration_s, LIVE_FRAME_S)) as frames:
-            async for frame in frames:
-                if frame.time_s[0] < _WARM_UP_S:
-                    begun_s = time.process_time()
-        return (time.process_time() - begun_s) / duration_s
-
-    return asyncio.run(run())
 
 
 async def _frames(duration_s: float, frame_s: float) -> AsyncGenerator[SampleFrame, None]:

@@ -13,16 +13,17 @@ from edge_service.estimate.interface import PreloadEstimator
 from edge_service.offline.estimate import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
-from ..table import Section, mean_of
+from ..table import Table, mean_of
 from .cases import SHAPES, Life, draw_life
 from .plants import LifePlant, plant_of
-from .scores import LifeScore, joined, life_score
+from .scores import LifeScore, life_score
 
 SESSIONS, QUICK_SESSIONS = 16, 6
 SESSION_S, QUICK_SESSION_S = 180.0, 60.0
 QUICK_SHAPES = ("accelerating", "replaced nut")
 KEPT, NEW = "kept", "new"
 HEADS: tuple[str, ...] = (
+    "life: plant, shape, state",
     "wrong",
     "rows",
     "axes",
@@ -44,7 +45,6 @@ class LifePart:
     life: Life
     way: str
     score: LifeScore
-    track: Track
 
 
 class KeptEstimator:
@@ -86,7 +86,7 @@ def live(plant: str, shape: str, axis_seed: int, quick: bool) -> Iterator[LifePa
     life = drawn_life(axis, shape, axis_seed, quick)
     recordings = (axis.recorded(session) for session in life.sessions)
     for way, tracks in follow_life(axis.estimator, recordings).items():
-        yield LifePart(plant, life, way, life_score(life, tracks), joined(life, tracks))
+        yield LifePart(plant, life, way, life_score(life, tracks))
 
 
 def drawn_life(axis: LifePlant, shape: str, axis_seed: int, quick: bool) -> Life:
@@ -100,30 +100,30 @@ def shapes(quick: bool) -> Sequence[str]:
     return QUICK_SHAPES if quick else tuple(SHAPES)
 
 
-def life_section(parts: Sequence[LifePart]) -> Section:
+def life_table(parts: Sequence[LifePart]) -> Table:
     """One row for each plant, shape and way over all axes; then all shapes together."""
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for plant, way in sorted({(part.plant, part.way) for part in parts}):
         mine = [part for part in parts if (part.plant, part.way) == (plant, way)]
         for shape in dict.fromkeys(part.life.shape for part in mine):
             same = [part for part in mine if part.life.shape == shape]
-            rows.append((f"{plant}, {shape}, {way}", _figures(same)))
-        rows.append((f"{plant}, all lives, {way}", _figures(mine)))
+            rows.append((f"{plant}, {shape}, {way}", *_figures(same)))
+        rows.append((f"{plant}, all lives, {way}", *_figures(mine)))
         rows += _by_start(f"{plant}, {way}, begun", mine)
-    return Section(
-        name="life",
-        title=f"life: plant, shape, state ({_seeds(parts)})",
-        heads=HEADS,
-        rows=tuple(rows),
-        notes=(
-            "wrong: share of the numbers whose interval misses the truth by more than half a "
-            "point; date: of falling below 60 % of fresh, error as share of the life; never: "
-            "lives in which it was not found; false: found where there is none",
+    seeds = sorted({part.life.axis_seed for part in parts})
+    return Table(
+        HEADS,
+        tuple(rows),
+        (
+            f"axis seeds {', '.join(map(str, seeds))}; wrong: share of the numbers whose interval "
+            "misses the truth by more than half a point; date: of falling below 60 % of fresh, "
+            "error as share of the life; never: lives in which it was not found; false: found "
+            "where there is none",
         ),
     )
 
 
-def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tuple[object, ...]]]:
+def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[object, ...]]:
     """One row for each state in which sessions begin; what only a life has is left out."""
     found: dict[str, list[Score]] = {}
     for part in parts:
@@ -134,12 +134,7 @@ def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[str, tupl
         rows = pooled(scores)
         silent = sum(each.answered == 0 for each in scores)
         counted = (rows.wrong, rows.answered, axes, len(scores), silent, None, None, rows.mae, None)
-        yield f"{label} {start}", (*counted, rows.coverage, rows.interval_score, *[None] * 3)
-
-
-def _seeds(parts: Sequence[LifePart]) -> str:
-    seeds = sorted({part.life.axis_seed for part in parts})
-    return "axis seeds " + ", ".join(map(str, seeds))
+        yield f"{label} {start}", *counted, rows.coverage, rows.interval_score, *[None] * 3
 
 
 def _figures(parts: Sequence[LifePart]) -> tuple[object, ...]:

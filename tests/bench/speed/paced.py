@@ -14,9 +14,8 @@ from pathlib import Path
 
 from drivers.replay import LOOP_GAP_S
 
-from ..table import PipelineBenchError
-from .process_meter import ServiceProcess
-from .tree import TreeUsage, usage_of
+from ..table import BenchError
+from .process_meter import ServiceProcess, Usage, usage_of
 
 RATE_HZ = 1000.0
 _SAMPLES = re.compile(r'counter="samples"\} ([0-9.e+]+)')
@@ -52,7 +51,7 @@ class Paced:
 
     us_per_sample: float
     peer_us_per_sample: float | None
-    usage: TreeUsage
+    usage: Usage
 
 
 def service(folder: Path, kernels: Path, recording: Path, axes: int) -> ServiceProcess:
@@ -74,7 +73,7 @@ def measure_paced(
 ) -> Paced:
     """Let the service work, a peer beside it unless not wanted, and look at both over one window.
 
-    Raises PipelineBenchError where the service does not keep up with its samples.
+    Raises BenchError where the service does not keep up with its samples.
     """
     with ExitStack() as stack:
         ours = stack.enter_context(service(folder, kernels, recording, axes))
@@ -90,7 +89,7 @@ def measure_paced(
         peer_after = peer.look() if peer else (0.0, 0)
         samples = sum(_samples(*address)) - samples
     if samples < _KEPT_UP * (span_s - LOOP_GAP_S) * RATE_HZ * axes:
-        raise PipelineBenchError(f"{axes} axes: the service does not keep up with their samples")
+        raise BenchError(f"{axes} axes: the service does not keep up with their samples")
     us = 1e6 * (after.cpu_s - before.cpu_s) / samples
     count = peer_after[1] - peer_before[1]
     peers_us = 1e6 * (peer_after[0] - peer_before[0]) / count if count else None
@@ -102,7 +101,7 @@ def _wait_for_axes(host: str, port: int, axes: int) -> None:
     until_s = time.monotonic() + _PATIENCE_S
     while sum(each > 0.0 for each in _samples(host, port)) < axes:
         if time.monotonic() > until_s:
-            raise PipelineBenchError(f"{axes} axes: not all of them are read")
+            raise BenchError(f"{axes} axes: not all of them are read")
         time.sleep(1.0)
 
 
@@ -178,4 +177,4 @@ def _wait_for(port: int) -> None:
             time.sleep(0.02)
         else:
             return
-    raise PipelineBenchError("the peer's broker does not begin")
+    raise BenchError("the peer's broker does not begin")

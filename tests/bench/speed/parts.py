@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +15,37 @@ import pyarrow.parquet as pq
 from scipy.integrate import solve_ivp
 
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
+from edge_service.estimate.imm.bank import CompiledBank, FilterBank, run_bank
+from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.health.store.history import HOUR, History
 from edge_service.health.store.rows import QUANTITIES, STATUSES, aggregate, single_rows
 from edge_service.health.store.store import Store
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.models.effects.registry import parse_effect
+from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.wiring.stages import make_estimator
+from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.writer import TraceWriter
 
 from ..estimator.axis import downsampled
 from .peer import bank
 
-IVP_S = 2.0
+IVP_S, AXIS_TIME_S, RATE_HZ = 2.0, 100.0, 1000.0
+SINGLE_STEPS, FILTERPY_STEPS = 500, 100
+TYPICAL_EFFECTS = (
+    "stribeck",
+    "torque_ripple",
+    "position_friction",
+    "lead_error",
+    "backlash",
+    "warmup",
+    "load_offset",
+    "encoder_eccentricity",
+)
 YEAR_S, BUCKETS = 365.0 * 86_400.0, 1000
 _BEGIN_S = 1_767_225_600.0
 """2026 in UTC, which is one file of hours."""
@@ -66,8 +84,8 @@ def estimator_us(recording: Path, repeats: int) -> tuple[float, float]:
     return processor_us(ours, count, repeats), processor_us(theirs, count, repeats)
 
 
-def ivp_s_per_axis_s(repeats: int) -> float:
-    """Processor time of one second of two masses, friction and a controller by `solve_ivp`, s."""
+def ivp_s(repeats: int) -> float:
+    """Processor time of 100 s of two masses, friction and a controller by `solve_ivp`, s."""
     inertia, table, spring, damping = 1.5e-3, 1e-4, 200.0, 0.05
 
     def change(t: float, state: Floats) -> list[float]:
@@ -85,7 +103,47 @@ def ivp_s_per_axis_s(repeats: int) -> float:
     def work() -> None:
         solve_ivp(change, (0.0, IVP_S), np.zeros(4), method="LSODA", max_step=1e-3)
 
-    return processor_us(work, 1, repeats) / 1e6 / IVP_S
+    return processor_us(work, 1, repeats) / 1e6 / IVP_S * AXIS_TIME_S
+
+
+def bank_us(repeats: int) -> tuple[float, float, float]:
+    """A step of five modes: compiled over a run, sample by sample, and by filterpy, us."""
+    run, _ = run_case(ThesisCase(1, step_s=1e-3), seed=0)
+    step, drives, start = bank_inputs(ThesisCase(1, step_s=1e-3), run)
+    measurements = run.measurement
+
+    def one_by_one(bank: FilterBank, steps: int) -> float:
+        inputs = [(replace(step, drive=drives[k]), measurements[k]) for k in range(steps)]
+
+        def work() -> None:
+            bank.reset(start)
+            for each, measurement in inputs:
+                bank.step(each, measurement)
+
+        return processor_us(work, steps, repeats)
+
+    batch = lambda: run_bank(step, drives, measurements, start)  # noqa: E731
+    return (
+        processor_us(batch, len(drives), repeats),
+        one_by_one(CompiledBank(), SINGLE_STEPS),
+        one_by_one(FilterpyBank(), FILTERPY_STEPS),
+    )
+
+
+def plant_s(effects: bool, repeats: int) -> float:
+    """Processor time of 100 s of the simulated plant, without effects or with eight, s."""
+    machine = load_machine(DEFAULT_MACHINE)
+    limits = motion_limits(machine)
+    active = [parse_effect(effect) for effect in (TYPICAL_EFFECTS if effects else ())]
+    settings = FeedDriveSettings.of_machine(machine, RATE_HZ, active)
+    segments = MOTIONS["production"](limits, np.random.default_rng(1))
+    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(round(AXIS_TIME_S * RATE_HZ))
+    preload = np.full(len(setpoints), machine.fresh_preload_percent or 0.0)
+
+    def work() -> None:
+        FeedDrive(settings, limits.low_m, float(preload[0]), 1).advance(setpoints, preload)
+
+    return processor_us(work, 1, repeats) / 1e6
 
 
 def recorder_us(rows: int, repeats: int) -> tuple[float, float]:

@@ -1,4 +1,7 @@
-"""Names of the parts of the speed table, apart from what measures them: help must be quick."""
+"""Names of the parts of the speed table, apart from what measures them: help must be quick.
+
+`soak` takes an hour and is measured only where it is asked for.
+"""
 
 SPEED_PARTS = (
     "paced",
@@ -13,4 +16,5 @@ SPEED_PARTS = (
     "delay",
     "page",
     "diagnosis",
+    "soak",
 )

@@ -82,3 +82,11 @@ def test_a_machine_file_knows_its_balls_or_says_nothing(machine: Machine) -> Non
             Machine.model_validate({"axis": axis | wrong, "model": model})
     with pytest.raises(ValueError, match="balls_per_turn needs"):
         Machine.model_validate({"axis": {"lead_m": 0.02, "balls_per_turn": 18}, "model": model})
+
+
+def test_inertia_of_the_bench_is_the_sum_of_appendix_a(machine: Machine) -> None:
+    """Rotor (A.4), coupling (A.5), screw (A.1) and the table of Table 4.1 against 1.5e-3."""
+    screw_kg_m2 = 8050.0 * 0.998 * math.pi * 0.02**4 / 32.0
+    total = 10.4e-4 + screw_kg_m2 + table_inertia(20.0, LEAD_M) + 9.95e-5
+    assert total == pytest.approx(1.468e-3, rel=1e-3)
+    assert machine.model.inertia_kg_m2.value == pytest.approx(total, rel=0.025)

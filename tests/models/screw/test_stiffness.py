@@ -2,6 +2,8 @@ import math
 
 import pytest
 
+from edge_service.models.machine import Machine
+from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import Plant, axial_compliance
 from edge_service.models.screw.nut_law import (
     LEAST_NUT_LOAD_PERCENT,
@@ -52,3 +54,19 @@ def test_springs_are_in_series(plant: Plant) -> None:
 
 def test_screw_area_is_a_circle() -> None:
     assert screw_area(0.02) == pytest.approx(3.14159265e-4)
+
+
+@pytest.mark.parametrize(("arrangement", "ends"), [("fixed-free", 1), ("fixed-fixed", 2)])
+@pytest.mark.parametrize("position_m", [0.0, 0.16, 0.499, 0.7, LENGTH_M])
+def test_plant_by_hand(machine: Machine, arrangement: str, ends: int, position_m: float) -> None:
+    """(5.3.2) with the arms of (5.3.9) and (5.3.10) behind bearings of 1e8 N/m; Table A.5."""
+    axis = machine.axis.model_copy(update={"bearing_arrangement": arrangement})
+    plant = plant_of(machine.model_copy(update={"axis": axis}))
+    arms_m = (position_m, LENGTH_M - position_m)[:ends]
+    rigidity_n = 2.06e11 * math.pi * 0.02**2 / 4.0
+    held_n_per_m = sum(1.0 / (1.0 / 1e8 + arm_m / rigidity_n) for arm_m in arms_m)
+    coupling_n_per_m = 67.2 * 180.0 / math.pi / (0.02 / (2.0 * math.pi)) ** 2
+    nut_n_per_m = 0.8 * 1.6e8 * (510.0 / (0.1 * 7450.0)) ** (1.0 / 3.0)
+    expected = 1.0 / held_n_per_m + 1.0 / coupling_n_per_m + 1.0 / nut_n_per_m
+    found = axial_compliance(plant, position_m, 100.0 * 510.0 / 7450.0)
+    assert found == pytest.approx(expected, rel=1e-12)

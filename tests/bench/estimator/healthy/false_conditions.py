@@ -23,26 +23,18 @@ from edge_service.messages.header import Header
 from edge_service.messages.health import AxisCondition
 from edge_service.models.machine import Machine
 
-from ...table import Section
-from ..scores import Score, Track, follow, pooled, score
-from .production_cases import draw_shift, produced
+from ...table import Table
+from ..scores import Score, follow, pooled, score
+from .production_cases import produced
 
-MINUTES, QUICK_MINUTES = 300.0, 10.0
-PER_MIN = 10_000.0
+PER_HOURS = 1000.0
 TICK_BLOCKS = 10
 START_NS = 1_700_000_000 * 10**9
 FALSE = (AxisCondition.WARNING, AxisCondition.FAULT)
 HEADS: tuple[str, ...] = (
-    "wrong",
-    "rows",
-    "axes",
-    "min",
-    "WARNING",
-    "FAULT",
-    "at most",
-    "min false",
+    *("healthy production", "wrong", "rows", "axes", "hours", "WARNING", "FAULT", "alarms"),
+    *("at most", "min false", "unavailable", "MAE", "cover"),
 )
-HEADS += ("unavailable", "alarms", "MAE", "cover")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +58,9 @@ class ShiftPart:
 
     plant: str
     axis_seed: int
-    minutes: float
+    hours: float
     count: WatchCount
     score: Score
-    track: Track
 
 
 class Watched:
@@ -120,61 +111,55 @@ class Watched:
                 self._alarms[str(event.data["alarm"])] += 1
 
 
-def watched_shift(plant: str, axis_seed: int, duration_s: float) -> ShiftPart:
-    """One shift of healthy production, watched."""
-    shift = draw_shift(plant, axis_seed, duration_s)
-    machine, recorded = produced(shift)
+def shifts(plant: str, axis_seed: int, duration_s: float) -> Iterator[ShiftPart]:
+    """A shift of healthy production, watched."""
+    machine, recorded = produced(plant, axis_seed, duration_s)
     watched = Watched(MixturePreloadEstimator(machine), machine)
     track = follow(watched, recorded)
-    return ShiftPart(plant, axis_seed, duration_s / 60.0, watched.count(), score(track), track)
+    yield ShiftPart(plant, axis_seed, duration_s / 3600.0, watched.count(), score(track))
 
 
-def shifts(plant: str, first_seed: int, count: int, duration_s: float) -> Iterator[ShiftPart]:
-    """Shifts of so many axes."""
-    for axis_seed in range(first_seed, first_seed + count):
-        yield watched_shift(plant, axis_seed, duration_s)
+def upper_bound(count: int, hours: float) -> float:
+    """95 % upper bound of a rate per `PER_HOURS`, from a count that is Poisson.
 
-
-def upper_bound(count: int, minutes: float) -> float:
-    """95 % upper bound of a rate per `PER_MIN` minutes, from a count that is Poisson.
-
-    Without any event 3.0 / minutes, the rule of three.
+    Without any event 3.0 / hours, the rule of three.
     """
-    return float(chi2.ppf(0.95, 2 * count + 2)) / 2.0 / minutes * PER_MIN
+    return float(chi2.ppf(0.95, 2 * count + 2)) / 2.0 / hours * PER_HOURS
 
 
-def healthy_section(parts: Sequence[ShiftPart]) -> Section:
+def healthy_table(parts: Sequence[ShiftPart]) -> Table:
     """One row for each plant, and all of them."""
     plants = tuple(dict.fromkeys(part.plant for part in parts))
-    rows = [(plant, _figures([p for p in parts if p.plant == plant])) for plant in plants]
-    rows.append(("all", _figures(parts)))
-    shortest = min(part.axis_seed for part in parts), max(part.axis_seed for part in parts)
-    return Section(
-        name="healthy",
-        title=f"healthy production (axis seeds {shortest[0]} to {shortest[1]})",
-        heads=HEADS,
-        rows=tuple(rows),
-        notes=(
-            "WARNING, FAULT: how often the condition became so, at most so many of both together "
-            f"per {PER_MIN:,.0f} min with 95 % confidence; min false: time in them; alarms: raised",
-            *(_complaint(part) for part in parts if _false(part) or part.count.alarms),
+    rows = [(plant, *_figures([p for p in parts if p.plant == plant])) for plant in plants]
+    rows.append(("all", *_figures(parts)))
+    seeds = [part.axis_seed for part in parts]
+    return Table(
+        HEADS,
+        tuple(rows),
+        (
+            f"axis seeds {min(seeds)} to {max(seeds)}; WARNING, FAULT: how often the condition "
+            "became so; alarms: raised; at most so many of all three together per "
+            f"{PER_HOURS:,.0f} axis-hours with 95 % confidence; min false: time in the conditions",
+            *(_complaint(part) for part in parts if _said(part)),
         ),
     )
 
 
-def _false(part: ShiftPart) -> int:
-    return sum(part.count.conditions.get(each.value, 0) for each in FALSE)
+def _said(part: ShiftPart) -> Counter[str]:
+    """Conditions and alarms that no healthy axis has."""
+    said = Counter(dict(part.count.alarms))
+    said.update({each.value: part.count.conditions.get(each.value, 0) for each in FALSE})
+    return +said
 
 
 def _complaint(part: ShiftPart) -> str:
     """Line on what was said of one healthy axis."""
-    answered = {name: n for name, n in part.count.conditions.items() if name in set(FALSE)}
-    each = ", ".join(f"{name} {n}" for name, n in (answered | dict(part.count.alarms)).items())
+    each = ", ".join(f"{name} {n}" for name, n in _said(part).items())
     return f"  {part.plant} {part.axis_seed}: {each}"
 
 
 def _figures(parts: Sequence[ShiftPart]) -> tuple[object, ...]:
-    minutes = sum(part.minutes for part in parts)
+    hours = sum(part.hours for part in parts)
     together = pooled(part.score for part in parts)
     begun: Counter[str] = Counter()
     stood_s: defaultdict[str, float] = defaultdict(float)
@@ -182,18 +167,16 @@ def _figures(parts: Sequence[ShiftPart]) -> tuple[object, ...]:
         begun.update(part.count.conditions)
         for name, spent_s in part.count.condition_s.items():
             stood_s[name] += spent_s
-    false = sum(begun[each.value] for each in FALSE)
     return (
         together.wrong,
         together.answered,
         len(parts),
-        round(minutes, 1),
-        begun[AxisCondition.WARNING.value],
-        begun[AxisCondition.FAULT.value],
-        upper_bound(false, minutes),
-        sum(stood_s[each.value] for each in FALSE) / 60.0,
-        stood_s[AxisCondition.UNAVAILABLE.value] / 60.0 / minutes,
+        round(hours, 2),
+        *(begun[each.value] for each in FALSE),
         sum(sum(part.count.alarms.values()) for part in parts),
+        upper_bound(sum(sum(_said(part).values()) for part in parts), hours),
+        sum(stood_s[each.value] for each in FALSE) / 60.0,
+        stood_s[AxisCondition.UNAVAILABLE.value] / 3600.0 / hours,
         together.mae,
         together.coverage,
     )

@@ -3,13 +3,15 @@
 Unless a course is given the preload never changes in them, so every WARNING or FAULT is false.
 """
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from edge_service.messages.features import Fault
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
@@ -17,10 +19,11 @@ from .... import foreign_plant as plant
 from ...life.plants import TIME_CONSTANT_S, WARM_SHARE, foreign_machine
 from .. import axis as estimator_axis
 from ..axis import RATE_HZ, OwnAxis
-from ..plants.foreign import recorded
+from ..plants.foreign import commissioned_machine, recorded
 from ..scores import Recorded
 
 SHIFT_S = 600.0
+PLANTS = ("own", "foreign", "own, one encoder", "foreign, one encoder")
 Pauses = tuple[tuple[float, float], ...]
 Course = tuple[tuple[float, float], ...]
 """Preload over the fresh one at some times: (s, share), straight between them."""
@@ -84,15 +87,36 @@ def _alternating(changes: list[tuple[float, float]]) -> tuple[tuple[float, float
     return ((first_s, kg), (second_s, -kg))
 
 
-def produced(shift: Shift, course: Course = HEALTHY) -> tuple[Machine, Recorded]:
-    """Commissioned machine file and recording of a shift."""
-    if shift.plant == "own":
-        axis = OwnAxis(shift.axis_seed)
+def produced(
+    plant: str, axis_seed: int, duration_s: float = SHIFT_S, course: Course = HEALTHY
+) -> tuple[Machine, Recorded]:
+    """Commissioned machine file and recording of a drawn shift on one of `PLANTS`."""
+    name, _, lacking = plant.partition(", ")
+    shift, axis = draw_shift(name, axis_seed, duration_s), OwnAxis(axis_seed)
+    if name == "own":
+        if lacking:
+            blind = replace(axis, one_encoder=True)
+            return blind.commissioned(), _blind(_own(shift, axis, course))
         return axis.commissioned(), _own(shift, axis, course)
-    return foreign_machine(shift.axis_seed), _foreign(shift, course)
+    if lacking:
+        machine = commissioned_machine(axis_seed, one_encoder=True)
+        return machine, _blind(foreign_shift(shift, course))
+    return foreign_machine(axis_seed), foreign_shift(shift, course)
 
 
-def _foreign(shift: Shift, course: Course) -> Recorded:
+def _blind(recorded: Recorded) -> Recorded:
+    """The same shift without anything that its linear encoder told."""
+    blocks = []
+    for block in recorded.blocks:
+        phases = {
+            name: replace(getattr(block, name), table_m=math.nan)
+            for name in ("accelerating", "cruising", "braking")
+        }
+        blocks.append(replace(block, fault=block.fault | Fault.NO_TABLE, **phases))
+    return replace(recorded, blocks=blocks)
+
+
+def foreign_shift(shift: Shift, course: Course) -> Recorded:
     after = 1.0 - shift.relubricated
     events: list[Any] = [
         plant.Warmup(time_constant_s=TIME_CONSTANT_S, start=shift.warmth),

@@ -1,5 +1,7 @@
 """Hostile files: right ones of every kind, spoiled byte by byte or word by word."""
 
+import contextlib
+import io
 import random
 import re
 from collections.abc import Callable, Sequence
@@ -7,10 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.recordings import form_files, tuning_files
+from edge_service.cli.entry import main
+from edge_service.exit_status import BAD_INPUT, DONE
 
-_CHECKOUT = Path(__file__).parents[3]
-_DEPLOY = _CHECKOUT / "deploy"
+from ..recordings import form_files, tuning_files
+
+_DEPLOY = Path(__file__).parents[2] / "deploy"
+KINDS = (
+    *("csv", "text", "parquet", "xml", "json", "matlab", "tuning"),
+    *("config", "machine"),
+)
+_NUMBERED = """
+[columns]
+time_s = { column = "#1" }
+torque_command_nm = { column = "#2" }
+"""
 WORDS = (
     *(b"", b"nan", b"inf", b"-inf", b"-1", b"0", b"1e308", b"1e-308", b"9" * 400, b"1_0", b"0x1"),
     *(b'""', b"''", b"[]", b"{}", b"true", b"null", b'"X"', b'"../.."', b"[[1.0]]", b"{ a = 1 }"),
@@ -105,3 +118,32 @@ _CHANGES: tuple[Callable[[bytes, random.Random], bytes], ...] = (
     *(_flip, _cut, _take_out, _repeat, _noise, _zeros),
     *(_word,) * 6,
 )
+
+
+def command_on(kind: str, content: bytes, folder: Path) -> list[str]:
+    """Write a content; the arguments of the command that reads it."""
+    if kind in ("config", "machine"):
+        (folder / "edge.toml").write_text('[[axes]]\nname = "X"\nmachine = "spoiled.toml"\n')
+        (folder / ("edge.toml" if kind == "config" else "spoiled.toml")).write_bytes(content)
+        return ["check-config", str(folder / "edge.toml")]
+    path = folder / f"spoiled.{kind}"
+    path.write_bytes(content)
+    if kind == "tuning":
+        return ["fingerprint", str(path), "--out", str(folder / "out")]
+    arguments = ["convert", str(path), "--out", str(folder / "out.csv")]
+    if kind == "text":
+        numbered = folder / "numbered.toml"
+        numbered.write_text((folder / "machine.toml").read_text() + _NUMBERED)
+        arguments += ["--machine", str(numbered)]
+    return arguments
+
+
+def answer_to(arguments: Sequence[str]) -> str:
+    """Fault of the answer of a command; empty for success, "refused" for one line and status 2."""
+    said, out = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(out):
+        status = main(arguments)
+    lines = said.getvalue().splitlines()
+    if status == DONE:
+        return ""
+    return "refused" if status == BAD_INPUT and len(lines) == 1 else f"status {status}: {lines[:3]}"

@@ -9,11 +9,11 @@ import numpy as np
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats
 
-from .... import foreign_plant as plant
-from ...life.plants import foreign_machine
-from ...table import Section, mean_of
-from ..plants.foreign import recorded
-from ..scores import Score, Track, follow, pooled, score
+from ... import foreign_plant as plant
+from ..life.plants import foreign_machine
+from ..table import Table, mean_of
+from .plants.foreign import recorded
+from .scores import Score, Track, follow, pooled, score
 
 RATES_PER_MIN = (0.0, 0.001, 0.01, 0.1, 1.0, math.inf)
 """Points of preload lost per minute; infinite: all of it within one minute."""
@@ -25,6 +25,7 @@ HELD = 10
 """So many numbers in a row must see the loss."""
 END_S = 10.0
 HEADS: tuple[str, ...] = (
+    "wear in one session, foreign plant",
     "wrong",
     "rows",
     "axes",
@@ -57,7 +58,6 @@ class RatePart:
     fresh_mae: float
     seen_s: float
     early: bool
-    track: Track
 
     @property
     def row(self) -> str:
@@ -134,26 +134,22 @@ def scored(
         fresh_mae=mean_of(np.abs(fresh_percent - track.truth[answered]).tolist()),
         seen_s=seen_s,
         early=early,
-        track=track,
     )
 
 
-def rate_section(parts: Sequence[RatePart]) -> Section:
+def rate_table(parts: Sequence[RatePart]) -> Table:
     """One row for each rate, cold and warming up, over all axes."""
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for name in dict.fromkeys(part.row for part in parts):
-        same = [part for part in parts if part.row == name]
-        rows.append((name, _figures(same)))
+        rows.append((name, *_figures([part for part in parts if part.row == name])))
     seeds = ", ".join(map(str, sorted({part.axis_seed for part in parts})))
-    return Section(
-        name="rates",
-        title=f"wear in one session, foreign plant (axis seeds {seeds})",
-        heads=HEADS,
-        rows=tuple(rows),
-        notes=(
-            "end: mean of the absolute errors of the last 10 s; seen: s of motion from half a "
-            "point of loss until the interval leaves the fresh level, the latest axis; early: "
-            "axes on which it did while nothing was lost",
+    return Table(
+        HEADS,
+        tuple(rows),
+        (
+            f"axis seeds {seeds}; end: mean of the absolute errors of the last 10 s; seen: s of "
+            "motion from half a point of loss until the interval leaves the fresh level, the "
+            "latest axis; early: axes on which it did while nothing was lost",
         ),
     )
 

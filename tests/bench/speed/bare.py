@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from .process_meter import ServiceProcess, read_usage
+from .process_meter import ServiceProcess, cpu_s
 
 IDLE_S = 3.0
 PATH = "/api/v1/axes/A1/preload"
@@ -55,19 +55,19 @@ def _cost_us(pid: int, host: str, port: int, count: int) -> tuple[bytes, float]:
         for _ in range(20):
             body = _asked(connection)
         idle = _cores(pid, lambda: time.sleep(IDLE_S))
-        begun_s, before_s = time.monotonic(), read_usage(pid).cpu_s
+        begun_s, before_s = time.monotonic(), cpu_s(pid)
         for _ in range(count):
             body = _asked(connection)
-        span_s, spent_s = time.monotonic() - begun_s, read_usage(pid).cpu_s - before_s
+        span_s, spent_s = time.monotonic() - begun_s, cpu_s(pid) - before_s
         return body, 1e6 * max(0.0, spent_s - idle * span_s) / count
     finally:
         connection.close()
 
 
 def _cores(pid: int, work: Callable[[], None]) -> float:
-    begun_s, before_s = time.monotonic(), read_usage(pid).cpu_s
+    begun_s, before_s = time.monotonic(), cpu_s(pid)
     work()
-    return (read_usage(pid).cpu_s - before_s) / (time.monotonic() - begun_s)
+    return (cpu_s(pid) - before_s) / (time.monotonic() - begun_s)
 
 
 def _asked(connection: http.client.HTTPConnection) -> bytes:

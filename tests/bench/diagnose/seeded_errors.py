@@ -8,7 +8,7 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -20,10 +20,9 @@ from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.sessions import BadDataError
 from edge_service.recordings.conditioning import white_noise_rms
 
-from ...pool import in_processes
-from ...real_machines import ACTUATOR_TOML, SEQUENCES
-from ..cases import BenchError
-from ..table import BenchFigure, figures_as_text
+from ..real_machines import ACTUATOR_TOML, SEQUENCES
+from ..table import BenchError, Progress, Table, in_processes
+from .figures import Row, figures_table, share
 
 MAGNITUDES = {"small": 0.1, "medium": 0.25, "large": 0.6}
 """Greatest torque of an error over the root mean square of the torque in motion."""
@@ -79,14 +78,12 @@ class SeededRow:
 
     Attributes:
         effects: names and probabilities, the most probable first.
-        suspects: effects that were named at first, and the structure that each left.
         right: the first name is that of the error, or cannot be told from it.
     """
 
     case: SeededCase
     verdict: str
     effects: tuple[tuple[str, float], ...]
-    suspects: Mapping[str, float | None]
     right: bool
 
 
@@ -302,13 +299,12 @@ def run_case(recording: Recording, case: SeededCase, seed: int) -> SeededRow:
         try:
             diagnose(folder / "machine.toml", [trace], folder / "out", reference=reference)
         except BadDataError:
-            return SeededRow(case, "bad_data", (), {}, right=False)
+            return SeededRow(case, "bad_data", (), right=False)
         found = json.loads((folder / "out" / "diagnosis.json").read_text("utf-8"))
     effects = tuple((each["name"], each["probability"]) for each in found["effects"])
     ties = [set(each["class"]) for each in found["effects"]]
-    suspects = {name: each["structure"] for name, each in found["suspects"].items()}
     right = _is_right(recording, case, effects, ties)
-    return SeededRow(case, found["verdict"], effects, suspects, right)
+    return SeededRow(case, found["verdict"], effects, right)
 
 
 def _is_right(
@@ -317,7 +313,7 @@ def _is_right(
     effects: Sequence[tuple[str, float]],
     ties: Sequence[set[str]],
 ) -> bool:
-    """Tell whether the first name is that of the error, or cannot be told from it."""
+    """Whether the first name is that of the error, or cannot be told from it."""
     if not effects:
         return not case.error
     alike = recording.alike if case.error in recording.alike else frozenset()
@@ -330,66 +326,48 @@ def _written(path: Path, columns: Columns) -> Path:
     return path
 
 
-def run_seeded_errors(
-    folder: Path,
-    seed: int,
-    out: Path | None = None,
-    workers: int = 2,
-    say: Callable[[str], None] = lambda _line: None,
-) -> str:
-    """Run all cases and tell them as a table.
-
-    Args:
-        out: each case as a line of JSON.
-
-    Raises:
-        BenchError: no recording.
-    """
+def run_seeded_errors(folder: Path, seed: int, say: Progress) -> Table:
+    """Run all cases and count them. Raises BenchError without a recording."""
     by_name = {each.name: each for each in recordings(folder)}
     cases = plan(list(by_name.values()))
     jobs = [partial(run_case, by_name[c.recording], c, seed + k) for k, c in enumerate(cases)]
     rows = []
-    for _, row in in_processes(jobs, workers):
+    for _, row in in_processes(jobs):
         rows.append(row)
         said = f"{row.case.recording}: {row.case.error or 'as it is'}"
         say(f"{len(rows)} of {len(cases)}: {said}")
-    if out is not None:
-        out.write_text("".join(json.dumps(asdict(row)) + "\n" for row in rows), "utf-8")
-    title = f"real machines in {folder}, seed {seed}"
-    return "\n".join([title, *figures_as_text(figures_of(rows))])
+    return figures_table(figures_of(rows), (f"real machines in {folder}, seed {seed}",))
 
 
-def figures_of(rows: Sequence[SeededRow]) -> list[BenchFigure]:
-    """Shares of right answers by kind and size."""
+def figures_of(rows: Sequence[SeededRow]) -> list[Row]:
+    """Counts of right answers by kind and size."""
+    known = [row for row in rows if row.case.error in KNOWN]
     claims = [row for row in rows if row.verdict in ("explained", "ambiguous")]
-    figures = [
-        _share(
-            f"{magnitude} error of the library: named first",
-            [row for row in rows if row.case.error in KNOWN and row.case.magnitude == magnitude],
-            lambda row: row.right and row.verdict in ("explained", "ambiguous"),
-        )
-        for magnitude in MAGNITUDES
-    ]
-    figures += [
-        _share(
+    unknown = [row for row in rows if row.case.error in OPEN]
+    whole = [row for row in rows if not row.case.error]
+    sure = [row for row in claims if row.effects[0][1] >= 0.9]
+    return [
+        *(
+            share(
+                f"{magnitude} error of the library: named first",
+                "",
+                [row for row in known if row.case.magnitude == magnitude],
+                lambda row: row.right and row in claims,
+            )
+            for magnitude in MAGNITUDES
+        ),
+        share(
             "an error is named, but a wrong one, above .5",
-            [row for row in rows if row.case.error in KNOWN],
+            "",
+            known,
             lambda row: not row.right and bool(row.effects) and row.effects[0][1] > 0.5,
         ),
-        _share(
+        share(
             "error that no entry has: unknown, or none above .5",
-            [row for row in rows if row.case.error in OPEN],
+            "",
+            unknown,
             lambda row: not row.effects or row.verdict == "unknown" or row.effects[0][1] <= 0.5,
         ),
-        _share(
-            "as it is: no_gap",
-            [row for row in rows if not row.case.error],
-            lambda row: row.verdict == "no_gap",
-        ),
+        share("as it is: no_gap", "", whole, lambda row: row.verdict == "no_gap"),
+        share("first name above .9 is right", "", sure, lambda row: row.right),
     ]
-    sure = [row for row in claims if row.effects[0][1] >= 0.9]
-    return [*figures, _share("first name above .9 is right", sure, lambda row: row.right)]
-
-
-def _share(name: str, rows: Sequence[SeededRow], holds: Callable[[SeededRow], bool]) -> BenchFigure:
-    return BenchFigure(name, "", sum(map(holds, rows)) / max(len(rows), 1), len(rows))

@@ -1,0 +1,27 @@
+"""Figures of the benches of the diagnosis: counts of cases beside their aims."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
+
+from ..table import Table
+
+Case = TypeVar("Case")
+Row = tuple[str, str, str]
+"""Figure, aim, and what was reached of how many."""
+
+
+def share(name: str, aim: str, cases: Iterable[Case], holds: Callable[[Case], bool] = bool) -> Row:
+    """Count of the cases for which something holds."""
+    found = [holds(case) for case in cases]
+    return name, aim, f"{sum(found)} of {len(found)}" if found else "-"
+
+
+def value(name: str, aim: str, reached: float, count: int, unit: str = "") -> Row:
+    """A number from so many cases; with unit % as a percentage."""
+    text = f"{100.0 * reached:.1f} %" if unit == "%" else f"{reached:.3f}"
+    return name, aim, f"{text}, of {count}" if count else "-"
+
+
+def figures_table(rows: Sequence[Row], notes: Sequence[str] = ()) -> Table:
+    """The table of all figures."""
+    return Table(("figure", "aim", "reached"), tuple(rows), tuple(notes))

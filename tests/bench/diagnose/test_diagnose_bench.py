@@ -1,0 +1,119 @@
+"""Small cases of the three benches of the diagnosis: what must hold whatever their numbers."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from edge_service.cli.entry import main
+from tests.bench.commands import bench
+
+from .. import real_machines
+from ..estimator.plants.second_plant import BESIDE
+from ..real_machines import DATA
+from .foreign import BenchCase, BenchRow, run_cases
+from .foreign_table import are_all_named, figures_of, is_first, is_sure, reliability
+from .second_plant import has_diagnosis_plant
+from .seeded_errors import OPEN, SeededCase, recordings, run_case
+
+HEALTHY = [BenchCase((), 1.0, motion, 70 + k) for k, motion in enumerate(("full", "staircase"))]
+SINGLES = [
+    BenchCase((cause,), 1.0, motion, 80 + k)
+    for k, (cause, motion) in enumerate(
+        [("position_friction", "staircase"), ("backlash", "production")]
+    )
+]
+PAIRS = [
+    BenchCase(("load_offset", "encoder_eccentricity"), 1.0, "production", 90),
+    BenchCase(("drag_error", "timestamp_skew"), 1.0, "staircase", 91),
+]
+ODD = [
+    BenchCase((cause,), 1.0, "production", 100 + k)
+    for k, cause in enumerate(("stuck_seal", "loose_fixture", "crosstalk"))
+]
+LEFT_OUT = [
+    BenchCase((cause,), 1.0, "staircase", 110 + k, (cause,))
+    for k, cause in enumerate(("torque_ripple", "position_friction"))
+]
+
+
+@pytest.mark.slow
+@pytest.mark.smoke
+def test_a_healthy_axis_is_quiet_and_a_single_cause_leads() -> None:
+    healthy, single = sorted(run_cases([HEALTHY[1], SINGLES[0]]), key=lambda row: row.case.seed)
+    assert (healthy.verdict, healthy.named) == ("no_gap", {})
+    assert is_first(single)
+
+
+@pytest.mark.slow
+def test_each_kind_of_case_is_answered_as_it_must_be() -> None:
+    rows = {row.case: row for row in run_cases(HEALTHY + SINGLES + PAIRS + ODD + LEFT_OUT)}
+    for case in HEALTHY:
+        assert (rows[case].verdict, rows[case].named) == ("no_gap", {})
+    for case in SINGLES:
+        assert rows[case].ratio > 1.5
+        assert is_first(rows[case])
+    assert all(are_all_named(rows[case]) for case in PAIRS)
+    assert not any(is_sure(rows[case]) for case in ODD + LEFT_OUT)
+
+
+def row(causes: Sequence[str], verdict: str = "explained", **named: float) -> BenchRow:
+    shrink, realised = dict.fromkeys(named, (0.8, 0.7, 0.9)), dict.fromkeys(named, 0.75)
+    gap = {"torque": (4.0, 1.2, 1.0)}
+    case = BenchCase(tuple(causes), 1.0, "full", len(causes))
+    classes = {name: [name] for name in named}
+    again = {"torque": (4.0, 1.3)}
+    return BenchRow(
+        case, verdict, named, classes, 4.0, 0.0, shrink, realised, gap, [], 1.0, 0.5, again
+    )
+
+
+def test_answers_are_counted_beside_the_aims() -> None:
+    rows = [
+        row(["backlash"], backlash=0.95),
+        row(["backlash"], stribeck=0.95),
+        row(["backlash", "delay"], backlash=0.9, delay=0.4),
+        row([], "no_gap"),
+        row(["stuck_seal"], "unknown", stribeck=0.3),
+    ]
+    reached = {name: text for name, _, text in figures_of(rows)}
+    assert reached["first, full protocol, clear gap"] == "1 of 2"
+    assert reached["pairs: both named"] == "0 of 1"
+    assert reached["healthy falsely attributed"] == "0 of 1"
+    assert reached["never in the library: named with confidence"] == "0 of 1"
+    assert reached["confident and wrong"] == "1 of 5"
+    assert reached["shrink, predicted less realised: median"] == "5.0 %, of 1"
+    assert reached["shrink realised of what could shrink: median"] == "90.0 %, of 2"
+    assert reliability(rows[:2]) == [(pytest.approx(0.95), 0.5, 2)]
+
+
+def test_without_recordings_of_real_machines_there_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(real_machines, "DATA", tmp_path)
+    assert main(["bench", "diagnose", "--only", "real-machines"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"no recording of emps or cranfield in {tmp_path}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", ["", "drag_error", "load_offset", "hum"])
+def test_a_real_axis_with_an_error_is_named_rightly(error: str) -> None:
+    if not (DATA / "emps").is_dir():
+        pytest.skip("the recordings of emps are not here")
+    first = recordings(DATA)[0]
+    found = run_case(first, SeededCase(first.name, error, "large" if error else ""), seed=9)
+    if error in OPEN:
+        assert found.verdict == "unknown" or found.effects[0][1] <= 0.5
+    else:
+        assert found.right, found.effects
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not has_diagnosis_plant(BESIDE), reason=f"no second plant in {BESIDE}")
+def test_the_installed_command_is_scored_on_the_second_plant() -> None:
+    line = ["diagnose", "--only", "second-plant", "--quick", "--seed", "11"]
+    table = CliRunner().invoke(bench, line, catch_exceptions=False).stdout
+    assert "singles, all strengths: named first" in table
+    assert "50 Hz: healthy no_gap" in table
