@@ -181,7 +181,7 @@ MOST_LINES = {
     "recordings": 3634,
     "regression": 1198,
     "beside the rooms": 764,
-    "tests": 59596,
+    "tests": 53594,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 506
