@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from .baseline import Baseline
-from .contribution import Contribution
+from .contribution import Contribution, Harmonic
 from .empirical import Covered, EmpiricalForm
 
 Values = Mapping[str, float]
@@ -91,6 +91,29 @@ class Parameter:
         return None
 
 
+def amount(
+    name: str, unit: str, description: str, low: float, high: float, faulty: float
+) -> Parameter:
+    """How much of an effect is there; a healthy axis has none."""
+    return Parameter(name, unit, description, low, high, 0.0, faulty)
+
+
+def shape(
+    name: str,
+    unit: str,
+    description: str,
+    low: float,
+    high: float,
+    usual: float,
+    amounts: tuple[str, ...] = (),
+    tried: tuple[float, ...] = (),
+    tried_of_travel: tuple[float, ...] = (),
+) -> Parameter:
+    """Shape of an effect that a healthy axis shares; see Parameter."""
+    given = (usual, usual, Role.SHAPE, False, amounts, tried, tried_of_travel)
+    return Parameter(name, unit, description, low, high, *given)
+
+
 def phase(
     name: str = "phase_rad", amount: str = "", text: str = "Where in the turn it begins."
 ) -> Parameter:
@@ -116,26 +139,29 @@ def order(faulty: float, amount: str = "", most: int = MOST_ORDER) -> Parameter:
     )
 
 
+def harmonic(values: Values, amplitude: str) -> Harmonic:
+    """Curve over the angle with the parameters `amplitude`, `order` and `phase_rad`."""
+    return Harmonic(values[amplitude], values["order"], values["phase_rad"])
+
+
 def reference_temperature(*amounts: str) -> Parameter:
     """Parameter of what follows the temperature of the housing, for some amounts."""
     text = "Temperature of the housing at which the model is right."
-    return Parameter(
-        "reference_c", "degC", text, -50.0, 150.0, 20.0, 20.0, Role.SHAPE, amounts=amounts
-    )
+    return shape("reference_c", "degC", text, -50.0, 150.0, 20.0, amounts)
 
 
 def friction_share(*tried: float) -> Parameter:
     """Parameter to locate dry friction, for what follows the load between motor and table."""
     text = "Dry friction of the table, over what the model puts there."
     steps = tried or (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
-    return Parameter("friction_share", "1", text, 0.0, 1.5, 1.0, 1.0, Role.SHAPE, tried=steps)
+    return shape("friction_share", "1", text, 0.0, 1.5, 1.0, tried=steps)
 
 
 def viscous_share(*tried: float) -> Parameter:
     """Parameter to locate viscous friction, for what follows the load between motor and table."""
     text = "Viscous friction that acts on the table, over the whole in the model."
     steps = tried or (0.0, 0.4, 0.8, 1.2)
-    return Parameter("viscous_share", "1", text, 0.0, 1.5, 0.0, 0.0, Role.SHAPE, tried=steps)
+    return shape("viscous_share", "1", text, 0.0, 1.5, 0.0, tried=steps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,9 +181,6 @@ class Trace:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-NO_TRACE = Trace()
-
-
 @dataclass(frozen=True, slots=True)
 class Confirmation:
     """A check of the plausibility of recordings that sees an effect by itself.
@@ -169,10 +192,6 @@ class Confirmation:
 
     check: str
     resembled_by: tuple[Kind, ...]
-
-
-def _no_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    return iter(())
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,9 +235,9 @@ class Effect:
     imitates: frozenset[str] = frozenset()
     most_shapes: int = 4
     most_entries: int = 4
-    trace: Trace = NO_TRACE
+    trace: Trace = Trace()
     confirmation: Confirmation | None = None
-    empirical_forms: Callable[[Covered, Baseline], Iterator[EmpiricalForm]] = _no_forms
+    empirical_forms: Callable[[Covered, Baseline], Iterator[EmpiricalForm]] = lambda *_: iter(())
     is_fault: bool = False
 
     def complete(self, given: Values) -> dict[str, float]:
@@ -233,7 +252,11 @@ class Effect:
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():
             if name not in known:
-                raise ValueError(f"effect {self.name}: {_unknown(name, known)}")
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise ValueError(
+                    f"effect {self.name}: no parameter {name!r}{hint}; there are {', '.join(known)}"
+                )
             problem = known[name].problem(value)
             if problem:
                 raise ValueError(f"effect {self.name}: {name}: {problem}")
@@ -243,12 +266,6 @@ class Effect:
             name: given.get(name, each.healthy if name in healthy else each.faulty)
             for name, each in known.items()
         }
-
-
-def _unknown(name: str, known: Mapping[str, Parameter]) -> str:
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no parameter {name!r}{hint}; there are {', '.join(known)}"
 
 
 @dataclass(frozen=True, slots=True)

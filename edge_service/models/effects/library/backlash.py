@@ -11,14 +11,10 @@ import numpy as np
 
 from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
-from ..contribution import Contribution, Play
-from ..effect import Effect, Kind, Parameter, Role, Values, friction_share, viscous_share
+from ..contribution import Play
+from ..effect import Effect, Kind, Parameter, Role, friction_share, viscous_share
 from ..empirical import TABLE_SHARES, Covered, EmpiricalForm, MotionCurve, delayed_friction
 from ..hysteresis import play
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Play(values["width_m"], values["friction_share"], values["viscous_share"]),)
 
 
 def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
@@ -53,7 +49,9 @@ EFFECT = Effect(
         friction_share(0.1, 0.4, 0.8, 1.2),
         viscous_share(0.0, 0.4, 1.0),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (
+        Play(values["width_m"], values["friction_share"], values["viscous_share"]),
+    ),
     imitates=frozenset({"compliance", "presliding"}),  # widths add up to what a spring does
     most_shapes=3,
     most_entries=1,

@@ -7,7 +7,7 @@ import numpy as np
 from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
 from ..contribution import Change, Constant, Contribution, PreslidingWindUp
-from ..effect import Effect, Kind, Parameter, Role, Trace, Values, friction_share, viscous_share
+from ..effect import Effect, Kind, Trace, Values, amount, friction_share, shape, viscous_share
 from ..empirical import TABLE_SHARES, Covered, EmpiricalForm, MotionCurve, delayed_friction
 
 _COULOMB_SHARES = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
@@ -83,27 +83,15 @@ EFFECT = Effect(
     source="thesis (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
     kind=Kind.LOST_MOTION,
     parameters=(
-        Parameter(
-            "level_m_per_n",
-            "m/N",
-            "Additional compliance at the fixed bearing.",
-            -1e-6,
-            1e-5,
-            0.0,
-            2e-8,
+        amount(
+            "level_m_per_n", "m/N", "Additional compliance at the fixed bearing.", -1e-6, 1e-5, 2e-8
         ),
-        Parameter(
-            "slope_per_n",
-            "1/N",
-            "Additional compliance per metre from there.",
-            -1e-5,
-            1e-5,
-            0.0,
-            3e-8,
+        amount(
+            "slope_per_n", "1/N", "Additional compliance per metre from there.", -1e-5, 1e-5, 3e-8
         ),
         friction_share(),
         viscous_share(),
-        Parameter(
+        shape(
             "reach_m",
             "m",
             "Travel of the motor over which the table's dry friction builds up on a recording; "
@@ -111,8 +99,6 @@ EFFECT = Effect(
             0.0,
             1e-4,
             0.0,
-            0.0,
-            Role.SHAPE,
             tried=(5e-7, 3e-6),
         ),
     ),

@@ -1,23 +1,10 @@
 """A torque that comes late."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import (
-    ACCELERATION_HZ,
-    MATERIAL_TOLERANCES,
-    Effect,
-    Kind,
-    Parameter,
-    Term,
-    Trace,
-    Values,
-)
+from ..contribution import Change, Constant
+from ..effect import ACCELERATION_HZ, MATERIAL_TOLERANCES, Effect, Kind, Term, Trace, amount
 
 _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
 """Assumption: no current loop answers later, and no torque is stamped less exactly."""
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.TORQUE_LAG, values["lag_s"]),)
 
 
 def _healthy_lag(period_s: float, _coulomb_nm: float) -> tuple[float, float]:
@@ -35,8 +22,8 @@ EFFECT = Effect(
     description="The torque follows its command late: a slow current loop, or a filter too strong.",
     source="first-order lag: command = torque + T d torque / dt",
     kind=Kind.DRIVE,
-    parameters=(Parameter("lag_s", "s", "Time constant.", 0.0, 0.02, 0.0, 2e-3),),
-    contributions=_contributions,
+    parameters=(amount("lag_s", "s", "Time constant.", 0.0, 0.02, 2e-3),),
+    contributions=lambda values: (Change(Constant.TORQUE_LAG, values["lag_s"]),),
     term=Term.LAG,
     least_rate_hz=ACCELERATION_HZ,
     trace=Trace(_healthy_lag, ranges={"lag_s": (1e-4, 3e-4)}),

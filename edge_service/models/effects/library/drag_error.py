@@ -1,12 +1,7 @@
 """Another Coulomb level than the model knows: what preload loss looks like."""
 
-from ..contribution import Contribution, DryFriction, Over, Side, constant
-from ..effect import Effect, Kind, Parameter, Term, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (DryFriction(Over.TIME, constant(values["change_nm"]), Side.AS_DRAG),)
-
+from ..contribution import DryFriction, Over, Side, constant
+from ..effect import Effect, Kind, Term, amount
 
 EFFECT = Effect(
     name="drag_error",
@@ -14,10 +9,10 @@ EFFECT = Effect(
     source="thesis (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter(
-            "change_nm", "N m", "Increase of the Coulomb level at the motor.", -5.0, 5.0, 0.0, 0.06
-        ),
+        amount("change_nm", "N m", "Increase of the Coulomb level at the motor.", -5.0, 5.0, 0.06),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (
+        DryFriction(Over.TIME, constant(values["change_nm"]), Side.AS_DRAG),
+    ),
     term=Term.COULOMB,
 )

@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, TableForce
-from ..effect import Effect, Kind, Parameter, Role, Values
+from ....messages.samples import Floats
+from ..contribution import Contribution, TableForce
+from ..effect import Effect, Kind, Values, amount, shape
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (TableForce(_pulse(values["force_n"], values["start_s"], values["duration_s"])),)
+    start_s, end_s = values["start_s"], values["start_s"] + values["duration_s"]
 
+    def pulse(time_s: Floats) -> Floats:
+        return np.where((time_s >= start_s) & (time_s < end_s), values["force_n"], 0.0)
 
-def _pulse(force_n: float, start_s: float, duration_s: float) -> Curve:
-    return lambda time_s: np.where(
-        (time_s >= start_s) & (time_s < start_s + duration_s), force_n, 0.0
-    )
+    return (TableForce(pulse),)
 
 
 EFFECT = Effect(
@@ -22,9 +22,9 @@ EFFECT = Effect(
     source="thesis, Figure 5.14 (disturbance force): torque -R F(t), x - R theta by F(t) / K",
     kind=Kind.DISTURBANCE,
     parameters=(
-        Parameter("force_n", "N", "Force, positive along the axis.", -1e5, 1e5, 0.0, 200.0),
-        Parameter("start_s", "s", "Time at which it begins.", 0.0, 1e7, 1.0, 1.0, Role.SHAPE),
-        Parameter("duration_s", "s", "Duration.", 1e-3, 1e7, 5.0, 5.0, Role.SHAPE),
+        amount("force_n", "N", "Force, positive along the axis.", -1e5, 1e5, 200.0),
+        shape("start_s", "s", "Time at which it begins.", 0.0, 1e7, 1.0),
+        shape("duration_s", "s", "Duration.", 1e-3, 1e7, 5.0),
     ),
     contributions=_contributions,
     most_shapes=10,

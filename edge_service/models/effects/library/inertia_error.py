@@ -1,12 +1,7 @@
 """Another mass on the table than the model knows."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import Effect, Kind, Parameter, Term, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.TABLE_INERTIA, values["change_kg_m2"]),)
-
+from ..contribution import Change, Constant
+from ..effect import Effect, Kind, Term, amount
 
 EFFECT = Effect(
     name="inertia_error",
@@ -14,16 +9,15 @@ EFFECT = Effect(
     source="thesis (4.3.2): dJ = dm (h_p / 2 pi)^2; torque dJ a, wind-up -R dJ a / K",
     kind=Kind.LOAD,
     parameters=(
-        Parameter(
+        amount(
             "change_kg_m2",
             "kg m^2",
             "Additional inertia of the table, at the motor.",
             -0.05,
             0.2,
-            0.0,
             2e-4,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (Change(Constant.TABLE_INERTIA, values["change_kg_m2"]),),
     term=Term.INERTIA,
 )

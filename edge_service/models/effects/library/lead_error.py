@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..baseline import Baseline
-from ..contribution import Contribution, Curve, Harmonic, Over, Place, Shift
-from ..effect import Effect, Kind, Parameter, Role, Values, order, phase
+from ..contribution import Contribution, Harmonic, Over, Place, Shift
+from ..effect import Effect, Kind, Values, amount, harmonic, order, phase, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 
 _PROFILE_ORDERS = (2, 3, 4, 5, 6)
@@ -16,23 +16,15 @@ _PROFILE_ORDERS = (2, 3, 4, 5, 6)
 def _contributions(values: Values) -> tuple[Contribution, ...]:
     parts = []
     if values["amplitude_m"]:
-        wobble = Harmonic(values["amplitude_m"], values["order"], values["phase_rad"])
-        parts.append(Shift(Place.NUT, Over.ANGLE, wobble))
-    if values["pitch_error"]:
-        parts.append(Shift(Place.NUT, Over.POSITION, _stretched(values["pitch_error"])))
+        parts.append(Shift(Place.NUT, Over.ANGLE, harmonic(values, "amplitude_m")))
+    pitch_error = values["pitch_error"]
+    if pitch_error:
+        parts.append(Shift(Place.NUT, Over.POSITION, lambda position_m: pitch_error * position_m))
     if values["variation_m"]:
-        parts.append(Shift(Place.NUT, Over.POSITION, _slow(values)))
+        amplitude, turns_per_m = values["variation_m"], 2.0 * math.pi / values["wavelength_m"]
+        slow = Harmonic(amplitude, turns_per_m, values["variation_phase_rad"])
+        parts.append(Shift(Place.NUT, Over.POSITION, slow))
     return tuple(parts)
-
-
-def _stretched(pitch_error: float) -> Curve:
-    return lambda position_m: pitch_error * position_m
-
-
-def _slow(values: Values) -> Curve:
-    """Variation over many turns, a wave along the travel."""
-    amplitude, length = values["variation_m"], values["wavelength_m"]
-    return Harmonic(amplitude, 2.0 * math.pi / length, values["variation_phase_rad"])
 
 
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
@@ -52,23 +44,19 @@ EFFECT = Effect(
     "variation B sin(2 pi x / L + psi)",
     kind=Kind.TRAVEL,
     parameters=(
-        Parameter("amplitude_m", "m", "Wobble per turn.", -2e-4, 2e-4, 0.0, 4e-6),
+        amount("amplitude_m", "m", "Wobble per turn.", -2e-4, 2e-4, 4e-6),
         phase(amount="amplitude_m"),
         order(1.0, amount="amplitude_m", most=6),
-        Parameter(
-            "pitch_error", "m/m", "Excess travel per unit of travel.", -2e-3, 2e-3, 0.0, 3e-5
-        ),
-        Parameter("variation_m", "m", "Variation over many turns.", -5e-4, 5e-4, 0.0, 0.0),
+        amount("pitch_error", "m/m", "Excess travel per unit of travel.", -2e-3, 2e-3, 3e-5),
+        amount("variation_m", "m", "Variation over many turns.", -5e-4, 5e-4, 0.0),
         phase("variation_phase_rad", "variation_m", "Where in the wavelength it begins."),
-        Parameter(
+        shape(
             "wavelength_m",
             "m",
             "Length of one variation along the travel.",
             0.02,
             10.0,
             0.3,
-            0.3,
-            Role.SHAPE,
             amounts=("variation_m",),
         ),
     ),

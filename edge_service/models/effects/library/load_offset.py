@@ -2,15 +2,8 @@
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, DryFriction, Over, Side, SmoothTorque, constant
-from ..effect import Effect, Kind, Parameter, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (
-        SmoothTorque(Over.TIME, constant(values["constant_nm"]), Side.TABLE),
-        DryFriction(Over.SPEED, _by_direction(values["asymmetry_nm"]), Side.AS_DRAG),
-    )
+from ..contribution import Curve, DryFriction, Over, Side, SmoothTorque, constant
+from ..effect import Effect, Kind, amount
 
 
 def _by_direction(asymmetry_nm: float) -> Curve:
@@ -23,24 +16,25 @@ EFFECT = Effect(
     source="tilt and gravity m g sin(angle) R, also at rest; (5.3.14) f_offset; EMPS' asymmetry",
     kind=Kind.LOAD,
     parameters=(
-        Parameter(
+        amount(
             "constant_nm",
             "N m",
             "Load torque against positive motion, held at rest too.",
             -50.0,
             50.0,
-            0.0,
             0.1,
         ),
-        Parameter(
+        amount(
             "asymmetry_nm",
             "N m",
             "Coulomb level higher forwards and lower backwards.",
             -5.0,
             5.0,
-            0.0,
             0.05,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (
+        SmoothTorque(Over.TIME, constant(values["constant_nm"]), Side.TABLE),
+        DryFriction(Over.SPEED, _by_direction(values["asymmetry_nm"]), Side.AS_DRAG),
+    ),
 )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..contribution import Contribution, Curve, DryFriction, Over, Side
-from ..effect import Effect, Kind, Parameter, Role, Values
+from ..effect import Effect, Kind, Values, amount, shape
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -25,27 +25,17 @@ EFFECT = Effect(
     source="torque s(v) g(x), wind-up -R s(v) g(x) / K; g a Gaussian over the stroke",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter(
-            "excess_nm",
-            "N m",
-            "Increase of the Coulomb level at the worst place.",
-            -5.0,
-            5.0,
-            0.0,
-            0.3,
+        amount(
+            "excess_nm", "N m", "Increase of the Coulomb level at the worst place.", -5.0, 5.0, 0.3
         ),
-        Parameter(
-            "centre_m", "m", "Position of the worst place.", -10.0, 50.0, 0.4, 0.4, Role.SHAPE
-        ),
-        Parameter(
+        shape("centre_m", "m", "Position of the worst place.", -10.0, 50.0, 0.4),
+        shape(
             "width_m",
             "m",
             "Full width at half height.",
             2e-3,
             50.0,
             0.1,
-            0.1,
-            Role.SHAPE,
             tried_of_travel=(0.06, 0.12, 0.25, 0.5),
         ),
     ),

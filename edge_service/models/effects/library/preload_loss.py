@@ -5,7 +5,7 @@ import numpy as np
 from ....messages.samples import Floats
 from ...screw.nut_law import nut_stiffness
 from ..contribution import Change, Constant, Contribution, DryFriction, Over, Side
-from ..effect import Effect, Kind, Parameter, Role, Values
+from ..effect import Effect, Kind, Parameter, Role, Values, shape
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -29,10 +29,6 @@ def lost_percent(values: Values, time_s: Floats) -> Floats:
     return np.clip(lost, 0.0, 100.0)
 
 
-def _shape(name: str, unit: str, text: str, low: float, high: float, usual: float) -> Parameter:
-    return Parameter(name, unit, text, low, high, usual, usual, Role.SHAPE)
-
-
 EFFECT = Effect(
     name="preload_loss",
     description="The nut clamps its balls less than when it was fresh: the screw is worn.",
@@ -49,13 +45,13 @@ EFFECT = Effect(
             60.0,
             Role.SHAPE,
         ),
-        _shape("percent_per_s", "%/s", "Rate at which it was lost, per second.", 0.0, 1e3, 0.0),
-        _shape("until_s", "s", "Time at which the loss is complete.", -1e9, 1e9, 0.0),
-        _shape("fresh_drag_nm", "N m", "Drag of the fresh screw.", 0.0, 1e3, 0.146),
-        _shape(
+        shape("percent_per_s", "%/s", "Rate at which it was lost, per second.", 0.0, 1e3, 0.0),
+        shape("until_s", "s", "Time at which the loss is complete.", -1e9, 1e9, 0.0),
+        shape("fresh_drag_nm", "N m", "Drag of the fresh screw.", 0.0, 1e3, 0.146),
+        shape(
             "fresh_percent", "%", "Fresh preload, as a share of the load rating.", 0.01, 100.0, 6.85
         ),
-        _shape("fresh_nut_m_per_n", "m/N", "Compliance of the fresh nut.", 0.0, 1e-5, 8.9e-9),
+        shape("fresh_nut_m_per_n", "m/N", "Compliance of the fresh nut.", 0.0, 1e-5, 8.9e-9),
     ),
     contributions=_contributions,
     most_shapes=1,

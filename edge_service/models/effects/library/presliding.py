@@ -1,11 +1,7 @@
 """Friction that gives way before it slides."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Trace, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.PRESLIDING_REACH, values["reach_m"]),)
+from ..contribution import Change, Constant
+from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Trace
 
 
 def _healthy_share(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
@@ -30,7 +26,7 @@ EFFECT = Effect(
             Role.SHAPE,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (Change(Constant.PRESLIDING_REACH, values["reach_m"]),),
     least_rate_hz=ACCELERATION_HZ,
     imitates=frozenset({"backlash", "compliance", "quadratic_friction", "stribeck"}),
     most_shapes=1,

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..baseline import Baseline
 from ..contribution import Contribution, Curve, Over, Side, SmoothTorque
-from ..effect import Effect, Kind, Parameter, Values
+from ..effect import Effect, Kind, Values, amount
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 
 
@@ -35,13 +35,12 @@ EFFECT = Effect(
     source="drag of a churned fluid at high Reynolds numbers: torque E v |v|",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter(
+        amount(
             "coefficient_nm_s2_per_rad2",
             "N m s^2/rad^2",
             "Torque divided by the square of the motor speed.",
             -1e-3,
             1e-2,
-            0.0,
             1e-4,
         ),
     ),

@@ -1,12 +1,7 @@
 """A drive that gives less than its greatest torque."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.TORQUE_LIMIT, values["limit_nm"]),)
-
+from ..contribution import Change, Constant
+from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role
 
 EFFECT = Effect(
     name="saturation",
@@ -25,7 +20,7 @@ EFFECT = Effect(
             Role.SHAPE,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (Change(Constant.TORQUE_LIMIT, values["limit_nm"]),),
     follows_own_torque=True,
     least_rate_hz=ACCELERATION_HZ,
 )

@@ -8,7 +8,7 @@ from ....messages.samples import Floats
 from ...screw.friction import stribeck_decay
 from ..baseline import Baseline, Motion
 from ..contribution import Contribution, DryFriction, Over, Side
-from ..effect import Effect, Kind, Parameter, Role, Trace, Values
+from ..effect import Effect, Kind, Trace, Values, amount, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 from ..hysteresis import bristle_share
 
@@ -48,18 +48,16 @@ EFFECT = Effect(
     source="Armstrong-Helouvry (1991), the exponential form of the thesis' eq. 5.3.13",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("excess_nm", "N m", "Breakaway above Coulomb level.", -5.0, 5.0, 0.0, 0.2),
-        Parameter(
+        amount("excess_nm", "N m", "Breakaway above Coulomb level.", -5.0, 5.0, 0.2),
+        shape(
             "speed_rad_s",
             "rad/s",
             "Motor speed at which the excess has fallen to 1/e.",
             0.01,
             100.0,
             2.0,
-            2.0,
-            Role.SHAPE,
         ),
-        Parameter("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0, 2.0, Role.SHAPE),
+        shape("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0),
     ),
     contributions=_contributions,
     imitates=frozenset({"presliding", "quadratic_friction"}),

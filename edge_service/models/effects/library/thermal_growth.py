@@ -7,7 +7,7 @@ import numpy as np
 from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
 from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
-from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
+from ..effect import Effect, Kind, Values, amount, reference_temperature, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 _HEAT_CELLS = 40
@@ -85,25 +85,22 @@ EFFECT = Effect(
     ),
     kind=Kind.TRAVEL,
     parameters=(
-        Parameter("rise_k", "K", "Final temperature rise of the screw.", -50.0, 100.0, 0.0, 10.0),
-        Parameter(
+        amount("rise_k", "K", "Final temperature rise of the screw.", -50.0, 100.0, 10.0),
+        amount(
             "strain_per_k",
             "1/K",
             "Growth for each K by which the housing is warmer than the reference.",
             -1e-4,
             1e-4,
             0.0,
-            0.0,
         ),
-        Parameter(
+        shape(
             "time_constant_s",
             "s",
             "Time for 63 % of the rise.",
             1.0,
             1e5,
             900.0,
-            900.0,
-            Role.SHAPE,
             amounts=("rise_k",),
         ),
         reference_temperature("strain_per_k"),

@@ -1,12 +1,7 @@
 """The motor gives another torque than it is told to."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import Effect, Kind, Parameter, Term, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.COMMAND_SHARE, values["excess_share"]),)
-
+from ..contribution import Change, Constant
+from ..effect import Effect, Kind, Term, amount
 
 EFFECT = Effect(
     name="torque_gain_error",
@@ -14,16 +9,15 @@ EFFECT = Effect(
     source="command = (1 + eps) torque: eps times the whole torque model",
     kind=Kind.DRIVE,
     parameters=(
-        Parameter(
+        amount(
             "excess_share",
             "1",
             "Command above the torque that arrives, as a share of that.",
             -0.6,
             2.0,
-            0.0,
             0.15,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (Change(Constant.COMMAND_SHARE, values["excess_share"]),),
     term=Term.GAIN,
 )

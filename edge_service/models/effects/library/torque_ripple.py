@@ -1,13 +1,7 @@
 """A motor whose torque wavers with its angle."""
 
-from ..contribution import Contribution, Harmonic, Over, Side, SmoothTorque
-from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Trace, Values, order, phase
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = Harmonic(values["amplitude_nm"], values["order"], values["phase_rad"])
-    return (SmoothTorque(Over.ANGLE, curve, Side.MOTOR),)
-
+from ..contribution import Over, Side, SmoothTorque
+from ..effect import ACCELERATION_HZ, Effect, Kind, Trace, amount, harmonic, order, phase
 
 EFFECT = Effect(
     name="torque_ripple",
@@ -15,11 +9,13 @@ EFFECT = Effect(
     source="torque A sin(n theta + phi), whatever the direction",
     kind=Kind.DRIVE,
     parameters=(
-        Parameter("amplitude_nm", "N m", "Amplitude.", -5.0, 5.0, 0.0, 0.1),
+        amount("amplitude_nm", "N m", "Amplitude.", -5.0, 5.0, 0.1),
         order(6.0),
         phase(),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (
+        SmoothTorque(Over.ANGLE, harmonic(values, "amplitude_nm"), Side.MOTOR),
+    ),
     least_rate_hz=ACCELERATION_HZ,
     trace=Trace(ranges={"amplitude_nm": (0.0, 0.01)}),
 )

@@ -1,12 +1,7 @@
 """Another viscous friction than the model knows."""
 
-from ..contribution import Change, Constant, Contribution
-from ..effect import Effect, Kind, Parameter, Term, Values
-
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    return (Change(Constant.VISCOUS, values["change_nm_s_per_rad"]),)
-
+from ..contribution import Change, Constant
+from ..effect import Effect, Kind, Term, amount
 
 EFFECT = Effect(
     name="viscous_error",
@@ -14,16 +9,15 @@ EFFECT = Effect(
     source="thesis (5.3.15): torque dD v",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter(
+        amount(
             "change_nm_s_per_rad",
             "N m s/rad",
             "Increase of the viscous coefficient at the motor.",
             -0.1,
             0.2,
-            0.0,
             4e-3,
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (Change(Constant.VISCOUS, values["change_nm_s_per_rad"]),),
     term=Term.VISCOUS,
 )

@@ -14,7 +14,7 @@ from ..contribution import (
     ViscousFriction,
     lagged_warming,
 )
-from ..effect import Effect, Kind, Parameter, Role, Values, reference_temperature
+from ..effect import Effect, Kind, Values, amount, reference_temperature, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 WARM_RISE_K = 8.0
@@ -81,67 +81,58 @@ EFFECT = Effect(
     ),
     kind=Kind.FRICTION,
     parameters=(
-        Parameter("excess_nm", "N m", "Additional Coulomb level when cold.", -5.0, 5.0, 0.0, 0.06),
-        Parameter(
+        amount("excess_nm", "N m", "Additional Coulomb level when cold.", -5.0, 5.0, 0.06),
+        amount(
             "viscous_excess_nm_s_per_rad",
             "N m s/rad",
             "Additional viscous friction when cold.",
             -0.1,
             0.1,
             0.0,
-            0.0,
         ),
-        Parameter(
+        amount(
             "thinned_nm",
             "N m",
             "Dry friction at the reference temperature that a warmer lubricant takes away.",
             -5.0,
             5.0,
             0.0,
-            0.0,
         ),
-        Parameter(
+        amount(
             "thinned_nm_s_per_rad",
             "N m s/rad",
             "Viscous friction at the reference temperature that does the same.",
             -0.1,
             0.1,
             0.0,
-            0.0,
         ),
-        Parameter(
+        shape(
             "time_constant_s",
             "s",
             "Time in which it falls to 1/e.",
             1.0,
             1e5,
             1200.0,
-            1200.0,
-            Role.SHAPE,
             amounts=_BY_TIME,
         ),
-        Parameter(
+        shape(
             "of_cold",
             "1",
             "1 where the model has the friction of the cold axis, 0 where of the warm one.",
             0.0,
             1.0,
             0.0,
-            0.0,
-            Role.SHAPE,
             amounts=_BY_TIME,
             tried=(0.0, 0.25, 0.5, 0.75, 1.0),
         ),
         reference_temperature(*_BY_TEMPERATURE),
-        Parameter(
+        shape(
             "span_k",
             "K",
             "Warming in which it falls to 1/e.",
             LEAST_SPAN_K,
             1e3,
             12.0,
-            12.0,
-            Role.SHAPE,
             amounts=_BY_TEMPERATURE,
         ),
     ),
