@@ -9,7 +9,7 @@ import numpy as np
 from ..messages import channels
 from ..messages.samples import Floats, SampleFrame
 from .effects.effect import ActiveEffect
-from .effects.forward import Forward, TimeLoad, put_into
+from .effects.forward import Forward, put_into
 from .effects.registry import machine_effects
 from .machine import Machine
 from .plant.closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
@@ -37,6 +37,7 @@ from .plant.two_mass import (
     TABLE_FRICTION,
     TABLE_POSITION,
     Load,
+    Loads,
     Plant,
     axial_compliance,
     resistance,
@@ -170,13 +171,8 @@ class FeedDrive:
             setpoints=setpoints,
             preload_percent=preload_percent,
             screw_drag_nm=given["drag_nm"],
-            force_n=given["external_force_n"] + by_time.force_n,
             added_mass_kg=given["added_mass_kg"],
-            motor_dry_nm=by_time.motor_dry_nm,
-            table_dry_nm=by_time.table_dry_nm,
-            motor_viscous_nm_s_per_rad=by_time.motor_viscous_nm_s_per_rad,
-            resisting_nm=by_time.resisting_nm,
-            strain=by_time.strain,
+            loads=by_time._replace(force_n=given["external_force_n"] + by_time.force_n),
             noise=noise,
         )
         out = np.empty((count, OUTPUTS))
@@ -220,7 +216,7 @@ class FeedDrive:
         return float(wound_n)
 
 
-def _at_start(forward: Forward) -> TimeLoad:
+def _at_start(forward: Forward) -> Loads:
     """Loads at the beginning, at the temperature of the surroundings, (1,) each."""
     return forward.over_time(np.zeros(1), np.full(1, AMBIENT_C))
 

@@ -7,7 +7,6 @@ from types import ModuleType
 
 import pytest
 
-from edge_service.models import bounds
 from edge_service.models.screw import ball_screw, friction, nut_law, stiffness
 
 PHYSICS = (ball_screw, friction, nut_law, stiffness)
@@ -25,7 +24,7 @@ def public_functions(module: ModuleType) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("module", [*PHYSICS, bounds], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("module", PHYSICS, ids=lambda m: m.__name__)
 def test_examples_hold(module: ModuleType) -> None:
     result = doctest.testmod(module)
     assert result.attempted > 0

@@ -24,7 +24,7 @@ from edge_service.messages.health import (
     ConsistencyState,
 )
 from edge_service.messages.sentence import Code, Sentence
-from edge_service.models.motions.registry import MOTIONS, FiniteMotion
+from edge_service.models.motions.registry import MOTIONS
 
 from .conftest import show_tab
 
@@ -87,7 +87,7 @@ CODES: dict[str, Iterable[str]] = {
     "job.command": JobCommand,
     "job.state": JobState,
     "fault": [str(fault.name).lower() for fault in Fault],
-    "motion": [name for name, motion in MOTIONS.items() if isinstance(motion, FiniteMotion)],
+    "motion": [name for name, motion in MOTIONS.items() if motion.draw],
 }
 
 

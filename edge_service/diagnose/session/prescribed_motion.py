@@ -17,7 +17,7 @@ from scipy import interpolate
 from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
-from ...models.effects.forward import Forward, TimeLoad, put_into
+from ...models.effects.forward import Forward, put_into
 from ...models.effects.learned import model_effects
 from ...models.feed_drive import SUBSTEP_RATE_HZ
 from ...models.machine import Machine
@@ -30,7 +30,7 @@ from ...models.plant.prescribed_motion import (
     simulate_inverse,
 )
 from ...models.plant.tables import misreading
-from ...models.plant.two_mass import Plant, axial_compliance
+from ...models.plant.two_mass import Loads, Plant, axial_compliance
 from ...recordings.conditioning import central_difference
 from .run import Run
 from .session import Integers
@@ -120,37 +120,26 @@ class PrescribedMotionAxis:
         way = self._way(motion, speed, loads, number)
         offset_m = float(np.median(motion.position_m - travel))
         plants = [_placed(each.plant, offset_m) for each in variants]
-        first = float(travel[0]), float(way.speed_m_s[0]), float(way.strain[0])
+        first = float(travel[0]), float(way.speed_m_s[0]), float(way.loads.strain[0])
         state = following_state(plants[number[0]], *first, float(motion.approach[0]))
         out = np.empty((len(motion), 2))
         substeps = math.ceil(SUBSTEP_RATE_HZ * period_s)
         edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(motion)]
         for start, end in itertools.pairwise(edges):
-            part = Way(*(each[start : end + 1] for each in way))
+            rows = slice(start, end + 1)
+            loads_now = Loads(*(each[rows] for each in way.loads))
+            part = Way(way.speed_m_s[rows], way.place_m[rows], loads_now)
             screw = self.screw_nm, _PRELOAD_PERCENT
             plant = plants[number[start]]
             out[start:end] = simulate_inverse(plant, *screw, period_s, substeps, state, part)
         return _at_samples(out[:, TORQUE]), out[:, STRETCH]
 
-    def _way(
-        self, motion: Motion, speed: Floats, loads: Sequence[TimeLoad], number: Integers
-    ) -> Way:
+    def _way(self, motion: Motion, speed: Floats, loads: Sequence[Loads], number: Integers) -> Way:
         """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""
 
-        def by_time(name: str) -> Floats:
-            return _chosen(number, [getattr(load, name) for load in loads])
-
-        columns = (
-            speed,
-            motion.position_m,
-            by_time("force_n") + self._known_force(motion),
-            by_time("motor_dry_nm"),
-            by_time("table_dry_nm"),
-            by_time("motor_viscous_nm_s_per_rad"),
-            by_time("resisting_nm"),
-            by_time("strain"),
-        )
-        return Way(*(np.append(each, 2.0 * each[-1] - each[-2]) for each in columns))
+        by_time = Loads(*(_chosen(number, each) for each in zip(*loads, strict=True)))
+        by_time = by_time._replace(force_n=by_time.force_n + self._known_force(motion))
+        return Way(_extended(speed), _extended(motion.position_m), Loads(*map(_extended, by_time)))
 
     def _known_force(self, motion: Motion) -> Floats:
         """Recorded external force on the table, N, (n,): it is part of the model's load torque."""
@@ -223,6 +212,11 @@ def _chosen(number: Integers, each: Sequence[Floats]) -> Floats:
     """Value at each sample of the one of several series (n,) that holds there."""
     found: Floats = np.choose(number, each)
     return found
+
+
+def _extended(series: Floats) -> Floats:
+    """A series (n,) one sample longer."""
+    return np.append(series, 2.0 * series[-1] - series[-2])
 
 
 def _of(number: Integers, variants: Sequence[Forward], name: str) -> Floats:

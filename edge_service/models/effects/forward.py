@@ -21,7 +21,7 @@ from ..plant.tables import (
     speed_grid,
     stack,
 )
-from ..plant.two_mass import Plant
+from ..plant.two_mass import Loads, Plant
 from .contribution import (
     Change,
     Constant,
@@ -62,7 +62,7 @@ class Forward:
     torque_limit_nm: float
     position_lag_s: float
 
-    def over_time(self, time_s: Floats, temperature_c: Floats) -> "TimeLoad":
+    def over_time(self, time_s: Floats, temperature_c: Floats) -> Loads:
         """Loads that follow time or temperature, at (n,) times since the beginning.
 
         Args:
@@ -93,7 +93,7 @@ class Forward:
                     strain += at(over, curve)
                 case _:
                     pass
-        return TimeLoad(force, motor_dry, table_dry, viscous, resisting, strain)
+        return Loads(force, motor_dry, table_dry, viscous, resisting, strain)
 
     def temperature_rise_k(self, time_s: Floats) -> Floats:
         """Rise of the housing's sensor at (n,) times since the beginning, K; it acts on nothing."""
@@ -103,18 +103,6 @@ class Forward:
                 other = each.rise_k(time_s)
                 rise = np.where(np.abs(other) > np.abs(rise), other, rise)
         return rise
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TimeLoad:
-    """Loads on the plant by time or temperature alone, (n,) each; names as in `plant.Load`."""
-
-    force_n: Floats
-    motor_dry_nm: Floats
-    table_dry_nm: Floats
-    motor_viscous_nm_s_per_rad: Floats
-    resisting_nm: Floats
-    strain: Floats
 
 
 def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float) -> Forward:

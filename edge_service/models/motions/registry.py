@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -32,18 +31,32 @@ _FULL_PRODUCTION_S = 60.0
 _SLACK_S = 1e-6
 
 
-class Motion(Protocol):
-    """A named motion; it starts at rest at `limits.low_m` and is fixed by its random generator."""
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A named motion; it starts at rest at `limits.low_m` and is fixed by its random generator.
 
-    @property
-    def purpose(self) -> str:
-        """Purpose of the motion, one line."""
+    Attributes:
+        purpose: one line.
+        draw: puts its segments on a route; None of a motion without end.
+        source: segments of a motion without end.
+    """
+
+    name: str
+    purpose: str
+    draw: Callable[[Route, np.random.Generator], None] | None = None
+    source: Callable[[MotionLimits, np.random.Generator], Iterator[Segment]] | None = None
 
     def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
         """Its segments, without end if it has none; raises MotionError as `plan` does."""
+        if self.source is not None:
+            return self.source(limits, random)
+        return iter(self.plan(limits, random).segments)
 
     def duration_s(self, limits: MotionLimits) -> float | None:
-        """Its natural duration, s; None without end. Raises MotionError as `plan` does."""
+        """Its natural duration, s; None without end. Chance does not change it."""
+        if self.draw is None:
+            return None
+        return self.plan(limits, np.random.default_rng(0)).duration_s
 
     def plan(
         self,
@@ -64,85 +77,36 @@ class Motion(Protocol):
         Raises:
             MotionError: the axis or the duration does not allow it.
         """
-
-
-@dataclass(frozen=True, slots=True)
-class FiniteMotion:
-    """A motion that ends where it began."""
-
-    name: str
-    purpose: str
-    draw: Callable[[Route, np.random.Generator], None]
-
-    def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
-        """Its segments."""
-        return iter(self.plan(limits, random).segments)
-
-    def duration_s(self, limits: MotionLimits) -> float | None:
-        """Its natural duration, s; chance does not change it."""
-        return self.plan(limits, np.random.default_rng(0)).duration_s
-
-    def plan(
-        self,
-        limits: MotionLimits,
-        random: np.random.Generator,
-        *,
-        duration_s: float | None = None,
-        clip: bool = False,
-    ) -> Plan:
-        """See `Motion.plan`."""
-        route = Route(self.name, limits, clip=clip)
-        self.draw(route, random)
-        plan = route.finish()
-        return plan if duration_s is None else _lengthened(self.name, plan, duration_s)
-
-
-@dataclass(frozen=True, slots=True)
-class EndlessMotion:
-    """A motion that goes on until it is stopped."""
-
-    name: str
-    purpose: str
-    source: Callable[[MotionLimits, np.random.Generator], Iterator[Segment]]
-
-    def __call__(self, limits: MotionLimits, random: np.random.Generator) -> Iterator[Segment]:
-        """Its segments, without end."""
-        return self.source(limits, random)
-
-    def duration_s(self, limits: MotionLimits) -> float | None:
-        """None: it has no end."""
-        return None
-
-    def plan(
-        self,
-        limits: MotionLimits,
-        random: np.random.Generator,
-        *,
-        duration_s: float | None = None,
-        clip: bool = False,
-    ) -> Plan:
-        """See `Motion.plan`; the segments that are over within `duration_s`, which it needs."""
-        if duration_s is None:
+        if self.draw is not None:
+            route = Route(self.name, limits, clip=clip)
+            self.draw(route, random)
+            plan = route.finish()
+            if duration_s is None:
+                return plan
+        elif duration_s is None:
             raise MotionError(f"{self.name}: does not end by itself; expected a duration")
+        else:
+            plan = self._within(duration_s, limits, random)
+        left_s = duration_s - plan.duration_s
+        if left_s < -_SLACK_S:
+            raise MotionError(
+                f"{self.name}: takes {plan.duration_s:.1f} s, "
+                f"a duration of {duration_s:g} s would cut it"
+            )
+        return Plan((*plan.segments, Dwell(max(left_s, 0.0))), plan.left_out)
+
+    def _within(self, duration_s: float, limits: MotionLimits, random: np.random.Generator) -> Plan:
+        """Segments of a motion without end that are over within a duration."""
         segments: list[Segment] = []
         left_s = duration_s
-        for segment in self.source(limits, random):
+        for segment in self(limits, random):
             if segment.duration_s > left_s:
                 break
             segments.append(segment)
             left_s -= segment.duration_s
         if not segments:
             raise MotionError(f"{self.name}: its first move takes longer than {duration_s:g} s")
-        return _lengthened(self.name, Plan(tuple(segments)), duration_s)
-
-
-def _lengthened(name: str, plan: Plan, duration_s: float) -> Plan:
-    left_s = duration_s - plan.duration_s
-    if left_s < -_SLACK_S:
-        raise MotionError(
-            f"{name}: takes {plan.duration_s:.1f} s, a duration of {duration_s:g} s would cut it"
-        )
-    return Plan((*plan.segments, Dwell(max(left_s, 0.0))), plan.left_out)
+        return Plan(tuple(segments))
 
 
 def full(route: Route, random: np.random.Generator) -> None:
@@ -164,17 +128,17 @@ def _run_for(route: Route, motion: Motion, random: np.random.Generator, duration
         route.add(segment)
 
 
-_MOTIONS: tuple[FiniteMotion | EndlessMotion, ...] = (
-    FiniteMotion("standstill", "rest after either approach: tilt against friction", standstill),
-    FiniteMotion("reversals", "20 um to 2 mm at three positions: backlash, presliding", reversals),
-    FiniteMotion("friction", "ten speeds of Table 5.1, both ways: friction curve", friction),
-    FiniteMotion("signature", "20 revolutions and more, both ways: order spectrum", signature),
-    FiniteMotion("acceleration", "three accelerations along the stroke: stiffness", acceleration),
-    FiniteMotion("chirp", "5 to 300 Hz on a slow feed: frequency response", chirp),
-    FiniteMotion("multisine", "every hertz from 5 to 300 Hz: frequency response", multisine),
-    EndlessMotion("warmup", "rapids from end to end: a warm axis", warmup),
-    EndlessMotion("production", "rapids, feeds, steps and dwells: everyday load", production),
-    FiniteMotion("full", "all tests, a warm-up, the signature again, production", full),
+_MOTIONS = (
+    Motion("standstill", "rest after either approach: tilt against friction", standstill),
+    Motion("reversals", "20 um to 2 mm at three positions: backlash, presliding", reversals),
+    Motion("friction", "ten speeds of Table 5.1, both ways: friction curve", friction),
+    Motion("signature", "20 revolutions and more, both ways: order spectrum", signature),
+    Motion("acceleration", "three accelerations along the stroke: stiffness", acceleration),
+    Motion("chirp", "5 to 300 Hz on a slow feed: frequency response", chirp),
+    Motion("multisine", "every hertz from 5 to 300 Hz: frequency response", multisine),
+    Motion("warmup", "rapids from end to end: a warm axis", source=warmup),
+    Motion("production", "rapids, feeds, steps and dwells: everyday load", source=production),
+    Motion("full", "all tests, a warm-up, the signature again, production", full),
 )
 
 MOTIONS: dict[str, Motion] = {motion.name: motion for motion in _MOTIONS}

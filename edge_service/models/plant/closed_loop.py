@@ -14,7 +14,15 @@ from .encoders import (
     measure_late,
     remember,
 )
-from .two_mass import STATE_SIZE, TABLE_POSITION, Load, Plant, advance_plant, axial_compliance
+from .two_mass import (
+    STATE_SIZE,
+    TABLE_POSITION,
+    Loads,
+    Plant,
+    advance_plant,
+    axial_compliance,
+    load_at,
+)
 
 INTEGRAL = STATE_SIZE  # integral part of the cascade, N m, behind the plant's state
 LOOP_STATE_SIZE = STATE_SIZE + 1
@@ -34,35 +42,14 @@ class Loop(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Setpoints (n, 3), unit noise (n, NOISES), all others (n,)."""
+    """Setpoints (n, 3), unit noise (n, NOISES), the others (n,)."""
 
     setpoints: Floats
     preload_percent: Floats
     screw_drag_nm: Floats
-    force_n: Floats
     added_mass_kg: Floats
-    motor_dry_nm: Floats
-    table_dry_nm: Floats
-    motor_viscous_nm_s_per_rad: Floats
-    resisting_nm: Floats
-    strain: Floats
+    loads: Loads
     noise: Floats
-
-
-@compiled
-def _load_of(inputs: Inputs, k: int, torque_nm: float, compliance: float) -> Load:
-    return Load(
-        torque_nm,
-        inputs.force_n[k],
-        inputs.screw_drag_nm[k],
-        compliance,
-        inputs.added_mass_kg[k],
-        inputs.motor_dry_nm[k],
-        inputs.table_dry_nm[k],
-        inputs.motor_viscous_nm_s_per_rad[k],
-        inputs.resisting_nm[k],
-        inputs.strain[k],
-    )
 
 
 @compiled
@@ -92,5 +79,6 @@ def advance_loop(
         given_nm = command_nm * loop.torque_per_command
         given_nm = min(max(given_nm, -loop.torque_limit_nm), loop.torque_limit_nm)
         compliance = axial_compliance(plant, state[TABLE_POSITION], inputs.preload_percent[k])
-        load = _load_of(inputs, k, given_nm, compliance)
+        drag_nm, mass_kg = inputs.screw_drag_nm[k], inputs.added_mass_kg[k]
+        load = load_at(inputs.loads, k, given_nm, drag_nm, compliance, mass_kg)
         advance_plant(plant, state, load, gains.period_s, loop.substeps)

@@ -18,10 +18,11 @@ from .two_mass import (
     STATE_SIZE,
     TABLE_POSITION,
     TABLE_SPEED,
-    Load,
+    Loads,
     Plant,
     advance_plant,
     axial_compliance,
+    load_at,
 )
 
 _HEAVY_KG = 1e8
@@ -29,19 +30,14 @@ TORQUE, STRETCH = 0, 1
 
 
 class Way(NamedTuple):
-    """Motion of the motor, and what acts meanwhile, (n,) each; names as in `plant.Load`.
+    """Motion of the motor, and what acts meanwhile, (n,) each.
 
     `place_m` is the table's position along the screw, for the stiffness.
     """
 
     speed_m_s: Floats
     place_m: Floats
-    force_n: Floats
-    motor_dry_nm: Floats
-    table_dry_nm: Floats
-    motor_viscous_nm_s_per_rad: Floats
-    resisting_nm: Floats
-    strain: Floats
+    loads: Loads
 
 
 def following_state(
@@ -60,22 +56,6 @@ def following_state(
     state[TABLE_POSITION] += plant.backlash_m if came_from < 0.0 else 0.0
     state[TABLE_SPEED] = (1.0 + strain + slope) * speed_m_s
     return state
-
-
-@compiled
-def _load_of(way: Way, k: int, torque_nm: float, screw_drag_nm: float, compliance: float) -> Load:
-    return Load(
-        torque_nm,
-        way.force_n[k],
-        screw_drag_nm,
-        compliance,
-        0.0,
-        way.motor_dry_nm[k],
-        way.table_dry_nm[k],
-        way.motor_viscous_nm_s_per_rad[k],
-        way.resisting_nm[k],
-        way.strain[k],
-    )
 
 
 def simulate_inverse(
@@ -123,7 +103,7 @@ def _simulate_inverse(
         out[k, STRETCH] = state[TABLE_POSITION] - state[MOTOR_TRAVEL]
         compliance = axial_compliance(heavy, way.place_m[k], screw[1])
         prescribing_nm = _HEAVY_KG * rise_m_s / period_s * heavy.ratio_m_per_rad
-        load = _load_of(way, k, prescribing_nm, screw[0], compliance)
+        load = load_at(way.loads, k, prescribing_nm, screw[0], compliance, 0.0)
         advance_plant(heavy, state, load, period_s, substeps)
         taken = _HEAVY_KG * (way.speed_m_s[k + 1] - state[MOTOR_SPEED])
         out[k, TORQUE] = heavy.ratio_m_per_rad * (own_kg * rise_m_s + taken) / period_s

@@ -112,6 +112,36 @@ class Load(NamedTuple):
     strain: float = 0.0
 
 
+class Loads(NamedTuple):
+    """Loads that follow time or temperature, (n,) each; see Load."""
+
+    force_n: Floats
+    motor_dry_nm: Floats
+    table_dry_nm: Floats
+    motor_viscous_nm_s_per_rad: Floats
+    resisting_nm: Floats
+    strain: Floats
+
+
+@compiled
+def load_at(
+    loads: Loads, k: int, torque_nm: float, screw_drag_nm: float, compliance: float, mass_kg: float
+) -> Load:
+    """Load of period `k`; `mass_kg` is added to the table."""
+    return Load(
+        torque_nm,
+        loads.force_n[k],
+        screw_drag_nm,
+        compliance,
+        mass_kg,
+        loads.motor_dry_nm[k],
+        loads.table_dry_nm[k],
+        loads.motor_viscous_nm_s_per_rad[k],
+        loads.resisting_nm[k],
+        loads.strain[k],
+    )
+
+
 @compiled
 def axial_compliance(plant: Plant, position_m: float, preload_percent: float) -> float:
     """Compliance of all springs in series, m/N (5.3.2)."""

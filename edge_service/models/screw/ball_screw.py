@@ -3,34 +3,24 @@
 import math
 from dataclasses import dataclass
 
-from ..bounds import require_not_negative, require_positive
-
 
 def transmission_ratio(lead_m: float) -> float:
     """Table travel per radian of the screw, m/rad: R_t = h_p / 2 pi (4.3.5).
 
     Table 4.1 prints 1.59e-3 m/rad, which is half of what its lead of 20 mm gives.
 
-    Raises:
-        ValueError: the lead is not greater than 0.
-
     >>> round(transmission_ratio(0.02), 6)
     0.003183
     """
-    require_positive(lead_m=lead_m)
     return lead_m / (2.0 * math.pi)
 
 
 def lead_angle(lead_m: float, ball_circle_m: float) -> float:
     """Lead angle alpha of (4.3.6), rad: tan alpha = h_p / (pi d), d the ball circle's diameter.
 
-    Raises:
-        ValueError: the lead or the diameter is not greater than 0.
-
     >>> round(math.degrees(lead_angle(0.02, 0.0206)), 2)  # Table A.1: 17.17 degrees
     17.17
     """
-    require_positive(lead_m=lead_m, ball_circle_m=ball_circle_m)
     return math.atan(lead_m / (math.pi * ball_circle_m))
 
 
@@ -69,24 +59,15 @@ def ball_pass_orders(
         ball_circle_m: D, the diameter of the circle of the balls' centres.
         balls_per_turn: z; unless given that of balls without spacers.
 
-    Raises:
-        ValueError: a length is not greater than 0, the balls do not fit, or the angle cannot be.
-
     >>> orders = ball_pass_orders(3.175e-3, 0.0206, 0.02, math.radians(45.0))
     >>> round(orders.on_nut, 2), round(orders.on_screw, 2), round(orders.spin, 2)
     (9.56, 11.78, 3.21)
     """
     tangent = math.tan(lead_angle(lead_m, ball_circle_m))
-    require_positive(ball_diameter_m=ball_diameter_m)
-    if not ball_diameter_m < ball_circle_m:
-        raise ValueError(f"ball_diameter_m: {ball_diameter_m:g} does not fit {ball_circle_m:g} m")
-    if not 0.0 <= contact_angle_rad < math.pi / 2.0:
-        raise ValueError(f"contact_angle_rad must lie from 0 to pi / 2, got {contact_angle_rad:g}")
     climb = 1.0 / math.hypot(1.0, tangent)
     balls = balls_per_turn
     if balls is None:
         balls = math.pi * ball_circle_m / (ball_diameter_m * climb)
-    require_positive(balls_per_turn=balls)
     share = ball_diameter_m * math.cos(contact_angle_rad) * climb / ball_circle_m
     return BallPassOrders(
         on_nut=0.5 * balls * (1.0 - share),
@@ -101,11 +82,7 @@ def table_inertia(mass_kg: float, lead_m: float) -> float:
     (4.3.2) as printed, (m_t + m_wp) h_p^2 / 2 pi, squares the lead only; the value in Table 4.1
     has the square over 2 pi too.
 
-    Raises:
-        ValueError: the mass is negative or the lead not greater than 0.
-
     >>> round(table_inertia(20.0, 0.02), 6)  # Table 4.1: 2e-4
     0.000203
     """
-    require_not_negative(mass_kg=mass_kg)
     return mass_kg * transmission_ratio(lead_m) ** 2

@@ -5,7 +5,6 @@ from typing import TypeVar
 import numpy as np
 
 from ...messages.samples import Floats
-from ..bounds import require_positive
 
 Number = TypeVar("Number", float, Floats)
 """One number, or an array of any shape."""
@@ -44,13 +43,9 @@ def exponential_friction(
     and v_st, and neither pair may be used in the other form. For torques at the motor multiply by
     R_t, with the speed over R_t.
 
-    Raises:
-        ValueError: the Stribeck speed is not greater than 0.
-
     >>> round(float(exponential_friction(1e-9, 60.0, 90.0, 0.01)), 6)
     90.0
     """
-    require_positive(stribeck_speed_m_s=stribeck_speed_m_s)
     speed_m_s = np.asarray(speed_m_s)
     excess_n = (breakaway_n - coulomb_n) * stribeck_decay(speed_m_s, stribeck_speed_m_s, 2.0)
     level = coulomb_n + excess_n

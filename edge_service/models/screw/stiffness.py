@@ -2,7 +2,6 @@
 
 import math
 
-from ..bounds import require_positive
 from ..compiled import compiled
 
 STEEL_MODULUS_PA = 2.06e11
@@ -76,5 +75,4 @@ def axial_stiffness_of_torsion(torsional_nm_per_rad: float, ratio_m_per_rad: flo
     >>> round(axial_stiffness_of_torsion(67.2 * 180.0 / math.pi, 0.02 / (2.0 * math.pi)) / 1e8, 2)
     3.8
     """
-    require_positive(ratio_m_per_rad=ratio_m_per_rad)
     return torsional_nm_per_rad / ratio_m_per_rad**2
