@@ -94,7 +94,7 @@ class Parameter:
 def amount(
     name: str, unit: str, description: str, low: float, high: float, faulty: float
 ) -> Parameter:
-    """How much of an effect is there; a healthy axis has none."""
+    """Strength of an effect, which a healthy axis has none of."""
     return Parameter(name, unit, description, low, high, 0.0, faulty)
 
 
