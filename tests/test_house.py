@@ -166,7 +166,7 @@ MOST_LINES = {
     "checks": 3975,
     "cli": 1832,
     "config": 565,
-    "diagnose": 5605,
+    "diagnose": 5599,
     "downsample": 1519,
     "drivers": 4795,
     "estimate": 5882,
@@ -174,17 +174,17 @@ MOST_LINES = {
     "health": 5722,
     "http_api": 3231,
     "messages": 2384,
-    "models": 6478,
+    "models": 6245,
     "nodes": 3892,
     "offline": 7037,
     "outputs": 2181,
     "recordings": 3634,
     "regression": 1198,
     "beside the rooms": 764,
-    "tests": 53594,
+    "tests": 53569,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 506
+MOST_FILES = 505
 """Modules of the product."""
 
 
