@@ -28,12 +28,12 @@ WITHOUT = {
     "bench": "its commands stand in a checkout alone, and have their own",
 }
 UNIT = re.compile(
-    r"(^|_)(share|s|h|m|hz|rpm|n|nm|mb|c|percent|rad_s2?|m_s2?|m_s3|kg|kg_m2|nm_s_per_rad|n_per_m|nm_per_rad)$"
+    r"(^|_)(share|s|h|m|hz|rad|rpm|n|nm|mb|c|percent|rad_s2?|m_s2?|m_s3|kg|kg_m2|nm_s_per_rad|n_per_m|nm_per_rad)$"
 )
 PURE = {"probability", "level", "share", "energy_share", "sigmas", "relative", "n_effective"} | {
     *("log_evidence", "nut_share", "nut_share_sigma", "coverage", "nis", "tolerance", "height"),
     *("mode_probability", "fault_probability", "structure", "scores", "trend", "line", "context"),
-    *("shrink", "replay"),
+    *("shrink", "replay", "speed", "run_in_loss", "raceway_damage"),
 }
 """Shares, probabilities and ratios: numbers without a unit."""
 BESIDE = {"unit", "x_label", "preload_percent"}

@@ -102,6 +102,6 @@ def test_a_key_without_its_table_is_told_where_it_belongs(table: str) -> None:
     for key in model.model_fields.keys() - EdgeConfig.model_fields.keys():
         with pytest.raises(ValidationError) as caught:
             EdgeConfig.model_validate({"axes": AXES, key: 1})
-        said = explain(caught.value, EdgeConfig)
+        said = explain(caught.value, EdgeConfig)[0]
         assert said.startswith(f"{key}: unknown key here; it belongs under ")
         assert f"[{table}]" in said

@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     gone = _gone(given)
     if gone is not None:
-        return _complain(f"{gone}: {GONE[gone]}", BAD_INPUT, as_json=FLAG in given)
+        return _complain(f"{gone}: {GONE[gone]}", status=BAD_INPUT, as_json=FLAG in given)
     try:
         status = cli.main(args=given, prog_name="edge-service", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -65,7 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()  # the reader of our pipe has gone; nothing is left to say
         return INTERNAL_FAILURE
     except Exception as error:  # the outermost edge: no traceback reaches a user
-        return _complain(*_explained(error), as_json=FLAG in given)
+        words, status = _explained(error)
+        shown = getattr(error, "mistakes", ()) if given[:1] == ["check-config"] else ()
+        return _complain(*(shown or (words,)), status=status, as_json=FLAG in given)
     return status if isinstance(status, int) else DONE
 
 
@@ -117,11 +119,12 @@ def _is_bad_input(error: Exception) -> bool:
     return isinstance(error, (TraceError, *access, *bus, *twin))
 
 
-def _complain(line: str, status: int, *, as_json: bool) -> int:
-    line = " ".join(line.split())
-    click.echo(f"edge-service: {line}", err=True)
+def _complain(*lines: str, status: int, as_json: bool) -> int:
+    lines = tuple(" ".join(line.split()) for line in lines)
+    for line in lines:
+        click.echo(f"edge-service: {line}", err=True)
     if as_json:
-        click.echo(error_document(line, status))
+        click.echo(error_document("\n".join(lines), status))
     return status
 
 

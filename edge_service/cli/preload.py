@@ -29,11 +29,17 @@ from .terminal import progress
 @MACHINE
 @AXIS_NUMBER
 @out_option("Machine file to write.")
-@service_config_option("Service configuration that gives the length of the intervals.")
 @click.option(
     "--assume-fresh",
     is_flag=True,
     help="Treat the screw as fresh although recordings or data sheet say otherwise.",
+)
+@click.option(
+    "--interval",
+    "interval_s",
+    type=click.FloatRange(0.001, 10.0),
+    show_default="0.1",
+    help="Length of the blocks that the estimator takes, s; kept in the machine file.",
 )
 @answering
 def commission(
@@ -41,15 +47,20 @@ def commission(
     machine: Path,
     axis_number: int | None,
     out: Path,
-    config: Path | None,
     assume_fresh: bool,
+    interval_s: float | None,
 ) -> Answer:
     """Learn from recordings of a healthy, cold axis what the estimator needs."""
     from ..offline.commission import commission_to_file
 
-    service = configured(config)
     return commission_to_file(
-        machine, traces, out, service, axis_number, assume_fresh=assume_fresh, progress=progress
+        machine,
+        traces,
+        out,
+        axis_number,
+        assume_fresh=assume_fresh,
+        interval_s=interval_s,
+        progress=progress,
     )
 
 

@@ -6,6 +6,7 @@ from .loading import (
     check_settings,
     load_config,
     load_machine,
+    read_config,
     state_folder,
 )
 from .mistakes import ConfigError, explain
@@ -13,10 +14,8 @@ from .service import (
     DEFAULT_MACHINE,
     AxisConfig,
     BusConfig,
-    DownsampleConfig,
     EdgeConfig,
     EstimatorConfig,
-    HealthConfig,
     HttpConfig,
     ServiceConfig,
 )
@@ -28,10 +27,8 @@ __all__ = [
     "AxisConfig",
     "BusConfig",
     "ConfigError",
-    "DownsampleConfig",
     "EdgeConfig",
     "EstimatorConfig",
-    "HealthConfig",
     "HttpConfig",
     "ServiceConfig",
     "StoreConfig",
@@ -40,5 +37,6 @@ __all__ = [
     "explain",
     "load_config",
     "load_machine",
+    "read_config",
     "state_folder",
 ]

@@ -1,11 +1,19 @@
 """Keys of the configuration that are gone, and what to do instead."""
 
-from collections.abc import Mapping
 from typing import Any
 
 GONE: dict[str, str] = {
     "history.folder": "now store.folder",
     "history.budget_mb": "now store.budget_mb",
+    "downsample": "gone; edge-service commission --interval states it in the machine file",
+    "estimator.activation_exponent": "gone; it is 1.33; edge-service reproduce --exponent",
+    "estimator.window_s": "gone; it is 1 s; edge-service reproduce --window",
+    "health.warning_percent_of_fresh": "now alarms.warning_percent",
+    "health.fault_percent_of_fresh": "now alarms.fault_percent",
+    "alarms.sudden_drop_within_s": "gone; it is 10 s",
+    "alarms.model_nis": "gone; the model's limit is a constant",
+    "alarms.raise_delay_s": "gone; alarms are raised at once",
+    "alarms.clear_delay_s": "gone; alarms are cleared after 5 s",
     "bus.certificates": "gone; state them in [bus] zenoh_file (deploy/zenoh.json5)",
     "bus.security": "gone; in run others may read; state more in [bus] zenoh_file",
     "bus.tls_endpoint": "gone; state it in [bus] zenoh_file (deploy/zenoh.json5)",
@@ -43,12 +51,9 @@ GONE_SETTINGS: dict[str, str] = {
 """Key of a driver's settings that its model does not know -> what to do."""
 
 
-def gone_key(content: object, gone: Mapping[str, str] = GONE) -> str | None:
-    """First gone key in a parsed configuration, as `key: what to do`; None without one."""
-    for key, advice in gone.items():
-        if _holds(content, key.split(".")):
-            return f"{key}: {advice}"
-    return None
+def gone_keys(content: object) -> list[str]:
+    """Gone keys in a parsed configuration, as `key: what to do`."""
+    return [f"{key}: {advice}" for key, advice in GONE.items() if _holds(content, key.split("."))]
 
 
 def _holds(content: object, names: list[str]) -> bool:

@@ -11,15 +11,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..config_tables import (
-    StoreConfig,
-    Table,
-)
 from ..models.machine import Machine
 from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
-from .gone import GONE_SETTINGS, gone_key
+from .gone import GONE_SETTINGS, gone_keys
 from .mistakes import ConfigError, explain
-from .service import AxisConfig, EdgeConfig, HttpConfig
+from .service import AxisConfig, EdgeConfig
 
 log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
@@ -35,31 +31,76 @@ def load_config(path: Path) -> EdgeConfig:
     """Read and check a configuration file; paths in it are relative to its folder.
 
     Raises:
-        ConfigError: one line with the file, the key, what was wrong and what was expected.
+        ConfigError: file, key, what was wrong and what was expected.
+    """
+    config, mistakes = read_config(path)
+    if config is None or mistakes:
+        raise ConfigError(*mistakes, file=path)
+    return config
+
+
+def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
+    """The configuration in a file, without the keys that are wrong, and these mistakes.
+
+    It is None where nothing is left of it. Raises ConfigError: the file cannot be read at all.
     """
     written = _read(path)
     content = _parsed(path, written)
-    gone = gone_key(content)
-    if gone is not None:
-        raise ConfigError(f"{path}: {gone}")
+    if "axes" not in content and {"axis", "model"} & content.keys():
+        kind = "this is a machine file ([axis], [model])"
+        raise ConfigError(f"{path}: {kind}; expected a configuration, which has [[axes]]")
     for key in open_secrets(content, path):
         log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
-    config = _checked(EdgeConfig, content, path)
+    gone = gone_keys(content)
+    mistakes, config = list(gone), None
+    try:
+        config = EdgeConfig.model_validate(content)
+    except ValidationError as error:
+        known = tuple(f"{each.partition(': ')[0]}" for each in gone)
+        for said in explain(error, EdgeConfig, content):
+            key = said.partition(": ")[0]
+            if not any(key == each or each.startswith(f"{key}.") for each in known):
+                mistakes.append(said)
+        config = _without(content, error)
+    told = [f"{path}: {each}" for each in mistakes]
+    return None if config is None else _placed_config(config, path, written), told
+
+
+def _without(content: dict[str, Any], error: ValidationError) -> EdgeConfig | None:
+    """Configuration without the keys that are wrong, if that is one."""
+    for mistake in error.errors():
+        *above, last = mistake["loc"] or ("",)
+        table: Any = content
+        try:
+            for part in above:
+                table = table[part]
+            del table[last]
+        except (LookupError, TypeError):  # missing, or gone with another
+            continue
+    try:
+        return EdgeConfig.model_validate(content)
+    except ValidationError:
+        return None
+
+
+def _placed_config(config: EdgeConfig, path: Path, written: bytes) -> EdgeConfig:
+    """The configuration with its paths relative to the folder of its file."""
+    folder, store, http = path.parent, config.store, config.http
     axes = tuple(
         axis.model_copy(
             update={
-                "machine": path.parent / axis.machine,
-                "settings": _anchored(axis.settings, path.parent),
+                "machine": folder / axis.machine,
+                "settings": _anchored(axis.settings, folder),
             }
         ).of_file(path)
         for axis in config.axes
     )
-    folder = path.parent
+    key = http.private_key and secret_path(folder, http.private_key)
     placed = {
         "axes": axes,
-        "store": _stored(config.store, folder),
+        "store": store.model_copy(update={"folder": state_folder(store.folder, folder)}),
         "bus": _placed(config.bus, folder, "zenoh_file"),
-        "http": _with_key(config.http, folder, "certificate"),
+        "http": _placed(http.model_copy(update={"private_key": key}), folder, "certificate"),
         "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
     }
     return config.model_copy(update=placed).of_digest(_digest(written, axes)).of_file(path)
@@ -77,12 +118,6 @@ def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
     return hashlib.sha256(described.encode()).hexdigest()[:12]
 
 
-def _with_key(table: HttpConfig, folder: Path, *keys: str) -> Table | None:
-    """Paths of the files that let people in; the key may be among systemd's credentials."""
-    key = table.private_key and secret_path(folder, table.private_key)
-    return _placed(table.model_copy(update={"private_key": key}), folder, *keys)
-
-
 def state_folder(named: Path | None, folder: Path) -> Path | None:
     """Folder of the store, by default the one that systemd gives the service; None: none.
 
@@ -96,17 +131,22 @@ def state_folder(named: Path | None, folder: Path) -> Path | None:
     return Path(given) if given else None
 
 
-def _stored(table: StoreConfig, folder: Path) -> Table:
-    return table.model_copy(update={"folder": state_folder(table.folder, folder)})
-
-
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:
     """Read and check a machine file. Raises ConfigError like `load_config`.
 
     Args:
         axis_number: the controller's number of the axis, in place of the file's.
     """
-    machine = _checked(Machine, _read_toml(path), path)
+    content = _parsed(path, _read(path))
+    axes = content.get("axes")
+    if "axis" not in content and isinstance(axes, list):
+        named = [each for each in axes if isinstance(each, dict) and "machine" in each]
+        hint = "".join(f"; that of axis {a.get('name')} is {a['machine']}" for a in named[:1])
+        raise ConfigError(f"{path}: this is a configuration; expected a machine file{hint}")
+    try:
+        machine = Machine.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(*(f"{path}: {each}" for each in explain(error, Machine))) from None
     if axis_number is not None:
         axis = machine.axis.model_copy(update={"number": axis_number})
         machine = machine.model_copy(update={"axis": axis})
@@ -121,25 +161,26 @@ def load_machine(path: Path, axis_number: int | None = None) -> Machine:
 
 
 def check_settings(model: type[_Model], settings: dict[str, Any], where: str) -> _Model:
-    """Check a driver's settings; ConfigError names the key below `where`."""
+    """Check the settings of a driver or output; ConfigError names their keys below `where`."""
     try:
         return model.model_validate(with_secrets(model, settings, Path()))
     except SecretError as error:
         raise ConfigError(f"{where}.{error}") from None
     except ValidationError as error:
-        for each in error.errors():
+        mistakes: list[str] = []
+        for each, said in zip(error.errors(), explain(error, model), strict=True):
             key = ".".join(part for part in each["loc"] if isinstance(part, str))
             if each["type"] == "extra_forbidden" and key in GONE_SETTINGS:
-                raise ConfigError(f"{where}.{key}: {GONE_SETTINGS[key]}") from None
-        raise ConfigError(f"{where}.{explain(error, model)}") from None
+                mistakes.insert(0, f"{where}.{key}: {GONE_SETTINGS[key]}")
+            else:
+                mistakes.append(f"{where}.{said}")
+        raise ConfigError(*mistakes) from None
 
 
-def _placed(table: Table | None, folder: Path, *keys: str) -> Table | None:
-    """The paths in a table are relative to the configuration file."""
-    if table is None:
-        return None
-    paths = {key: getattr(table, key) for key in keys}
-    return table.model_copy(update={key: folder / path for key, path in paths.items() if path})
+def _placed(table: _Model, folder: Path, key: str) -> _Model:
+    """The path in a table is relative to the configuration file."""
+    path = getattr(table, key)
+    return table.model_copy(update={key: folder / path}) if path else table
 
 
 def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -147,10 +188,6 @@ def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     named = [key for key in settings if key in FILE_KEYS or key.endswith("_file")]
     files = {key: settings[key] for key in named if isinstance(settings[key], str)}
     return settings | {key: str(secret_path(folder, Path(name))) for key, name in files.items()}
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    return _parsed(path, _read(path))
 
 
 def _read(path: Path) -> bytes:
@@ -171,10 +208,3 @@ def _parsed(path: Path, content: bytes) -> dict[str, Any]:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
     except RecursionError:
         raise ConfigError(f"{path}: is not valid TOML: nested too deeply") from None
-
-
-def _checked(model: type[_Model], content: dict[str, Any], path: Path) -> _Model:
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, model)}") from None

@@ -1,6 +1,8 @@
 """Mistakes of a configuration in words: the key, what was wrong, and what was perhaps meant."""
 
 import difflib
+from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -10,48 +12,71 @@ from ..secret_files import secret_keys
 
 
 class ConfigError(Exception):
-    """A file or key that is wrong; the text is one line."""
+    """Files or keys that are wrong: `mistakes`, a line each. The text is one line.
+
+    Args:
+        file: configuration that they are of, all of them shown by check-config.
+    """
+
+    def __init__(self, *mistakes: str, file: Path | None = None) -> None:
+        more = f"and {len(mistakes) - 1} more"
+        shown = more if file is None else f"{more}: `edge-service check-config {file}`"
+        super().__init__(mistakes[0] if len(mistakes) == 1 else f"{mistakes[0]} ({shown})")
+        self.mistakes = mistakes
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first mistake of a validation as one line, `key: what was wrong`."""
-    details = error.errors(include_url=False)
-    first = details[0]
-    location = _key_path(first["loc"])
-    if first["type"] == "extra_forbidden":
-        problem = "unknown key" + _closest(first["loc"], model)
-    elif first["type"] == "missing":
+def explain(error: ValidationError, model: type[BaseModel], content: Any = None) -> list[str]:
+    """The mistakes of a validation, `key: what was wrong` each.
+
+    Args:
+        content: that was validated; its axes are then called by their names.
+    """
+    return [_explained(each, model, content) for each in error.errors(include_url=False)]
+
+
+def _explained(mistake: ErrorDetails, model: type[BaseModel], content: Any) -> str:
+    location = key_path(mistake["loc"], content)
+    if mistake["type"] == "extra_forbidden":
+        problem = "unknown key" + _closest(mistake["loc"], model)
+    elif mistake["type"] == "missing":
         problem = "missing"
     else:
-        problem = first["msg"].removeprefix("Value error, ")
-        if first["type"] != "value_error" and _may_be_shown(first, model):
-            problem += f" (got {first['input']!r})"
-    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return f"{location}: {problem}{more}" if location else f"{problem}{more}"
+        problem = mistake["msg"].removeprefix("Value error, ")
+        secret = {key for table in _tables(model) for key in secret_keys(table)}
+        plain = not isinstance(mistake["input"], dict | list)
+        if mistake["type"] != "value_error" and plain and not secret & set(mistake["loc"]):
+            problem += f" (got {mistake['input']!r})"
+    return f"{location}: {problem}" if location else problem
 
 
-def _may_be_shown(mistake: ErrorDetails, model: type[BaseModel]) -> bool:
-    """Tell whether what was given is a plain value, and of no key that holds a secret."""
-    secret = {key for table in _tables(model) for key in secret_keys(table)}
-    return not secret & set(mistake["loc"]) and not isinstance(mistake["input"], dict | list)
-
-
-def _key_path(location: tuple[int | str, ...]) -> str:
+def key_path(location: tuple[int | str, ...], content: Any = None) -> str:
+    """Key with its tables: `axes.X.driver`, or `axes[0].driver` where the axis has no name."""
     path = ""
     for part in location:
-        path += f"[{part}]" if isinstance(part, int) else f".{part}"
+        try:
+            content = content[part]
+        except (LookupError, TypeError):
+            content = None
+        name = content.get("name") if isinstance(content, dict) else None
+        if isinstance(part, str) or (path == ".axes" and isinstance(name, str)):
+            path += f".{part if isinstance(part, str) else name}"
+        else:
+            path += f"[{part}]"
     return path.removeprefix(".")
 
 
 def _closest(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
     """A hint at the table in which a key belongs, or at the known key that was perhaps meant."""
-    key, fields = str(location[-1]), model.model_fields.items()
+    key, above, table = str(location[-1]), key_path(location[:-1]), model
+    fields = model.model_fields.items()
     homes = [name for name, field in fields for each in _within(field) if key in each.model_fields]
     if homes:
         return f" here; it belongs under {' or '.join(f'[{name}]' for name in homes)}"
-    known = {name for table in _tables(model) for name in table.model_fields}
-    near = difflib.get_close_matches(key, sorted(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    for part in location[:-1]:
+        if isinstance(part, str):
+            table = next(iter(_within(table.model_fields[part])), table)
+    near = difflib.get_close_matches(key, sorted(table.model_fields), n=1)
+    return f"; did you mean {f'{above}.{near[0]}'.removeprefix('.')}?" if near else ""
 
 
 def _tables(model: type[BaseModel]) -> list[type[BaseModel]]:

@@ -84,19 +84,11 @@ class HttpConfig(Table):
         return self
 
 
-class DownsampleConfig(Table):
-    """`[downsample]`: length of an interval."""
-
-    interval_s: float = Field(0.1, ge=0.001, le=10.0)
-
-
 class EstimatorConfig(Table):
-    """`[estimator]`: `auto` is `mixture` where the machine file is commissioned, else `kf-imm`."""
+    """`[estimator]`: `auto` takes the first method of the registry that suits the machine file."""
 
     method: str = AUTO
     engine: Literal["compiled", "filterpy"] = "compiled"
-    activation_exponent: float = Field(1.33, ge=1.0, le=8.0)
-    window_s: float = Field(1.0, ge=0.0, le=3600.0)
 
     @field_validator("method", mode="before")
     @classmethod
@@ -114,25 +106,18 @@ class EstimatorConfig(Table):
         return self
 
 
-class HealthConfig(Table):
-    """`[health]`: limits of the axis condition, in percent of the fresh screw's preload."""
-
-    warning_percent_of_fresh: float = Field(60.0, gt=0.0, le=100.0)
-    fault_percent_of_fresh: float = Field(30.0, gt=0.0, le=100.0)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "HealthConfig":
-        if self.fault_percent_of_fresh >= self.warning_percent_of_fresh:
-            raise ValueError("fault_percent_of_fresh must lie below warning_percent_of_fresh")
-        return self
-
-
 class AxisConfig(Table):
-    """`[[axes]]`: one axis, its machine file and its driver."""
+    """`[[axes]]`: one axis, its machine file and its driver.
+
+    Attributes:
+        warning_percent, fault_percent: those of `[alarms]` unless given.
+    """
 
     name: str
     machine: Path = DEFAULT_MACHINE
     driver: str = "simulated"
+    warning_percent: float | None = Field(None, gt=0.0, le=100.0)
+    fault_percent: float | None = Field(None, gt=0.0, le=100.0)
     settings: dict[str, Any] = {}
     _file: Path | None = PrivateAttr(None)
 
@@ -159,9 +144,7 @@ class EdgeConfig(Table):
     service: ServiceConfig = ServiceConfig()
     bus: BusConfig = BusConfig()
     http: HttpConfig = HttpConfig()
-    downsample: DownsampleConfig = DownsampleConfig()
     estimator: EstimatorConfig = EstimatorConfig()
-    health: HealthConfig = HealthConfig()
     outputs: dict[str, dict[str, Any]] = {}
     vibration: VibrationConfig = VibrationConfig()
     alarms: AlarmsConfig = AlarmsConfig()
@@ -171,11 +154,15 @@ class EdgeConfig(Table):
     _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
-    def _unique_axes(self) -> "EdgeConfig":
+    def _axes_fit(self) -> "EdgeConfig":
         names = [axis.name for axis in self.axes]
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"axes: two axes are named {name!r}")
+        for name in names:
+            warning, fault = self.limits_percent(name)
+            if fault >= warning:
+                raise ValueError(f"axes.{name}: fault_percent must lie below warning_percent")
         return self
 
     @field_validator("outputs")
@@ -208,6 +195,14 @@ class EdgeConfig(Table):
     def digest(self) -> str:
         """Short, hexadecimal, equal wherever the content of all files is equal; empty without."""
         return self._digest
+
+    def limits_percent(self, axis: str) -> tuple[float, float]:
+        """Limits of warning and fault of an axis, percent of the fresh screw's preload."""
+        own = next(each for each in self.axes if each.name == axis)
+        return (
+            own.warning_percent or self.alarms.warning_percent,
+            own.fault_percent or self.alarms.fault_percent,
+        )
 
     @property
     def keys(self) -> MachineKeys:

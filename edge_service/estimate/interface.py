@@ -17,14 +17,6 @@ class EstimatorOptions(Protocol):
     def engine(self) -> Literal["compiled", "filterpy"]:
         """Engine of the filter bank."""
 
-    @property
-    def activation_exponent(self) -> float:
-        """Exponent of the mode weighting (thesis, eq. 4.5.4)."""
-
-    @property
-    def window_s(self) -> float:
-        """Moving average of the mode probabilities, s."""
-
 
 class PreloadEstimator(Protocol):
     """Features in, estimates out; no clock, no I/O, no randomness.

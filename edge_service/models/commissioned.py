@@ -65,6 +65,7 @@ class CommissionedConfig(_Table):
         slowest_rad_s, cruise_rad_s2: what counts as steady on an axis that moves slowly.
         sample_period_s: time between the samples behind it; None in files that do not say, which
             were made of samples as fast as a drive holds its torque.
+        interval_s: length of a block of features; None: 0.1 s.
         assumed_fresh: somebody said that the screw was fresh; the recordings did not show it.
     """
 
@@ -82,4 +83,5 @@ class CommissionedConfig(_Table):
     cruise_rad_s2: float | None = Field(None, gt=0.0)
     transmission: TransmissionConfig | None = None
     sample_period_s: float | None = Field(None, gt=0.0, exclude_if=_is_none)
+    interval_s: float | None = Field(None, ge=0.001, le=10.0, exclude_if=_is_none)
     assumed_fresh: bool | None = Field(None, exclude_if=_is_none)

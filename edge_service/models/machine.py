@@ -12,6 +12,8 @@ from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_rat
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""
+INTERVAL_S = 0.1
+"""Length of a block of features where no commissioning has stated another."""
 MEASURED_SUM = 0.02
 """Relative standard deviation of the frictions of a commissioned axis, taken together."""
 
@@ -165,6 +167,12 @@ class Machine(_Table):
     def transmission_ratio_m_per_rad(self) -> float:
         """Table travel per radian of the screw, m/rad (4.3.5)."""
         return transmission_ratio(self.axis.lead_m)
+
+    @property
+    def interval_s(self) -> float:
+        """Length of a block of features, s."""
+        stated = None if self.commissioned is None else self.commissioned.interval_s
+        return INTERVAL_S if stated is None else stated
 
     @property
     def ball_pass_orders(self) -> BallPassOrders | None:

@@ -22,8 +22,8 @@ PREPARING = (
 
 async def run(context: NodeContext) -> None:
     """Downsample every configured axis until cancelled."""
-    machines, config = load_machines(context.config), context.config.downsample
-    downsamplers = {axis: make_downsampler(config, machine) for axis, machine in machines.items()}
+    machines = load_machines(context.config)
+    downsamplers = {axis: make_downsampler(machine) for axis, machine in machines.items()}
     gatherings = {axis: Gathering() for axis in machines}
     publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
     bands_hz = context.config.vibration.bands_hz
@@ -58,9 +58,7 @@ async def run(context: NodeContext) -> None:
     async with reporter.running() as tasks:
         tasks.follow("waves", waves, take_wave)
         reporter.to(ComponentStatus.STARTING, PREPARING)
-        await context.heart.in_thread(
-            warm_up_downsampling, config, machines.values(), limit_s=WARM_UP_S
-        )
+        await context.heart.in_thread(warm_up_downsampling, machines.values(), limit_s=WARM_UP_S)
         tasks.follow("samples", subscriber, take, vital=True)
         reporter.to(ComponentStatus.OK)
         await context.forever()

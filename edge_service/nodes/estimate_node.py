@@ -141,9 +141,7 @@ async def run(context: NodeContext) -> None:
         for each in (reporter, *estimated.parts.values()):
             each.to(ComponentStatus.STARTING, PREPARING)
         machines = estimated.machines.values()
-        await context.heart.in_thread(
-            warm_up, config.downsample, config.estimator, machines, limit_s=WARM_UP_S
-        )
+        await context.heart.in_thread(warm_up, config.estimator, machines, limit_s=WARM_UP_S)
         await context.from_store(reporter, estimated.load)
         for each in (reporter, *estimated.parts.values()):
             each.to(ComponentStatus.OK)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 from ..clock import CLOCK, now_ns
-from ..config import HealthConfig
+from ..config import EdgeConfig
 from ..config_tables import AlarmsConfig
 from ..health.advice.announced import announced
 from ..health.alarms.axis_alarms import AlarmSettings
@@ -36,17 +36,15 @@ HEALTH_PERIOD_S = 1.0
 SAVE_PERIOD_S = 10.0
 
 
-def health_settings(config: HealthConfig) -> HealthSettings:
-    """Settings of the condition from the configuration."""
-    return HealthSettings(
-        warning_below_percent=config.warning_percent_of_fresh,
-        fault_below_percent=config.fault_percent_of_fresh,
-    )
+def health_settings(config: EdgeConfig, axis: str) -> HealthSettings:
+    """Settings of the condition of an axis from the configuration."""
+    warning, fault = config.limits_percent(axis)
+    return HealthSettings(warning_below_percent=warning, fault_below_percent=fault)
 
 
 def alarm_settings(config: AlarmsConfig) -> AlarmSettings:
     """The alarms' settings from the configuration."""
-    return AlarmSettings(**config.model_dump())
+    return AlarmSettings(**config.model_dump(exclude={"warning_percent", "fault_percent"}))
 
 
 def axis_facts(axis: str, machine: Machine) -> AxisFacts:
@@ -61,7 +59,7 @@ class Monitors:
     def __init__(self, context: NodeContext) -> None:
         config = context.config
         self._events, self._store = context.events, context.store
-        self._settings = health_settings(config.health), alarm_settings(config.alarms)
+        self._config = config
         self._machines = load_machines(config)
         self.axes: dict[str, AxisMonitor] = {}
         self.damaged = 0
@@ -78,7 +76,11 @@ class Monitors:
         """Monitor of an axis as it was, or a new one: then a damaged state is set aside."""
         begun_ns = now_ns()
         make = partial(
-            AxisMonitor, axis_facts(axis, self._machines[axis]), *self._settings, begun_ns
+            AxisMonitor,
+            axis_facts(axis, self._machines[axis]),
+            health_settings(self._config, axis),
+            alarm_settings(self._config.alarms),
+            begun_ns,
         )
         monitor = make()
         try:

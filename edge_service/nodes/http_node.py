@@ -59,9 +59,8 @@ SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody wait
 
 
 def _limits(context: NodeContext) -> dict[str, AxisLimits | None]:
-    settings = health_settings(context.config.health)
     return {
-        axis: settings.limits(machine.fresh_preload_percent)
+        axis: health_settings(context.config, axis).limits(machine.fresh_preload_percent)
         for axis, machine in load_machines(context.config).items()
     }
 

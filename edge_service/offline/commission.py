@@ -7,7 +7,7 @@ import tomlkit
 
 from ..atomic import replaced_file
 from ..command_answer import Answer
-from ..config import ConfigError, EdgeConfig, load_machine
+from ..config import ConfigError, load_machine
 from ..estimate.commissioning.fresh_screw import doubt_of_fresh_screw
 from ..estimate.commissioning.identification import CommissioningError, commissioned
 from ..estimate.commissioning.steady_phases import observed_limits
@@ -57,10 +57,10 @@ def commission_to_file(
     machine_file: Path,
     traces: Sequence[Path],
     out: Path,
-    config: EdgeConfig,
     axis_number: int | None = None,
     *,
     assume_fresh: bool = False,
+    interval_s: float | None = None,
     progress: Progress = silent,
 ) -> Answer:
     """Write the commissioned machine file; returns what was learned.
@@ -68,6 +68,7 @@ def commission_to_file(
     Args:
         assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
             they leave it open it is assumed, said, and kept in the file.
+        interval_s: of the blocks from now on; that of the machine file unless given.
 
     Raises:
         ConfigError: a file is wrong, or the recordings cannot determine what is needed.
@@ -78,12 +79,14 @@ def commission_to_file(
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file, axis_number)
     require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
+    if interval_s is None and nominal.commissioned is not None:
+        interval_s = nominal.commissioned.interval_s
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
-    recordings = [_blocks(trace, nominal, config, limits, progress) for trace in traces]
+    recordings = [_blocks(trace, nominal, limits, interval_s, progress) for trace in traces]
     observed = observed_limits(recordings)
     if observed != limits:
-        recordings = [_blocks(trace, nominal, config, observed, progress) for trace in traces]
+        recordings = [_blocks(trace, nominal, observed, interval_s, progress) for trace in traces]
     progress("identifying the axis")
     try:
         machine = commissioned(recordings, nominal, observed)
@@ -95,7 +98,9 @@ def commission_to_file(
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
             raise ConfigError(f"{traces[0]}: {doubt.words}; {healthy}")
-        machine = _assumed_fresh(machine)
+        machine = _learning(machine, assumed_fresh=True)
+    if interval_s is not None:
+        machine = _learning(machine, interval_s=interval_s)
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
@@ -106,16 +111,21 @@ def commission_to_file(
     return Answer("\n".join(_lines(learned)), learned)
 
 
-def _assumed_fresh(machine: Machine) -> Machine:
+def _learning(machine: Machine, **more: float | bool) -> Machine:
+    """The machine with more keys of `[commissioned]`."""
     assert machine.commissioned is not None
-    learned = machine.commissioned.model_copy(update={"assumed_fresh": True})
+    learned = machine.commissioned.model_copy(update=more)
     return machine.model_copy(update={"commissioned": learned})
 
 
 def _blocks(
-    trace: Path, machine: Machine, config: EdgeConfig, limits: SteadyLimits, progress: Progress
+    trace: Path,
+    machine: Machine,
+    limits: SteadyLimits,
+    interval_s: float | None,
+    progress: Progress,
 ) -> list[FeatureBlock]:
-    downsampler = make_downsampler(config.downsample, machine, limits)
+    downsampler = make_downsampler(machine, limits, interval_s)
     with open_recording(machine, trace) as reader:
         frames = reported(reader, f"reading {trace.name}", progress)
         return [block for frame in frames for block in downsampler.push(frame)]

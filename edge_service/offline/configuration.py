@@ -5,15 +5,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from drivers.registry import driver_names
+from pydantic import BaseModel
 
-from ..bus.settings import BusSettings, zenoh_config
+from drivers.registry import driver_names, load_driver
+
+from ..bus.settings import BusConfigurationError, BusSettings, zenoh_config
 from ..command_answer import Answer
-from ..config import ConfigError, EdgeConfig, load_config
+from ..config import ConfigError, EdgeConfig, load_machine, read_config
 from ..nodes.service import check_service
 from ..nodes.wiring.http_rights import check_access
-from ..nodes.wiring.stages import load_machines
+from ..outputs.base import load_output
 from .document import Document
+
+SECRET, HIDDEN = "**********", "***"
+"""A secret as pydantic writes it, and as it is shown."""
 
 
 class ConfiguredAxis(Document):
@@ -26,81 +31,114 @@ class ConfiguredAxis(Document):
 
 
 class CheckedConfiguration(Document):
-    """A configuration that is right; sources that do not answer now are `not_reachable`."""
+    """A configuration that is right; sources that do not answer now are `not_reachable`.
+
+    Attributes:
+        effective: every key with its value, defaults included; secrets are ***.
+    """
 
     axes: list[ConfiguredAxis]
     not_reachable: list[str]
-    http_host: str
-    http_port: int
     http_access: str
-    bus_endpoint: str
     bus_access: str
     outputs: list[str]
-    history_folder: str | None
-    history_budget_mb: float
     drivers_installed: list[str]
+    effective: dict[str, Any]
 
 
 def check_configuration(path: Path) -> Answer:
-    """Check everything that a service checks before it runs. Raises ConfigError."""
-    settings = load_config(path)
-    unreachable = asyncio.run(check_service(settings))
-    zenoh_config(BusSettings(settings.bus.endpoint, "router", zenoh_file=settings.bus.zenoh_file))
+    """Check everything that a service checks before it runs. Raises ConfigError, all mistakes."""
+    settings, mistakes = read_config(path)
+    if settings is None:
+        raise ConfigError(*mistakes, file=path)
+    access, axes = "", []
+    unreachable: list[str] = []
+    for axis in settings.axes:
+        try:
+            missing = load_machine(axis.machine).missing_for_percent()
+            alone = settings.model_copy(update={"axes": (axis,), "outputs": {}})
+            unreachable += asyncio.run(check_service(alone))
+        except ConfigError as error:
+            mistakes += error.mistakes
+            continue
+        machine = str(axis.machine)
+        axes.append(
+            ConfiguredAxis(
+                name=axis.name, driver=axis.driver, machine=machine, missing_for_percent=missing
+            )
+        )
+    for name, table in settings.outputs.items():
+        try:
+            alone = settings.model_copy(update={"axes": (), "outputs": {name: table}})
+            asyncio.run(check_service(alone))
+        except ConfigError as error:
+            mistakes += error.mistakes
     try:
+        bus = settings.bus
+        zenoh_config(BusSettings(bus.endpoint, "router", zenoh_file=bus.zenoh_file))
         access = check_access(settings)
+    except BusConfigurationError as error:
+        mistakes.append(str(error))
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
+        mistakes += [f"{path}: {each}" for each in error.mistakes]
+    if mistakes:
+        raise ConfigError(*mistakes, file=path)
     checked = CheckedConfiguration(
-        axes=_axes(settings),
-        not_reachable=list(unreachable),
-        http_host=settings.http.host,
-        http_port=settings.http.port,
+        axes=axes,
+        not_reachable=unreachable,
         http_access=access,
-        bus_endpoint=settings.bus.endpoint,
         bus_access="bus for others to read (of node bus: to publish too)",
         outputs=[_output(name, table) for name, table in settings.outputs.items()],
-        history_folder=None if settings.store.folder is None else str(settings.store.folder),
-        history_budget_mb=settings.store.budget_mb,
         drivers_installed=list(driver_names()),
+        effective=effective(settings),
     )
-    return Answer("\n".join(_lines(checked)), checked)
+    return Answer("\n".join(_lines(settings, checked)), checked)
 
 
-def _axes(settings: EdgeConfig) -> list[ConfiguredAxis]:
-    machines = load_machines(settings)
-    return [
-        ConfiguredAxis(
-            name=each.name,
-            driver=each.driver,
-            machine=str(each.machine),
-            missing_for_percent=machines[each.name].missing_for_percent(),
-        )
-        for each in settings.axes
-    ]
+def effective(settings: EdgeConfig) -> dict[str, Any]:
+    """Every key of a configuration that is right, with its value; secrets are ***."""
+    shown = settings.model_dump(mode="json")
+    for axis in shown["axes"]:
+        axis["settings"] = _dumped(load_driver(axis["driver"]).config_model, axis["settings"])
+    for name, table in shown["outputs"].items():
+        model = load_output(table.get("kind") or name).config_model
+        shown["outputs"][name] = _dumped(model, table)
+    return _hidden(shown)  # type: ignore[no-any-return]
+
+
+def _dumped(model: type[BaseModel], table: dict[str, Any]) -> dict[str, Any]:
+    """A table with its defaults; a secret that is in a file of its own stays there."""
+    return model.model_validate(table).model_dump(mode="json")
+
+
+def _hidden(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _hidden(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_hidden(each) for each in value]
+    return HIDDEN if value == SECRET else value
 
 
 def _output(name: str, table: dict[str, Any]) -> str:
     """An output in words: its kind, and where it is if a table says so."""
-    kind, place = table.get("kind", name), table.get("endpoint")
+    kind, place = table.get("kind", name), table.get("endpoint") or table.get("url")
     return " ".join([name, *([f"({kind})"] if kind != name else []), *([place] if place else [])])
 
 
-def _lines(checked: CheckedConfiguration) -> Iterator[str]:
+def _lines(settings: EdgeConfig, checked: CheckedConfiguration) -> Iterator[str]:
     for each in checked.axes:
         missing = each.missing_for_percent
         said = f"drag only ({missing} is unknown)" if missing else "preload in %"
         yield f"axis {each.name}: driver {each.driver}, machine {each.machine}, {said}"
     for line in checked.not_reachable:
         yield f"not reachable now: {line}"
-    yield f"bus {checked.bus_endpoint}, http {checked.http_host}:{checked.http_port}"
+    http, store = settings.http, settings.store
+    yield f"bus {settings.bus.endpoint}, http {http.host}:{http.port}"
     yield f"access: {checked.http_access}; {checked.bus_access}"
     for output in checked.outputs:
         yield f"output {output}"
-    yield _history(checked)
+    if store.folder is None:
+        yield "history in memory, it ends with the service ([store] folder)"
+    else:
+        yield f"history in {store.folder}, up to {store.budget_mb:g} MB"
     yield f"drivers installed: {', '.join(checked.drivers_installed)}"
-
-
-def _history(checked: CheckedConfiguration) -> str:
-    if checked.history_folder is None:
-        return "history in memory, it ends with the service ([store] folder)"
-    return f"history in {checked.history_folder}, up to {checked.history_budget_mb:g} MB"

@@ -41,8 +41,8 @@ class OfflineEstimate:
 
     def __init__(self, machine: Machine, config: EdgeConfig) -> None:
         self._axis = machine.axis.name
-        self._identity = identity_of(machine, config.estimator, config.downsample)
-        self._downsampler = make_downsampler(config.downsample, machine)
+        self._identity = identity_of(machine, config.estimator)
+        self._downsampler = make_downsampler(machine)
         self._estimator = make_estimator(config.estimator, machine)
         self._end_s = 0.0
         self._restored = False

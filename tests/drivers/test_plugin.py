@@ -114,5 +114,5 @@ async def test_a_wrong_setting_of_the_installed_driver_names_its_key(
     async with asyncio.timeout(60.0):
         _, stderr = await checked.communicate()
     assert checked.returncode == 2
-    assert b"axes.X.settings.prot: unknown key; did you mean 'port'?" in stderr
+    assert b"axes.X.settings.prot: unknown key; did you mean port?" in stderr
     assert b"Traceback" not in stderr

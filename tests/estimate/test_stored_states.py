@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.config import DownsampleConfig, EstimatorConfig
+from edge_service.config import EstimatorConfig
 from edge_service.estimate.registry import make_estimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.nodes.wiring.stages import make_downsampler
@@ -29,6 +29,6 @@ def test_a_stored_estimator_goes_on(method: str) -> None:
 
 
 def test_a_stored_downsampler_goes_on() -> None:
-    downsampler = make_downsampler(DownsampleConfig(), OwnAxis(1).commissioned())
+    downsampler = make_downsampler(OwnAxis(1).commissioned())
     downsampler.restore(json.loads(stored("downsampler")))
     assert json.dumps(downsampler.snapshot(), allow_nan=False) == stored("downsampler")

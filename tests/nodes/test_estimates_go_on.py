@@ -84,7 +84,7 @@ def blocks() -> tuple[FeatureBlock, ...]:
     targets = Setpoints(segments, limits.low_m, 1000.0).take(count)
     drive = FeedDrive(FeedDriveSettings.of_machine(true, 1000.0), limits.low_m, PERCENT, 1)
     frame = drive.advance(targets, np.full(count, PERCENT))
-    return tuple(make_downsampler(config_in(None).downsample, true).push(frame))
+    return tuple(make_downsampler(true).push(frame))
 
 
 def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:

@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edge_service.config import DownsampleConfig, EstimatorConfig, load_machine
+from edge_service.config import EstimatorConfig, load_machine
 from edge_service.downsample.vibration import AxisVibration, VibrationSettings
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisMonitor
@@ -48,7 +48,7 @@ class Readers:
         self.monitor = AxisMonitor(
             axis_facts("X", MACHINE), HealthSettings(), AlarmSettings(), START_NS
         )
-        self.downsampler = make_downsampler(DownsampleConfig(), MACHINE)
+        self.downsampler = make_downsampler(MACHINE)
         self.axis = EstimatedAxis("X", make_estimator(EstimatorConfig(), MACHINE))
         self.vibration = AxisVibration(VibrationSettings())
         self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)

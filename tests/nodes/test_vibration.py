@@ -59,7 +59,7 @@ async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> No
 MISTAKES = {
     "band": ("bands_hz = { low = [100.0, 10.0] }", "vibration: bands_hz.low: [100, 10]"),
     "gone": ("interval_s = 1.0", "vibration.interval_s: gone"),
-    "unknown key": ("band_hz = 1.0", "did you mean 'bands_hz'?"),
+    "unknown key": ("band_hz = 1.0", "did you mean vibration.bands_hz?"),
 }
 
 

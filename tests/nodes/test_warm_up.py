@@ -34,12 +34,11 @@ AFTER_WARMING_UP = """
 import asyncio
 from drivers.base import DriverContext
 from drivers.simulated import SimulatedConfig, SimulatedDriver
-from edge_service.config import DEFAULT_MACHINE, DownsampleConfig, EstimatorConfig, load_machine
+from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
 from numba.core.event import install_recorder
 from edge_service.nodes.wiring import stages
 
 machine = load_machine(DEFAULT_MACHINE.with_name("commissioned.toml"))
-config = DownsampleConfig()
 
 async def produced():
     drive = SimulatedDriver(SimulatedConfig(speed=0.0), DriverContext("X", machine))
@@ -48,10 +47,10 @@ async def produced():
     return [await anext(frames) for _ in range(120)]
 
 frames = asyncio.run(produced())
-stages.warm_up_downsampling(config, [machine])
-stages.warm_up(config, EstimatorConfig(), [machine])
+stages.warm_up_downsampling([machine])
+stages.warm_up(EstimatorConfig(), [machine])
 downsampler, estimator = (
-    stages.make_downsampler(config, machine), stages.make_estimator(EstimatorConfig(), machine)
+    stages.make_downsampler(machine), stages.make_estimator(EstimatorConfig(), machine)
 )
 with install_recorder("numba:compile") as late:
     for frame in frames:

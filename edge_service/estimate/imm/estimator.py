@@ -338,10 +338,4 @@ def sliding_innovation_imm(machine: Machine, options: EstimatorOptions) -> ImmPr
 def _of_options(
     method: Literal["kf-imm", "sif-imm"], machine: Machine, options: EstimatorOptions
 ) -> ImmPreloadEstimator:
-    settings = ImmSettings(
-        method=method,
-        engine=options.engine,
-        activation_exponent=options.activation_exponent,
-        window_s=options.window_s,
-    )
-    return ImmPreloadEstimator(machine, settings)
+    return ImmPreloadEstimator(machine, ImmSettings(method=method, engine=options.engine))

@@ -26,7 +26,7 @@ def method_of(config: EdgeConfig, machine: Machine) -> str:
 
 def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -> AxisAnswer:
     """Answer about an axis from the state of the service."""
-    at_ns, limits = now_ns(), config.health
+    at_ns, (warning, fault) = now_ns(), config.limits_percent(axis)
     reading, bounds = state.preload(axis, at_ns), state.limits(axis)
     return AxisAnswer(
         axis=axis,
@@ -34,8 +34,8 @@ def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -
         measured_ns=reading.measured_ns,
         health=state.health(axis, at_ns),
         fresh_percent=None if bounds is None else bounds.fresh_percent,
-        warning_of_fresh=limits.warning_percent_of_fresh,
-        fault_of_fresh=limits.fault_percent_of_fresh,
+        warning_of_fresh=warning,
+        fault_of_fresh=fault,
         is_heard=reading.measured_ns is not None,
         method=method,
     )
@@ -76,15 +76,16 @@ class LatestAnswers:
         return tuple(self._answer(state, at_ns) for state in self._states.values())
 
     def _answer(self, state: AxisState, at_ns: int) -> AxisAnswer:
-        header, limits = state.preload_input.header, self._context.config.health
+        header = state.preload_input.header
+        warning, fault = self._context.config.limits_percent(state.axis)
         return AxisAnswer(
             axis=state.axis,
             estimate=state.readable(at_ns),
             measured_ns=None if header is None else header.source_time_ns,
             health=state.told(self._started_ns, at_ns),
             fresh_percent=self._fresh[state.axis],
-            warning_of_fresh=limits.warning_percent_of_fresh,
-            fault_of_fresh=limits.fault_percent_of_fresh,
+            warning_of_fresh=warning,
+            fault_of_fresh=fault,
             is_heard=not state.missing(at_ns),
             method=self._methods[state.axis],
             header=header,

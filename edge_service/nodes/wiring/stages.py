@@ -9,7 +9,6 @@ from ...checks.live.channel_limits import channel_limits
 from ...config import (
     DEFAULT_MACHINE,
     ConfigError,
-    DownsampleConfig,
     EdgeConfig,
     EstimatorConfig,
     load_machine,
@@ -35,9 +34,9 @@ def load_machines(config: EdgeConfig) -> dict[str, Machine]:
 
 
 def make_downsampler(
-    config: DownsampleConfig, machine: Machine, steady: SteadyLimits | None = None
+    machine: Machine, steady: SteadyLimits | None = None, interval_s: float | None = None
 ) -> Downsampler:
-    """The downsampler of one axis: limits from its machine file unless given."""
+    """The downsampler of one axis: limits and interval from its machine file unless given."""
     steady = steady or steady_limits(machine)
     limits = PlausibilitySettings(
         max_torque_nm=machine.axis.max_torque_nm,
@@ -47,7 +46,9 @@ def make_downsampler(
     )
     return Downsampler(
         DownsampleSettings(
-            interval_s=config.interval_s, plausibility=limits, channels=channel_limits(machine)
+            interval_s=interval_s or machine.interval_s,
+            plausibility=limits,
+            channels=channel_limits(machine),
         ),
         machine.transmission_ratio_m_per_rad,
     )
@@ -61,21 +62,17 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
         raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 
 
-def warm_up_downsampling(config: DownsampleConfig, machines: Iterable[Machine]) -> None:
+def warm_up_downsampling(machines: Iterable[Machine]) -> None:
     """Compile what parts samples into intervals, with and without a linear encoder."""
     for machine in machines:
         steady = _steady(machine)
         table_m = steady.channels[ANGLE] * machine.axis.lead_m / (2.0 * np.pi)
         both = replace(steady, channels={**steady.channels, TABLE_POSITION: table_m})
         for frame in (steady, both):
-            make_downsampler(config, machine).push(frame)
+            make_downsampler(machine).push(frame)
 
 
-def warm_up(
-    downsample: DownsampleConfig | None = None,
-    estimator: EstimatorConfig | None = None,
-    machines: Iterable[Machine] = (),
-) -> None:
+def warm_up(estimator: EstimatorConfig | None = None, machines: Iterable[Machine] = ()) -> None:
     """Compile the kernels before the first sample: it takes seconds on a new installation.
 
     The motion lasts until the estimators answer: answers are compiled as well.
@@ -83,10 +80,10 @@ def warm_up(
     Args:
         machines: whose estimators run; the default one's unless given.
     """
-    downsample, estimator = downsample or DownsampleConfig(), estimator or EstimatorConfig()
+    estimator = estimator or EstimatorConfig()
     for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
         warm = make_estimator(estimator, machine)
-        for block in make_downsampler(downsample, machine).push(_steady(machine)):
+        for block in make_downsampler(machine).push(_steady(machine)):
             warm.update(block)
             warm.estimate()
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from ...checks.examination import check_plausibility
 from ...checks.finding import Finding
 from ...checks.finding import Verdict as Check
-from ...config import DownsampleConfig
 from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, NamedEffect, Verdict
 from ...diagnose.session.run import Run
@@ -86,7 +85,7 @@ def preload_reading(machine: Machine, traces: Sequence[Path]) -> PreloadReading 
 
 
 def _last(machine: Machine, path: Path) -> tuple[float, float, float] | None:
-    downsampler = make_downsampler(DownsampleConfig(), machine)
+    downsampler = make_downsampler(machine)
     estimator = MixturePreloadEstimator(machine)
     with open_recording(machine, path) as frames:
         for frame in frames:

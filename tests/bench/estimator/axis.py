@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from edge_service.config import DEFAULT_MACHINE, DownsampleConfig, load_machine
+from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.messages.channels import EXTERNAL_FORCE, TABLE_POSITION, TABLE_SPEED, TEMPERATURE
 from edge_service.messages.features import FeatureBlock
@@ -138,7 +138,7 @@ def downsampled(
     frames: Iterable[SampleFrame], machine: Machine, interval_s: float = 0.1
 ) -> list[FeatureBlock]:
     """Blocks of all frames."""
-    downsampler = make_downsampler(DownsampleConfig(interval_s=interval_s), machine)
+    downsampler = make_downsampler(machine, interval_s=interval_s)
     return [block for frame in frames for block in downsampler.push(frame)]
 
 

@@ -260,4 +260,4 @@ async def test_a_mistake_in_the_file_names_its_key(name: str) -> None:
     changes, expected = MISTAKES[name]
     with pytest.raises(ValidationError) as caught:
         config_of(4840, **changes)
-    assert expected in explain(caught.value, OpcuaConfig)
+    assert expected in explain(caught.value, OpcuaConfig)[0]

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.replay import LONGEST_STEP_S, ReplayConfig, ReplayDriver
-from edge_service.config import DownsampleConfig
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.nodes.wiring.stages import make_downsampler
@@ -100,7 +99,7 @@ async def test_an_interval_is_complete_with_a_frame_of_its_length(
     """The downsampler looks ahead a little; the frame holds what it looks at."""
     rows = round(2.0 * rate_hz)
     frames = await _play(_driver(write(7.03 + np.arange(rows) / rate_hz), speed=0))
-    downsampler = make_downsampler(DownsampleConfig(), Machine.model_validate(PLAIN))
+    downsampler = make_downsampler(Machine.model_validate(PLAIN))
     complete = [[block.time_s for block in downsampler.push(frame)] for frame in frames]
     assert len(frames) == 21
     for frame, ends_s in zip(frames[2:-1], complete[2:-1], strict=True):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.config import ConfigError, DownsampleConfig, load_config, load_machine
+from edge_service.config import ConfigError, load_machine
 from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
 from edge_service.estimate.commissioning.steady_phases import SteadyPhases, observed_limits
 from edge_service.estimate.commissioning.torque_lag import torque_lag
@@ -62,9 +62,9 @@ SLOW = replace(HEAVY, lead_m=0.02, hanging_nm=0.0, top_rad_s=8.0, acceleration_r
 def cut(axis: PlainAxis, frame: SampleFrame | None = None) -> list[FeatureBlock]:
     """Blocks of a recording, with the limits that its motion asks for."""
     frame, machine = frame or axis.frame(), axis.machine()
-    blocks = make_downsampler(DownsampleConfig(), machine).push(frame)
+    blocks = make_downsampler(machine).push(frame)
     limits = observed_limits([blocks])
-    return make_downsampler(DownsampleConfig(), machine, limits).push(frame)
+    return make_downsampler(machine, limits).push(frame)
 
 
 def learned(axis: PlainAxis, **stated: float) -> Machine:
@@ -184,9 +184,7 @@ LIN_A_LEAD_M = 0.006 * 35.0 / 624.0
 
 
 def commission_file(machine_file: Path, traces: list[Path], out: Path) -> str:
-    return commission_to_file(
-        machine_file, traces, out, load_config(ROOT / "deploy/edge.toml")
-    ).words
+    return commission_to_file(machine_file, traces, out).words
 
 
 @pytest.mark.skipif(not ACTUATORS.exists(), reason="the recordings of the actuators are not here")
