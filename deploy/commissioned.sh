@@ -23,6 +23,6 @@ trap 'rm -rf "$scratch"' EXIT
 } > "$scratch/true.toml"
 
 edge-service simulate --machine "$scratch/true.toml" --motion production:duration_s=120 --motion friction \
-    --format parquet --seed 11 --out "$scratch/healthy"
+    --seed 11 --out "$scratch/healthy"
 edge-service commission --machine "$scratch/nominal.toml" "$scratch"/healthy/*.parquet \
     --out deploy/commissioned.toml

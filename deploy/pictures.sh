@@ -15,14 +15,14 @@ rough="--effect torque_ripple:amplitude_nm=0.02 --effect once_per_rev_friction:a
 cold="--effect warmup:excess_nm=0.08,time_constant_s=600"
 again="--motion warmup:duration_s=300 --motion friction"
 
-edge-service motion --list --machine m.toml --out motions.png
+edge-service motion --machine m.toml --out motions.png
 # shellcheck disable=SC2086
 edge-service simulate --machine m.toml --motion friction --motion signature --motion acceleration \
-    --motion reversals --motion multisine $thin $rough --format parquet --out healthy
+    --motion reversals --motion multisine $thin $rough --out healthy
 edge-service fingerprint --machine m.toml healthy/*.parquet --out healthy
 # shellcheck disable=SC2086
 edge-service simulate --machine m.toml --motion friction $again $again $again $again \
-    $thin $cold --format parquet --out runs
+    $thin $cold --out runs
 edge-service fingerprint --machine m.toml runs/*.parquet --out runs
 python - << 'EOS'
 from pathlib import Path

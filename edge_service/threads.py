@@ -77,3 +77,15 @@ class Outcome:
         if error is not None:
             self._done.set_exception(error)
         return True
+
+
+def repeating(period_s: float, work: Callable[[], None]) -> Callable[[], None]:
+    """Do something from time to time in the background; returns what ends it."""
+    stop = threading.Event()
+
+    def repeat() -> None:
+        while not stop.wait(period_s):
+            work()
+
+    threading.Thread(target=repeat, name="repeating", daemon=True).start()
+    return stop.set

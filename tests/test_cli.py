@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from edge_service.cli.bench import benchmarks
 from edge_service.cli.entry import cli, main
 from edge_service.cli.options import InputError
+from edge_service.cli.twin import benchmarks
 from edge_service.exit_status import BAD_INPUT, DONE
 
 COMMANDS = sorted(cli.commands)
@@ -49,16 +49,32 @@ CASES: dict[str, tuple[Case, str]] = {
         lambda p: [*TWO_MOTIONS, "--duration", "9", "--out", str(p / "runs")],
         "--duration: with several motions expected NAME:duration_s=SECONDS",
     ),
-    "a format beside the name of a file": (
-        lambda p: ["simulate", "--format", "csv", "--out", str(p / "a.csv")],
-        "--format: with one motion the name of --out says it",
+    "a payload without a mass": (
+        lambda p: ["simulate", "--effect", "payload:kg=3", "--out", str(p / "a.csv")],
+        "payload:kg=3: expected payload:mass_kg=KILOGRAMS",
+    ),
+    "a method that is none": (
+        lambda p: ["estimate", write(p, "t.csv", TRACE), "--out", "o.csv", "--method", "kf"],
+        "--method: no estimator 'kf'; there are auto, ",
+    ),
+    "a data sheet that is none": (
+        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--screw", "20"],
+        "--screw '20': expected \"DIAMETERxLEAD C... P...\"",
+    ),
+    "a key that no machine file has": (
+        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--set", "leed_m=1"],
+        "--set leed_m=1: no key of a machine file; did you mean lead_m?",
+    ),
+    "a unit of something else": (
+        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--set", "lead_m=1kg"],
+        "--set lead_m=1kg: 'kg' is no unit of lead_m",
     ),
     "a folder that is a file": (
         lambda p: [*TWO_MOTIONS, "--out", write(p, "file", "")],
         "no folder for recordings",
     ),
     "motions drawn as a table": (
-        lambda p: ["motion", "--list", "--out", str(p / "motions.csv")],
+        lambda p: ["motion", "--out", str(p / "motions.csv")],
         "expected a name that ends in .png",
     ),
     "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
@@ -219,7 +235,7 @@ CASES: dict[str, tuple[Case, str]] = {
         "theta",
     ),
     "replay of a missing trace": (
-        lambda p: ["replay", str(p / "no.csv"), "--port", "0", "--bus", "tcp/127.0.0.1:0"],
+        lambda p: ["replay", str(p / "no.csv"), "--port", "0"],
         "no such file",
     ),
     "negative replay speed": (

@@ -75,22 +75,18 @@ CASES: dict[str, tuple[Case, str]] = {
         lambda p: ["stub", "modbus", write(p, modbus(more=', unit = "mm"'))],
         "registers[0].unit: 'mm' is no unit of torque_command_nm",
     ),
-    "nodesets for Modbus": (
-        lambda p: ["stub", "modbus", write(p, modbus()), "--nodesets", str(p)],
-        "nodesets: Modbus has no companion specifications",
-    ),
-    "doctor without a source": (lambda _: ["doctor"], "expected either TRACES or --config"),
+    "doctor without a source": (lambda _: ["doctor"], "Missing argument 'SOURCE...'"),
     "doctor with two sources": (
-        lambda p: ["doctor", "a.csv", "--config", write(p, modbus())],
-        "expected either TRACES or --config",
+        lambda p: ["doctor", write(p, modbus()), "a.csv"],
+        "a.csv: expected one configuration, or recordings",
     ),
     "doctor without the trace": (lambda p: ["doctor", str(p / "no.csv")], "no such file"),
     "doctor of no such axis": (
-        lambda p: ["doctor", "--config", write(p, modbus()), "--axis", "Q"],
+        lambda p: ["doctor", write(p, modbus()), "--axis", "Q"],
         "--axis: no axis 'Q'; there are X",
     ),
     "doctor of a wrong map": (
-        lambda p: ["doctor", "--config", write(p, modbus(more=', type = "int8"'))],
+        lambda p: ["doctor", write(p, modbus(more=', type = "int8"'))],
         "axes.X.settings.registers[0].type:",
     ),
 }
@@ -150,7 +146,7 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
 def test_a_device_that_is_not_there_is_a_finding(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["doctor", "--config", write(tmp_path, modbus(free_port()))]) == 1
+    assert main(["doctor", write(tmp_path, modbus(free_port()))]) == 1
     assert "DOUBT connection" in " ".join(capsys.readouterr().out.split())
 
 
@@ -207,7 +203,7 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
     try:
         assert stub.stdout is not None
         assert "serving" in stub.stdout.readline()
-        status = main(["doctor", "--config", config, "--seconds", "6"])
+        status = main(["doctor", config, "--duration", "6"])
         printed = " ".join(capsys.readouterr().out.split())
         slow = "DOUBT rate" in printed  # as a busy machine polls, or a server that samples at 10 Hz
         assert printed.count("DOUBT") == status == slow

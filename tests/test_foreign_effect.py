@@ -65,7 +65,7 @@ def test_it_is_named_as_the_cause(foreign: Path) -> None:
 def test_a_motion_says_from_which_strength_it_shows(
     foreign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["motion", "isolability", "--motion", "friction"]) == 0
+    assert main(["motion", "isolability", "friction"]) == 0
     assert NAME in capsys.readouterr().out
 
 

@@ -26,6 +26,8 @@ WITHOUT = {
     "node": "serves until it is stopped",
     "stub": "serves until it is stopped",
     "bench": "its commands stand in a checkout alone, and have their own",
+    "help": "shows the help of another command",
+    "version": "shows one word",
 }
 UNIT = re.compile(
     r"(^|_)(share|s|h|m|hz|rad|rpm|n|nm|mb|c|percent|rad_s2?|m_s2?|m_s3|kg|kg_m2|nm_s_per_rad|n_per_m|nm_per_rad)$"
@@ -56,7 +58,7 @@ COMMANDS: dict[str, list[str]] = {
     "commission": ["commission", "{trace}", "--out", "{dir}/commissioned.toml"],
     "estimate": ["estimate", "{trace}", "--out", "{dir}/estimates.csv"],
     "motion": ["motion", "standstill", "--out", "{dir}/m.csv"],
-    "motion --list": ["motion", "--list"],
+    "motion without a name": ["motion"],
     "motion next": ["motion", "next", "--effect", "stribeck", "--effect", "backlash"],
     "motion isolability": ["motion", "isolability", "{monday}"],
     "fingerprint": ["fingerprint", "{trace}", "--out", "{dir}/fingerprint"],
@@ -73,7 +75,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 
-QUICK = {"token", "token --revoke", "motion --list"}
+QUICK = {"token", "token --revoke", "motion without a name"}
 """Done before anybody wonders: they tell no progress."""
 
 

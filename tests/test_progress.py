@@ -1,13 +1,13 @@
-"""A line on what is being done: one at a terminal, plain ones if asked for, none in a pipe."""
+"""What is being done: one line at a terminal, one every ten seconds into a pipe."""
 
 import io
 
 import click
 import pytest
 
-from edge_service.cli.terminal import pause_progress, progress
+from edge_service.cli.terminal import ProgressLine, pause_progress, progress
 
-CLEARED = "\x1b[2K"
+CLEARED = "\r\x1b[2K"
 
 
 class Terminal(io.StringIO):
@@ -27,20 +27,38 @@ def working() -> None:
 
 def shown(stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setattr("sys.stderr", stderr)
-    monkeypatch.setenv("TERM", "xterm")
     working.main([], standalone_mode=False)
     return stderr.getvalue()
 
 
 def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     seen = shown(Terminal(), monkeypatch)
-    assert "reading [1] a.csv: 90 %" in seen
-    assert seen.rstrip().endswith(CLEARED)
+    assert f"{CLEARED}reading [1] a.csv, 90 %, 0 s, 0 s left" in seen
+    assert "\n" not in seen
+    assert seen.endswith(CLEARED)
 
 
-def test_a_pipe_stays_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     assert shown(io.StringIO(), monkeypatch) == ""
+
+
+@pytest.mark.parametrize("stderr", [io.StringIO(), Terminal()])
+def test_time_is_told_and_what_is_left(
+    stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stderr", stderr)
+    times = iter((0.0, 12.0, *[32.0] * 9))
+    line = ProgressLine("diagnose", clock=lambda: next(times))
+    line.tell("choosing causes: 40 %")
+    line.draw()
+    line.pause()
+    seen = stderr.getvalue().removesuffix(CLEARED)
+    if stderr.isatty():
+        assert seen.endswith(f"{CLEARED}choosing causes, 40 %, 32 s, 30 s left")
+    else:
+        assert seen == "edge-service diagnose: choosing causes, 40 %, 32 s\n"
 
 
 def test_a_service_that_asks_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,52 +8,136 @@ import click
 
 from .. import __version__
 from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
-from .adopt import adopt
-from .bench import bench
-from .diagnosis import diagnose, drift, fingerprint, gap, reproduce
-from .fleet import fleet
-from .init import init
-from .motion import motion
+from .connect import adopt, convert, doctor, init, record, replay, stub
+from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
 from .options import FLAG, InputError, error_document
-from .preload import commission, estimate
-from .recordings import convert, record, simulate
-from .service import backup, check_config, node, replay, restore, run
-from .sources import doctor, stub
-from .tokens import token
+from .service import backup, check_config, fleet, node, restore, run, token
+from .twin import bench, reproduce, simulate
 
+GROUPS: dict[str, tuple[click.Command, ...]] = {
+    "Run the service": (run, node, check_config, token, backup, restore, fleet),
+    "Connect a machine": (init, adopt, doctor, record, replay, convert, stub),
+    "Examine an axis": (commission, estimate, fingerprint, motion, gap, diagnose),
+    "Study the twin": (simulate, reproduce, bench),
+}
+_IN_FILE = "gone; put time_h,speed_rpm,drag_torque_nm into FILE"
+_IN_MACHINE = "now --set of a key of the machine file"
 GONE: dict[str, str] = {
+    "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
+    "plant": "gone; run zenohd with deploy/zenoh-router.json5, then edge-service fleet tcp/ROUTER",
+    "certs": "gone; use your authority, or mkcert, and [http] certificate",
+    "audit": "gone; GET /api/v1/log?kind=command",
+    "send-test": "now doctor CONFIG --send-test",
+    "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
+    "response": "now fingerprint",
+    "doctor --config": "now doctor CONFIG --duration",
+    "doctor --seconds": "now doctor CONFIG --duration",
+    "--workers": "now --jobs",
+    "adopt --load-rating": "now --screw",
+    "adopt --preload": "now --screw",
+    "init --load-rating": "now --screw",
+    "init --preload": "now --screw",
+    "--pictures": "pictures are in report.html",
+    "adopt --name": "now --axis",
+    "adopt --picture": "now --plot",
+    "adopt --preload-drag": _IN_MACHINE,
+    "adopt --nut-stiffness": _IN_MACHINE,
+    "adopt --table-mass": _IN_MACHINE,
+    "init --inertia": _IN_MACHINE,
+    "init --preload-drag": _IN_MACHINE,
+    "init --torque-constant": "gone; edge-service adopt --torque-constant, then init --machine",
+    "init --site": "gone; it stands in the configuration",
+    "init --name": "gone; it stands in the configuration",
+    "init --history": "gone; it stands in the configuration",
+    "commission --config": "gone; --interval states the length of the blocks",
+    "estimate --config": "gone; --method names the estimator",
+    "replay --config": "now replay TRACE CONFIG",
+    "replay --loop": "gone; loop is a key of the driver replay",
+    "replay --bus": "gone; it stands in the configuration",
+    "convert --torque-constant": "gone; state scale of torque_command_nm under [columns]",
+    "motion --list": "now motion without a NAME",
+    "motion --motion": "now motion isolability NAME",
+    "simulate --added-mass": "now --effect payload:mass_kg=20",
+    "simulate --external-force": "now --effect external_force:force_n=500",
+    "simulate --format": "gone; a folder gets Parquet",
+    "stub --recording": "now --trace",
+    "stub --nodesets": "gone; nodesets are installed",
     "restore --config": "now edge-service restore ARCHIVE CONFIG",
     "restore --history": "gone; history goes where the configuration keeps it",
-    "audit": "gone; GET /api/v1/log?kind=command",
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",
     "fleet --timeout": "gone; 5 s",
     "fleet --services": "gone; name the addresses, their tokens in .netrc",
-    "mtconnect-devices": "gone; the output writes mtconnect-devices.xml into the state folder",
-    "plant": "gone; run zenohd with deploy/zenoh.json5, then edge-service fleet tcp/ROUTER",
-    "certs": "gone; use your authority, or mkcert, and [http] certificate",
-    "send-test": "now doctor --config CONFIG --send-test",
-    "response": "now fingerprint",
-    "fingerprint --pictures": "gone; pictures are in report.html",
-    "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
     "token add": "now token CONFIG --add NAME --role viewer|operator",
     "token list": "now token CONFIG",
     "token revoke": "now token CONFIG --revoke NAME",
     "node vibration": "gone; node downsample reduces fast sensors",
-    "reproduce --stage-h": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
-    "reproduce --speed-rpm": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
-    "reproduce --speed-step-rpm": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
-    "reproduce --speed-step-h": "gone; put time_h,speed_rpm,drag_torque_nm into FILE",
-    "--workers": "now --jobs",
+    "reproduce --stage-h": _IN_FILE,
+    "reproduce --speed-rpm": _IN_FILE,
+    "reproduce --speed-step-rpm": _IN_FILE,
+    "reproduce --speed-step-h": _IN_FILE,
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
+
+
+class _Grouped(click.Group):
+    """Commands listed in groups, each with its whole summary."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a section for each group."""
+        del ctx
+        for title, commands in GROUPS.items():
+            formatter.write(f"\n{title}:\n")
+            for each in commands:
+                formatter.write(f"  {each.name:<14}{summary(each)}\n")
+        formatter.write("\n`edge-service help COMMAND` shows options and an example.\n")
+
+
+def summary(command: click.Command) -> str:
+    """First line of a command's help."""
+    return (command.help or "").partition("\n")[0].removesuffix(".")
+
+
+@click.group(cls=_Grouped, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="edge-service")
+def cli() -> None:
+    """Ball-screw preload from the signals a feed drive already has."""
+
+
+@cli.command("help", hidden=True, epilog="Example: edge-service help diagnose")
+@click.argument("command", required=False)
+@click.pass_context
+def show_help(ctx: click.Context, command: str | None) -> None:
+    """Show the commands, or the options and an example of one."""
+    parent = ctx.parent
+    assert parent is not None
+    if command is None:
+        click.echo(parent.get_help())
+        return
+    _, found, _ = cli.resolve_command(parent, [command])
+    assert found is not None
+    if found is bench:
+        bench.main(["--help"], standalone_mode=False)
+        return
+    click.echo(found.get_help(click.Context(found, info_name=command, parent=parent)))
+
+
+@cli.command(hidden=True, epilog="Example: edge-service version")
+def version() -> None:
+    """Show the version."""
+    click.echo(f"edge-service, version {__version__}")
+
+
+for _command in (*(each for commands in GROUPS.values() for each in commands), drift):
+    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
     given = sys.argv[1:] if arguments is None else list(arguments)
+    as_json = FLAG in given
     gone = _gone(given)
     if gone is not None:
-        return _complain(f"{gone}: {GONE[gone]}", status=BAD_INPUT, as_json=FLAG in given)
+        return _complain(f"{gone}: {GONE[gone]}", status=BAD_INPUT, as_json=as_json)
     try:
         status = cli.main(args=given, prog_name="edge-service", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -67,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # the outermost edge: no traceback reaches a user
         words, status = _explained(error)
         shown = getattr(error, "mistakes", ()) if given[:1] == ["check-config"] else ()
-        return _complain(*(shown or (words,)), status=status, as_json=FLAG in given)
+        return _complain(*(shown or (words,)), status=status, as_json=as_json)
     return status if isinstance(status, int) else DONE
 
 
@@ -97,7 +181,7 @@ def _explained(error: Exception) -> tuple[str, int]:
 
 
 def _is_bad_input(error: Exception) -> bool:
-    """Tell whether a person can mend it; the common mistakes load no room to be known by."""
+    """Errors that a person can mend; the common ones load no room to be known by."""
     from ..config import ConfigError
 
     if isinstance(error, (InputError, ConfigError)):
@@ -126,42 +210,3 @@ def _complain(*lines: str, status: int, as_json: bool) -> int:
     if as_json:
         click.echo(error_document("\n".join(lines), status))
     return status
-
-
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="edge-service")
-def cli() -> None:
-    """Ball-screw preload from the signals a feed drive already has."""
-
-
-for _command in (
-    *(
-        run,
-        node,
-        check_config,
-        backup,
-        restore,
-        token,
-        replay,
-        doctor,
-        stub,
-        record,
-        convert,
-        simulate,
-    ),
-    *(
-        init,
-        adopt,
-        commission,
-        estimate,
-        motion,
-        fingerprint,
-        gap,
-        diagnose,
-        drift,
-        reproduce,
-        fleet,
-        bench,
-    ),
-):
-    cli.add_command(_command)

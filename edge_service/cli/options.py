@@ -20,11 +20,10 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 FLAG = "--json"
 PATH = click.Path(path_type=Path)
 Batch = Callable[[partial[Answer], Sequence[Path], Path], Answer]
-ABOVE_0 = click.FloatRange(0.0, 1e9, min_open=True)
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 CONFIG = click.argument("config", type=PATH, required=False)
 TRACE = click.argument("trace", type=PATH)
-TRACES = click.argument("traces", nargs=-1, required=True, type=PATH)
+TRACES = click.argument("traces", nargs=-1, required=True, type=PATH, metavar="TRACE...")
 
 
 def _test_bench() -> Path:
@@ -48,28 +47,32 @@ AXIS_NUMBER = click.option(
     help="The controller's number of the axis, for recordings of several axes.",
 )
 PORT = click.option(
-    "--port", type=click.IntRange(0, 65535), help="HTTP port to serve on; 0 takes a free one."
+    "--port", type=click.IntRange(0, 65535), help="Port to serve on; 0: a free one."
 )
 BUS = click.option("--bus", "endpoint", help="Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.")
-
+SCREW = click.option("--screw", metavar="TEXT", help='Data sheet: "20x10 C18200 P900" (mm, N, N).')
 LEAD = click.option("--lead", type=POSITIVE, help="Travel per revolution of the motor, mm.")
-LOAD_RATING = click.option(
-    "--load-rating", type=POSITIVE, help="Dynamic load rating of the screw, N."
+SET = click.option(
+    "--set",
+    "keys",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Key of the machine file, e.g. table_mass_kg=80 or lead_m=10mm; may be repeated.",
 )
-PRELOAD = click.option("--preload", type=POSITIVE, help="Preload of the fresh screw, N.")
-PRELOAD_DRAG = click.option(
-    "--preload-drag", type=POSITIVE, help="Drag torque of the fresh screw alone, N m."
+SEED = click.option("--seed", type=click.IntRange(0), help="Seed of what is left to chance.")
+FRESH = click.option("--force", is_flag=True, help="Overwrite what is there.")
+EFFECTS = click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    metavar="NAME[:KEY=VALUE,...]",
+    help="Effect of the library; may be repeated.",
 )
 
 
 def out_option(text: str, *, required: bool = True) -> Decorator:
     """Option `--out`: the file or folder that a command writes."""
     return click.option("--out", type=PATH, required=required, help=text)
-
-
-def service_config_option(text: str) -> Decorator:
-    """Option `--config`: the configuration of the service, for commands that work beside it."""
-    return click.option("--config", type=PATH, help=text)
 
 
 OUT_FOLDER = out_option("Folder to write the results to.")
@@ -139,48 +142,32 @@ def configured(
 
     settings = load_config(config or DEFAULT_CONFIG)
     if port is not None:
-        settings = settings.model_copy(
-            update={"http": settings.http.model_copy(update={"port": port})}
-        )
+        http = settings.http.model_copy(update={"port": port})
+        settings = settings.model_copy(update={"http": http})
     if endpoint is not None:
-        settings = settings.model_copy(
-            update={"bus": settings.bus.model_copy(update={"endpoint": endpoint})}
-        )
+        bus = settings.bus.model_copy(update={"endpoint": endpoint})
+        settings = settings.model_copy(update={"bus": bus})
     return settings
 
 
-def batch_options(*written: str) -> Decorator:
+def batch_options(*written: str, implied: bool = False) -> Decorator:
     """Add options of a command over many recordings, in whose place it is given `batch`.
 
     That is None, or a function of work, recordings and folder, see `run_batch`.
 
     Args:
         written: files of the command in the folder of a case.
+        implied: several recordings are cases of their own, there is no --each.
     """
 
     def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
         @click.option(
-            "--each",
-            is_flag=True,
-            help="Treat every TRACE as a case of its own, a folder as one session; "
-            "--out gets one folder a case and table.parquet.",
+            "--jobs", type=click.IntRange(1, 1024), help="Number of processes.  [default: 1]"
         )
-        @click.option(
-            "--jobs",
-            type=click.IntRange(1, 1024),
-            show_default="1",
-            help="Number of processes for --each, which it implies.",
-        )
-        @click.option(
-            "--cluster",
-            metavar="ADDRESS",
-            help="Dask scheduler for --each, tls://HOST:PORT; implies it.",
-        )
+        @click.option("--cluster", metavar="ADDRESS", help="Dask scheduler, tls://HOST:PORT.")
         @click.option("--insecure", is_flag=True, help="Allow a cluster on tcp://HOST:PORT.")
         @wraps(command)
-        def told(
-            each: bool, jobs: int | None, cluster: str | None, insecure: bool, **named: Any
-        ) -> Answer:
+        def told(jobs: int | None, cluster: str | None, insecure: bool, **named: Any) -> Answer:
             def batch(work: partial[Answer], traces: Sequence[Path], out: Path) -> Answer:
                 from ..offline.batch import run_batch
 
@@ -189,9 +176,17 @@ def batch_options(*written: str) -> Decorator:
                 where = jobs or 1, cluster, insecure
                 return run_batch(command.__name__, work, written, traces, out, *where, progress)
 
+            each = len(named["traces"]) > 1 if implied else named.pop("each")
             return command(**named, batch=batch if each or jobs or cluster else None)
 
-        return told
+        if implied:
+            return told
+        return click.option(
+            "--each",
+            is_flag=True,
+            help="Treat every TRACE as a case of its own, a folder as one session; "
+            "--out gets one folder a case and table.parquet.",
+        )(told)
 
     return decorate
 

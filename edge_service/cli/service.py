@@ -1,27 +1,22 @@
-"""Commands that run the service, check what it would run, or copy what it keeps."""
+"""Commands that run the service, check and copy what it keeps, and look at many of them."""
 
 import asyncio
+import sys
+import time
+from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..command_answer import Answer
-from .options import (
-    AXIS_NUMBER,
-    BUS,
-    CONFIG,
-    MACHINE,
-    PATH,
-    PORT,
-    TRACE,
-    InputError,
-    answering,
-    configured,
-    out_option,
-    service_config_option,
-)
-from .terminal import announce, log_to_stderr, progress
+from .options import BUS, CONFIG, PATH, PORT, InputError, answering, configured, out_option
+from .terminal import announce, log_to_stderr, progress, wants_json
+
+if TYPE_CHECKING:
+    from ..health.store.tokens import Role
 
 
 @click.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
@@ -29,10 +24,7 @@ from .terminal import announce, log_to_stderr, progress
 @PORT
 @BUS
 def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
-    """Run all nodes in one process: drives, bus, downsampling, estimator, health, HTTP.
-
-    Without CONFIG, run a simulated drive with the built-in default configuration.
-    """
+    """Run the whole service, or the demo if no CONFIG is given."""
     from ..nodes.service import run_service
 
     log_to_stderr()
@@ -45,24 +37,26 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
 @PORT
 @BUS
 def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
-    """Run a single node: bus, acquire, downsample, estimate, health, http or an output.
+    """Run one node of the service in a process of its own.
 
-    `bus` is the router that all others connect to.
-
-    Nodes identify themselves by certificates (`edge-service certs`), unless the bus is open.
+    NAME is bus (the router that all others connect to), acquire, downsample, estimate, health, http
+    or an output.
     """
     from ..nodes.service import run_node
 
     log_to_stderr()
-    settings = configured(config, port, endpoint)
-    asyncio.run(run_node(settings, name, announce))
+    asyncio.run(run_node(configured(config, port, endpoint), name, announce))
 
 
 @click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
 @CONFIG
 @answering
 def check_config(config: Path | None) -> Answer:
-    """Check a configuration, its machine files and driver settings, and sum it up."""
+    """Check a configuration and every file that it names.
+
+    Each mistake is a line of its own; with --json a right configuration shows every key with its
+    value, secrets as ***.
+    """
     from ..config import DEFAULT_CONFIG
     from ..offline.configuration import check_configuration
 
@@ -71,59 +65,64 @@ def check_config(config: Path | None) -> Answer:
     return replace(checked, words=f"{checked.words}\nconfiguration is right")
 
 
-@click.command(
-    epilog="Example: edge-service replay --machine deploy/emps.toml trace.csv --speed 10"
-)
-@TRACE
-@MACHINE
-@AXIS_NUMBER
-@click.option(
-    "--speed",
-    default=1.0,
-    show_default=True,
-    help="Speed as a multiple of real time; 0 is as fast as possible.",
-)
-@click.option("--loop", is_flag=True, help="Begin again at the end of the recording.")
-@click.option("--hold", is_flag=True, help="Keep serving after the end of the recording.")
-@service_config_option("Service configuration; its axes are not used.")
-@PORT
-@BUS
+@click.command(epilog="Example: edge-service token edge.toml --add kim --role operator")
+@click.argument("config", type=PATH)
+@click.option("--add", "added", metavar="NAME", help="Name of a token to create.")
+@click.option("--role", type=click.Choice(["viewer", "operator"]), help="Role of the new token.")
+@click.option("--revoke", "revoked", metavar="NAME", help="Name of a token to revoke.")
 @answering
-def replay(
-    trace: Path,
-    machine: Path,
-    axis_number: int | None,
-    speed: float,
-    loop: bool,
-    hold: bool,
-    config: Path | None,
-    port: int | None,
-    endpoint: str | None,
-) -> Answer:
-    """Play a recording through the whole service, and print the final answer."""
-    from ..offline.replay import replay_trace
+def token(config: Path, added: str | None, role: "Role | None", revoked: str | None) -> Answer:
+    """Create, list or revoke the tokens that let people in.
 
-    log_to_stderr()
-    if speed < 0.0:
-        raise InputError(f"--speed: {speed:g}, expected 0 or more")
-    settings = configured(config, port, endpoint)
-    return asyncio.run(
-        replay_trace(
-            settings,
-            trace,
-            machine,
-            speed,
-            loop=loop,
-            hold=hold,
-            announce=announce,
-            axis_number=axis_number,
-        )
-    )
+    A viewer reads; an operator may do everything. A running service knows within a second.
+    """
+    from ..clock import now_ns
+    from ..config import load_config
+    from ..health.store.store import StoreFailedError
+    from ..nodes.wiring.http_rights import tokens_of
+
+    if (added is None) != (role is None) or (added and revoked):
+        raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")
+    settings = load_config(config)
+    if settings.store.folder is None:
+        raise InputError(f"{config}: store.folder: missing; tokens are kept in the state folder")
+    tokens = tokens_of(settings)
+    try:
+        if added is not None and role is not None:
+            secret = tokens.add(added, role, now_ns())
+            click.echo(f"{added} is {role}; the token is shown only now", err=True)
+            return Answer(secret, {"name": added, "role": role, "token": secret})
+        if revoked is not None:
+            tokens.revoke(revoked)
+            return Answer(f"{revoked} is revoked", {"name": revoked})
+        listed = [
+            {
+                "name": each.name,
+                "role": each.role,
+                "created_at": _written(each.created_ns),
+                "used_at": None if each.used_ns is None else _written(each.used_ns),
+            }
+            for each in tokens.all()
+        ]
+    except StoreFailedError as error:
+        raise InputError(str(error)) from None
+    lines = [
+        f"{each['name']}: {each['role']}, since {each['created_at']}, "
+        f"used {each['used_at'] or 'never'}"
+        for each in listed
+    ]
+    lines = lines or ["no tokens: any user of this machine may look"]
+    return Answer("\n".join(lines), {"items": listed})
+
+
+def _written(time_ns: int) -> str:
+    moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
+    return moment.isoformat().replace("+00:00", "Z")
 
 
 @click.command(epilog="Example: edge-service backup /etc/edge-service/edge.toml --out backup.zip")
 @click.argument("config", type=PATH)
-@out_option("File to write; it may hold secrets, and is for its owner alone.")
+@out_option("Archive to write; it may hold secrets, and is for its owner alone.")
 @click.option("--recordings", is_flag=True, help="Keep the recordings as well.")
 @answering
 def backup(config: Path, out: Path, recordings: bool) -> Answer:
@@ -151,3 +150,39 @@ def restore(archive: Path, config: Path, force: bool) -> Answer:
 
     progress("checking the backup")
     return backups.restore(archive, config, force=force)
+
+
+@click.command(epilog="Example: edge-service fleet tcp/router.plant:7447 --watch 10")
+@click.argument("addresses", nargs=-1, required=True, metavar="ADDRESS...")
+@click.option("--watch", "period_s", type=click.FloatRange(1.0), help="Time between rounds, s.")
+@answering
+def fleet(addresses: tuple[str, ...], period_s: float | None) -> Iterator[Answer]:
+    """Show the axes of many machines, worst first.
+
+    ADDRESS is that of a service (http://, https://; its token by .netrc) or of a Zenoh router
+    (tcp/HOST:PORT, tls/HOST:PORT; certificates by ZENOH_CONFIG).
+    """
+    from rich.console import Console
+
+    from ..offline.fleet import FleetWatch, table_of
+
+    on_terminal = sys.stdout.isatty() and not wants_json()
+    console = Console(highlight=False, width=None if on_terminal else 200)
+    try:
+        watch = FleetWatch(addresses)
+    except (ValueError, SyntaxError) as error:
+        raise InputError(str(error)) from None
+    try:
+        while True:
+            progress(f"asking {len(addresses)} addresses")
+            found = watch.look()
+            if period_s is not None and on_terminal:
+                click.clear()
+            with console.capture() as drawn:
+                console.print(table_of(found))
+            yield Answer(drawn.get().rstrip("\n"), found)
+            if period_s is None:
+                return
+            time.sleep(period_s)
+    finally:
+        watch.close()

@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -10,14 +11,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
+from ..threads import repeating
 
+if TYPE_CHECKING:
     from ..checks.columns.guess import Question
 
 BURST = 20
 PER_S = 0.2
+LINE_S, PIPE_S = 1.0, 10.0
+"""Time between two drawings of the line at a terminal, and between two lines into a pipe."""
 _LINE = "edge_service.progress"
+_CLEARED = "\r\x1b[2K"
 _SIGNED = ("--torque-constant",)
 """Options whose numbers may be negative."""
 
@@ -46,57 +50,88 @@ def announce(address: str) -> None:
 
 
 def progress(line: str) -> None:
-    """Tell a person at a terminal, or a service that asks, what is being done; else stay quiet.
+    """Say what is being done, `stage` or `stage: N %`.
 
-    At a terminal it is one line with the time since the first, which goes when the command ends.
+    At a terminal it is one line with elapsed and left time, which goes at the end; otherwise a line
+    every ten seconds, or each line for a service that asks.
     """
-    if sys.stderr.isatty():
-        shown = _shown()
-        shown.update(shown.task_ids[0], description=line)
-        shown.start()
-    elif os.environ.get("EDGE_SERVICE_PROGRESS"):
+    if os.environ.get("EDGE_SERVICE_PROGRESS"):
         click.echo(line, err=True)
-
-
-def _shown() -> "Progress":
-    """The line of the running command; it goes with its context."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
+        return
     context = click.get_current_context()
     if _LINE not in context.meta:
-        words = TextColumn("{task.description}", markup=False)
-        console = Console(stderr=True)
-        shown = Progress(
-            SpinnerColumn(), words, TimeElapsedColumn(), console=console, transient=True
-        )
-        shown.add_task("")
-        context.meta[_LINE] = context.with_resource(shown)
-    line: Progress = context.meta[_LINE]
-    return line
+        command = context.find_root().invoked_subcommand or context.info_name or ""
+        context.meta[_LINE] = shown = ProgressLine(command)
+        context.call_on_close(shown.pause)
+    context.meta[_LINE].tell(line)
+
+
+class ProgressLine:
+    """The stage of a command with its share, drawn from time to time."""
+
+    def __init__(self, command: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._command, self._clock, self._began_s = command, clock, clock()
+        self._stage, self._share, self._stage_s = "", 0, self._began_s
+        self._stop: Callable[[], None] | None = None
+        self._is_terminal = sys.stderr.isatty()
+
+    def tell(self, line: str) -> None:
+        """Take the stage, with its share."""
+        found = re.fullmatch(r"(.*?):? (\d+) %", line)
+        stage, self._share = (found[1], int(found[2])) if found else (line, 0)
+        if stage != self._stage:
+            self._stage, self._stage_s = stage, self._clock()
+        if self._stop is None:
+            self._stop = repeating(LINE_S if self._is_terminal else PIPE_S, self.draw)
+        if self._is_terminal:
+            self.draw()
+
+    def draw(self) -> None:
+        """Draw the line, or write one."""
+        now_s = self._clock()
+        parts = [self._stage, *([f"{self._share} %"] if self._share else [])]
+        parts.append(f"{now_s - self._began_s:.0f} s")
+        if not self._is_terminal:
+            click.echo(f"edge-service {self._command}: {', '.join(parts)}", err=True)
+            return
+        if 0 < self._share < 100:
+            left_s = (now_s - self._stage_s) * (100 - self._share) / self._share
+            parts.append(f"{left_s:.0f} s left")
+        sys.stderr.write(f"{_CLEARED}{', '.join(parts)}")
+        sys.stderr.flush()
+
+    def pause(self) -> None:
+        """Clear the line; the next stage shows it again."""
+        if self._stop is not None:
+            self._stop()
+            self._stop = None
+            if self._is_terminal:
+                sys.stderr.write(_CLEARED)
+                sys.stderr.flush()
 
 
 def pause_progress() -> None:
     """Clear the line for something else: an answer, a question."""
     context = click.get_current_context(silent=True)
     if context is not None and _LINE in context.meta:
-        context.meta[_LINE].stop()
+        context.meta[_LINE].pause()
 
 
 def wants_json() -> bool:
-    """Tell whether stdout of the running command belongs to a program."""
+    """Answer whether stdout of the running command belongs to a program."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get("as_json"))
 
 
 def at_terminal() -> bool:
-    """Tell whether a person can be asked."""
+    """Answer whether a person can be asked."""
     return sys.stdin.isatty() and sys.stdout.isatty() and not wants_json()
 
 
 def ask_number(question: "Question") -> float | None:
     """Ask a person; an empty answer is none."""
     pause_progress()
+    signed = question.option in _SIGNED
     while True:
         said: str = click.prompt(
             f"{question.words} (for: {question.why}; empty if unknown)",
@@ -105,17 +140,13 @@ def ask_number(question: "Question") -> float | None:
         )
         if not said.strip():
             return None
-        number = _number(said)
-        if math.isfinite(number) and (number > 0.0 or question.option in _SIGNED):
+        try:
+            number = float(said.replace(",", "."))
+        except ValueError:
+            number = math.nan
+        if math.isfinite(number) and (number > 0.0 or signed):
             return number
-        click.echo(f"expected a number{'' if question.option in _SIGNED else ' above 0'}")
-
-
-def _number(said: str) -> float:
-    try:
-        return float(said.replace(",", "."))
-    except ValueError:
-        return math.nan
+        click.echo(f"expected a number{'' if signed else ' above 0'}")
 
 
 class LogRate(logging.Filter):
@@ -132,28 +163,18 @@ class LogRate(logging.Filter):
     ) -> None:
         super().__init__()
         self._burst, self._per_s, self._clock = burst, per_s, clock
-        self._places: dict[tuple[str, int], _Place] = {}
+        self._places: dict[tuple[str, int], tuple[float, float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether a record is to be written."""
-        now_s = self._clock()
-        where = (record.pathname, record.lineno)
-        place = self._places.setdefault(where, _Place(self._burst, now_s))
-        place.lines = min(self._burst, place.lines + (now_s - place.seen_s) * self._per_s)
-        place.seen_s = now_s
-        if place.lines < 1.0:
-            place.left_out += 1
+        """Answer whether a record is to be written."""
+        now_s, where = self._clock(), (record.pathname, record.lineno)
+        lines, seen_s, left_out = self._places.get(where, (float(self._burst), now_s, 0))
+        lines = min(self._burst, lines + (now_s - seen_s) * self._per_s)
+        if lines < 1.0:
+            self._places[where] = (lines, now_s, left_out + 1)
             return False
-        place.lines -= 1.0
-        if place.left_out:
-            record.msg = f"{record.getMessage()} (and {place.left_out} times more)"
+        if left_out:
+            record.msg = f"{record.getMessage()} (and {left_out} times more)"
             record.args = None
-            place.left_out = 0
+        self._places[where] = (lines - 1.0, now_s, 0)
         return True
-
-
-class _Place:
-    """One place in the program that logs: lines it may write now, and those it could not."""
-
-    def __init__(self, lines: float, now_s: float) -> None:
-        self.lines, self.seen_s, self.left_out = lines, now_s, 0

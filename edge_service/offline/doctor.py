@@ -2,8 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
-from contextlib import aclosing
-from dataclasses import dataclass
+from contextlib import aclosing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +12,15 @@ from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableErro
 from ..checks.examination import check_plausibility
 from ..checks.finding import Finding, Verdict
 from ..command_answer import Answer
-from ..config import AxisConfig, ConfigError, EdgeConfig, load_machine
+from ..config import AxisConfig, ConfigError, EdgeConfig, EstimatorConfig, load_machine
+from ..estimate.registry import ESTIMATORS
 from ..exit_status import DONE
 from ..messages.arrays import finite_or_none
 from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
+from ..nodes.wiring.stages import make_estimator
 from .document import Document
 from .examination import examine
 from .recordings import Progress, silent
@@ -54,43 +55,12 @@ class FindingDocument(Document):
 
 
 class Examined(Document):
-    """Findings about one axis."""
+    """Findings about one axis, and the method that would estimate its preload; null: none."""
 
     axis: str
     source: str
     findings: list[FindingDocument]
-
-
-@dataclass(frozen=True, slots=True)
-class Examination:
-    """Findings about one axis."""
-
-    axis: str
-    source: str
-    findings: tuple[Finding, ...]
-
-    @property
-    def doubts(self) -> int:
-        """Number of checks that found something wrong."""
-        return sum(finding.is_doubtful for finding in self.findings)
-
-    def as_text(self) -> str:
-        """A line per check."""
-        lines = [f"axis {self.axis}: {self.source}"]
-        for each in self.findings:
-            said = "" if each.figure is None else against(each.figure, each.expected)
-            number = f" [{said}]" if said else ""
-            lines.append(f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{number}")
-            if each.remedy:
-                lines.append(f"        {'':<11}-> {each.remedy}")
-        lines.append(f"  {self.doubts} of {len(self.findings)} checks raised doubts")
-        return "\n".join(lines)
-
-    def answer(self) -> Answer:
-        """Words and document; with a doubt the exit status says so."""
-        findings = [_finding(each) for each in self.findings]
-        document = Examined(axis=self.axis, source=self.source, findings=findings)
-        return Answer(self.as_text(), document, DOUBTED if self.doubts else DONE)
+    method: str | None
 
 
 def examine_traces(
@@ -98,17 +68,15 @@ def examine_traces(
     traces: Sequence[Path],
     axis_number: int | None = None,
     progress: Progress = silent,
-) -> Examination:
+) -> Answer:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)
     source = ", ".join(path.name for path in traces)
-    return Examination(machine.axis.name, source, tuple(examine(machine, traces, progress)))
+    return _answer(machine.axis.name, source, examine(machine, traces, progress), machine)
 
 
-async def examine_sources(
-    config: EdgeConfig, axis: str | None, seconds: float
-) -> list[Examination]:
-    """Read each axis' driver for some seconds, all at once, and check what it yields.
+async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: float) -> list[Answer]:
+    """Read each axis' driver for a while, all at once, and check what it yields.
 
     Raises:
         ConfigError: no such axis, wrong settings, or a device that refuses them.
@@ -117,32 +85,58 @@ async def examine_sources(
     if not chosen:
         names = ", ".join(each.name for each in config.axes)
         raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
-    return list(await asyncio.gather(*(_examine(each, seconds) for each in chosen)))
+    return list(await asyncio.gather(*(_examined(each, duration_s) for each in chosen)))
 
 
-async def _examine(axis: AxisConfig, seconds: float) -> Examination:
+async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
     driver, machine = make_driver(axis), load_machine(axis.machine)
     try:
         probe = await driver.probe()
-        frames = await _listen(driver, seconds)
+        frames = await _listen(driver, duration_s)
     except DriverUnavailableError as error:
         lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
-        return Examination(axis.name, axis.driver, (lost,))
+        return _answer(axis.name, axis.driver, [lost], machine)
     except DriverMisconfiguredError as error:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
     finally:
         await driver.close()
-    return Examination(axis.name, probe.description, _findings(machine, driver, frames))
+    return _answer(axis.name, probe.description, _findings(machine, driver, frames), machine)
 
 
-async def _listen(driver: Driver, seconds: float) -> list[SampleFrame]:
+def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machine) -> Answer:
+    """A line per check, and the method that would estimate; with a doubt the status says so."""
+    lines = [f"axis {axis}: {source}"]
+    for each in findings:
+        said = "" if each.figure is None else against(each.figure, each.expected)
+        number = f" [{said}]" if said else ""
+        lines.append(f"  {_MARKS[each.verdict]:<6}{each.name:<13}{each.sentence}{number}")
+        if each.remedy:
+            lines.append(f"        {'':<11}-> {each.remedy}")
+    doubts, method = sum(each.is_doubtful for each in findings), _method(machine)
+    lines.append(f"  {doubts} of {len(findings)} checks raised doubts")
+    lines.append(f"  {method} would estimate" if method else "  no method can estimate")
+    found = [_document(each) for each in findings]
+    document = Examined(axis=axis, source=source, findings=found, method=method)
+    return Answer("\n".join(lines), document, DOUBTED if doubts else DONE)
+
+
+def _method(machine: Machine) -> str | None:
+    """The first estimator of the registry that suits a machine file."""
+    for name in ESTIMATORS:
+        with suppress(ConfigError):
+            make_estimator(EstimatorConfig(method=name), machine)
+            return name
+    return None
+
+
+async def _listen(driver: Driver, duration_s: float) -> list[SampleFrame]:
     """Frames of that much axis time, or of all there are."""
     frames: list[SampleFrame] = []
     await driver.open()
     async with aclosing(driver.frames()) as source:
         async for frame in source:
             frames.append(frame)
-            if frame.time_s[-1] - frames[0].time_s[0] >= seconds:
+            if frame.time_s[-1] - frames[0].time_s[0] >= duration_s:
                 break
     return frames
 
@@ -185,7 +179,7 @@ def _quality(frames: Sequence[SampleFrame]) -> Finding:
     return Finding("quality", verdict, "not good: " + "; ".join(said))
 
 
-def _finding(found: Finding) -> FindingDocument:
+def _document(found: Finding) -> FindingDocument:
     figure = found.figure
     number = None
     if figure is not None:

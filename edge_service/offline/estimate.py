@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..atomic import replaced_file
 from ..command_answer import Answer
-from ..config import ConfigError, EdgeConfig, load_machine
+from ..config import ConfigError, EstimatorConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
@@ -39,11 +39,11 @@ class Estimated(Document):
 class OfflineEstimate:
     """The stages of one axis; goes on from a state file and leaves one."""
 
-    def __init__(self, machine: Machine, config: EdgeConfig) -> None:
+    def __init__(self, machine: Machine, config: EstimatorConfig) -> None:
         self._axis = machine.axis.name
-        self._identity = identity_of(machine, config.estimator)
+        self._identity = identity_of(machine, config)
         self._downsampler = make_downsampler(machine)
-        self._estimator = make_estimator(config.estimator, machine)
+        self._estimator = make_estimator(config, machine)
         self._end_s = 0.0
         self._restored = False
 
@@ -78,7 +78,7 @@ class OfflineEstimate:
 
 
 def estimates(
-    frames: Iterable[SampleFrame], machine: Machine, config: EdgeConfig
+    frames: Iterable[SampleFrame], machine: Machine, config: EstimatorConfig
 ) -> Iterator[PreloadEstimate]:
     """One estimate per completed interval, as the service would publish it."""
     return OfflineEstimate(machine, config).estimates(frames)
@@ -88,7 +88,7 @@ def estimate_to_csv(
     trace: Path,
     machine_file: Path,
     out: Path,
-    config: EdgeConfig,
+    config: EstimatorConfig,
     state: Path | None = None,
     axis_number: int | None = None,
     progress: Progress = silent,
@@ -145,7 +145,7 @@ def estimate_case(
     machine_file: Path,
     traces: Sequence[Path],
     out_dir: Path,
-    config: EdgeConfig,
+    config: EstimatorConfig,
     axis_number: int | None = None,
 ) -> Answer:
     """Write `estimates.csv` of the one recording of a case; errors as `estimate_to_csv`."""

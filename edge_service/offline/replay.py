@@ -32,18 +32,17 @@ async def replay_trace(
     machine: Path,
     speed: float,
     *,
-    loop: bool,
     hold: bool,
     announce: Callable[[str], None],
     axis_number: int | None = None,
 ) -> Answer:
-    """Run every node on a recording until its end (for ever with `loop` or `hold`).
+    """Run every node on a recording until its end (for ever with `hold`).
 
     Args:
         axis_number: the controller's number of the axis, in place of the machine file's.
     """
     name = load_machine(machine).axis.name
-    settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": loop}
+    settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": False}
     if axis_number is not None:
         settings["axis_number"] = axis_number
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)

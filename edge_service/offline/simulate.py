@@ -11,6 +11,7 @@ import numpy as np
 
 from ..command_answer import Answer
 from ..messages.channels import CHANNELS
+from ..messages.samples import Floats
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
@@ -60,11 +61,11 @@ class SimulationSettings:
 
     Attributes:
         motion: name of the commanded motion, or NAME:duration_s=SECONDS.
-        effects: beyond those of the machine file, each as NAME[:key=value,...].
+        effects: beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20
+            is weight on the table that the drive does not know of, external_force:file=f.csv
+            (time_s, force_n) a force along x that stands in the record.
         duration_s: axis time; the motion's own unless given.
         preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
-        added_mass_kg: weight plates on the table; the drive does not know of them.
-        external_force_n: constant force on the table, positive along x; it stands in the record.
         seed: of noise and motion; the same seed gives the same bytes.
     """
 
@@ -72,8 +73,6 @@ class SimulationSettings:
     effects: tuple[str, ...] = ()
     duration_s: float | None = None
     preload_percent: float | None = None
-    added_mass_kg: float = 0.0
-    external_force_n: float = 0.0
     seed: int = 1
     rate_hz: float = 1000.0
 
@@ -103,14 +102,14 @@ def simulate_session(
     settings: SimulationSettings,
     motions: Sequence[str],
     out: Path,
-    file_format: TraceFormat = TraceFormat.CSV,
+    file_format: TraceFormat = TraceFormat.PARQUET,
     progress: Progress = lambda _: None,
 ) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
 
     Warm-up, clock and noise carry on from file to file, as in a session at a machine; each motion
-    begins and ends at rest at home. The files are called 01_friction.csv, 02_warmup.csv, ..., and
-    appear once all are recorded.
+    begins and ends at rest at home. The files are called 01_friction.parquet, 02_warmup.parquet,
+    ..., and appear once all are recorded.
 
     Args:
         settings: of the axis; its own motion and duration are not used.
@@ -131,8 +130,10 @@ def simulate_session(
     paths = _numbered(out, [each.name for each in session], file_format)
     with contextlib.ExitStack() as files:
         writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
+        first = 0
         for commanded, writer in zip(session, writers, strict=True):
-            axis.record(commanded, writer, progress)
+            axis.record(commanded, writer, progress, first)
+            first += commanded.count
     return _answer(
         [axis.recording(commanded, path) for commanded, path in zip(session, paths, strict=True)]
     )
@@ -151,38 +152,54 @@ class _Axis:
     limits: MotionLimits
     preload_percent: float
     settings: SimulationSettings
+    load_kg: float
+    force: Floats | None
 
     @classmethod
     def of_machine(cls, machine: Machine, settings: SimulationSettings) -> "_Axis":
-        _check_numbers(settings)
         preload_percent = _preload_percent(machine, settings.preload_percent)
+        load_kg, force = 0.0, None
+        names = []
+        for text in settings.effects:
+            if text.startswith("payload:"):
+                load_kg += _load_kg(text)
+            elif text.startswith("external_force:file="):
+                force = _force(Path(text.partition("=")[2]))
+            else:
+                names.append(text)
         try:
-            effects = [parse_effect(text) for text in settings.effects]
+            effects = [parse_effect(text) for text in names]
             drive_settings = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
             limits = motion_limits(machine)
             drive = FeedDrive(drive_settings, limits.low_m, preload_percent, settings.seed)
         except ValueError as error:
             raise SimulationError(str(error)) from error
-        return cls(drive, limits, preload_percent, settings)
+        return cls(drive, limits, preload_percent, settings, load_kg, force)
 
     def random(self, number: int) -> np.random.Generator:
         """Generator of what is left to chance in the motion of this number, from 1 on."""
         return np.random.default_rng((self.settings.seed, number))
 
-    def record(self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress) -> None:
-        """Run a motion and write what the drive reports."""
+    def record(
+        self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int = 0
+    ) -> None:
+        """Run a motion and write what the drive reports; `first` rows were recorded before."""
         settings, count = self.settings, commanded.count
         block = round(_BLOCK_S * settings.rate_hz)
         for done in range(0, count, block):
             rows = min(block, count - done)
+            force_n = np.zeros(rows)
+            if self.force is not None:
+                time_s = (first + done + np.arange(rows)) / settings.rate_hz
+                force_n = np.interp(time_s, self.force[0], self.force[1], left=0.0, right=0.0)
             frame = self.drive.advance(
                 commanded.setpoints.take(rows),
                 np.full(rows, self.preload_percent),
-                external_force_n=np.full(rows, settings.external_force_n),
-                added_mass_kg=np.full(rows, settings.added_mass_kg),
+                external_force_n=force_n,
+                added_mass_kg=np.full(rows, self.load_kg),
             )
             writer.write(frame)
-            progress(f"{(done + rows) / settings.rate_hz:.0f} of {count / settings.rate_hz:.0f} s")
+            progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
 
     def recording(self, commanded: CommandedMotion, out: Path) -> SimulatedRecording:
         """Description of a recording."""
@@ -224,8 +241,24 @@ def _numbered(out: Path, names: Sequence[str], file_format: TraceFormat) -> list
     return paths
 
 
-def _check_numbers(settings: SimulationSettings) -> None:
-    if not 0.0 <= settings.added_mass_kg < math.inf:
-        raise SimulationError(f"added mass: expected 0 kg or more, got {settings.added_mass_kg:g}")
-    if not math.isfinite(settings.external_force_n):
-        raise SimulationError(f"external force: expected newtons, got {settings.external_force_n}")
+def _load_kg(text: str) -> float:
+    """Mass of `payload:mass_kg=20`."""
+    key, _, number = text.removeprefix("payload:").partition("=")
+    try:
+        load_kg = float(number)
+    except ValueError:
+        load_kg = math.nan
+    if key != "mass_kg" or not 0.0 <= load_kg < math.inf:
+        raise SimulationError(f"{text}: expected payload:mass_kg=KILOGRAMS")
+    return load_kg
+
+
+def _force(path: Path) -> Floats:
+    """Times and forces in a CSV file, shape (2, n)."""
+    try:
+        rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise SimulationError(f"{path}: cannot be read as time_s,force_n ({error})") from None
+    if rows.shape[1] != 2 or not np.isfinite(rows).all() or np.any(np.diff(rows[:, 0]) <= 0.0):
+        raise SimulationError(f"{path}: expected columns time_s, force_n, with rising times")
+    return np.asarray(rows.T, dtype=np.float64)

@@ -13,7 +13,7 @@ import pytest
 
 from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
-from edge_service.offline.adopt.adopt import Request, adopt
+from edge_service.offline.adopt import Request, adopt
 from edge_service.offline.recordings import read_recording
 from edge_service.recordings.columns import TraceError
 
@@ -171,18 +171,18 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
     assert "lead_m" not in document["axis"] and "torque_command_nm" not in document["columns"]
     assert "inertia_kg_m2" not in document["model"]
     answers = {
-        "--lead": LEAD_MM,
-        "--torque-constant": 2.0,
-        "--load-rating": 7450.0,
-        "--preload": None,
-        "--nut-stiffness": None,
-        "--table-mass": 23.5,
+        "Travel": LEAD_MM,
+        "Torque": 2.0,
+        "Dynamic": 7450.0,
+        "Preload": None,
+        "Stiffness": None,
+        "Mass": 23.5,
     }
     asked: list[str] = []
 
     def ask(question: Any) -> float | None:
-        asked.append(question.option)
-        return answers[question.option]
+        asked.append(question.words.split()[0])
+        return answers[asked[-1]]
 
     adopt(Request([path], out), ask)
     assert sorted(asked) == sorted(answers)

@@ -11,13 +11,12 @@ from ..foreign_plant import Machine, Recording, axis_case, part_programme, simul
 from .test_second_commands import said
 
 PLANT = Machine()
-SHEET = {
-    "--lead": 1e3 * PLANT.lead_m,
-    "--load-rating": PLANT.dynamic_load_rating_n,
-    "--preload": PLANT.preload_n,
-    "--preload-drag": PLANT.preload_drag_nm,
-    "--nut-stiffness": PLANT.nut_stiffness_n_per_m,
-}
+SHEET = (
+    *("--lead", 1e3 * PLANT.lead_m),
+    *("--screw", f"C{PLANT.dynamic_load_rating_n:g} P{PLANT.preload_n:g}"),
+    *("--set", f"preload_drag_nm={PLANT.preload_drag_nm!r}"),
+    *("--set", f"nut_stiffness_n_per_m={PLANT.nut_stiffness_n_per_m!r}"),
+)
 
 
 def edge_file(recording: Recording, path: Path) -> Path:
@@ -69,8 +68,7 @@ def test_preload_is_held_from_adopt_to_estimate(
     mass_kg: float | None, parts: bool, tmp_path: Path
 ) -> None:
     """No test run: production alone teaches it, with the mass stated or guessed."""
-    sheet = SHEET | ({} if mass_kg is None else {"--table-mass": mass_kg})
-    options = [each for pair in sheet.items() for each in pair]
+    options = [*SHEET, *(() if mass_kg is None else ("--set", f"table_mass_kg={mass_kg!r}"))]
     healthy = edge_file(plant_run(601, 120.0, parts=parts), tmp_path / "healthy.csv")
     proposed, learned = tmp_path / "proposed.toml", tmp_path / "learned.toml"
     said("adopt", healthy, "--axis-number", 1, *options, "--out", proposed)

@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
-from edge_service.offline.adopt.adopt import Request, adopt
+from edge_service.offline.adopt import Request, adopt
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="no recordings beside the checkout")

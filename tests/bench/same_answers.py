@@ -163,12 +163,12 @@ def ask_models(answers: Path) -> None:
     deploy = ROOT / "deploy"
     for path in (deploy / "edge.toml", *sorted((deploy / "drivers").glob("*.toml"))):
         asked(["check-config", path], answers / f"config_{path.stem}.txt")
-    asked(["motion", "--list"], answers / "motions.txt")
+    asked(["motion"], answers / "motions.txt")
     asked(
         ["motion", "friction", "--out", answers / "friction.csv", "--rate", "100"],
         answers / "motion.txt",
     )
-    asked(["motion", "isolability", "--motion", "friction"], answers / "isolability.txt")
+    asked(["motion", "isolability", "friction"], answers / "isolability.txt")
     asked(["reproduce", "--out", answers / "thesis"], answers / "thesis.txt")
 
 

@@ -172,7 +172,7 @@ def test_what_is_no_tie_is_one_line(tmp_path, capsys, text, says):
         ["next", "--effect", "stribeck"],
         ["next", "missing.json"],
         ["isolability"],
-        ["isolability", "--motion", "dance"],
+        ["isolability", "dance"],
         ["isolability", "missing.csv"],
         ["friction", "a.csv", "--out", "b.csv"],
     ],
@@ -184,9 +184,9 @@ def test_bad_questions_are_one_line(capsys, given):
 
 @pytest.mark.slow
 def test_isolability_tells_what_shows_in_a_motion(capsys):
-    assert main(["motion", "isolability", "--motion", "standstill"]) == 0
+    assert main(["motion", "isolability", "standstill"]) == 0
     rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[2:]}
     assert "nothing else" in rows["load_offset"]
-    assert main(["motion", "isolability", "--motion", "friction"]) == 0
+    assert main(["motion", "isolability", "friction"]) == 0
     said = capsys.readouterr().out
     assert "quadratic_friction" in said

@@ -274,9 +274,7 @@ async def test_without_a_folder_nothing_is_kept() -> None:
 async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_path: Path) -> None:
     put_state(tmp_path, ["of the axis itself"])
     config = config_in(tmp_path)
-    answer = await replay_trace(
-        config, trace_path, COMMISSIONED, 0.0, loop=False, hold=False, announce=str
-    )
+    answer = await replay_trace(config, trace_path, COMMISSIONED, 0.0, hold=False, announce=str)
     assert "199 estimates" in answer.words
     assert document_in(tmp_path) == ["of the axis itself"]
 

@@ -99,7 +99,8 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
     config = config_of("replay", {"path": str(trace_path), "speed": 0.0})
     with open_trace(trace_path) as frames:
         offline = [
-            e.model_dump_json() for e in estimates(frames, load_machine(DEFAULT_MACHINE), config)
+            e.model_dump_json()
+            for e in estimates(frames, load_machine(DEFAULT_MACHINE), config.estimator)
         ]
     async with running(config, until_sources_end=True) as service:
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
@@ -156,7 +157,7 @@ async def test_replay_service_tells_the_last_answer(trace_path: Path) -> None:
     addresses: list[str] = []
     config = config_of("simulated", {})
     answer = await replay_trace(
-        config, trace_path, DEFAULT_MACHINE, 0.0, loop=False, hold=False, announce=addresses.append
+        config, trace_path, DEFAULT_MACHINE, 0.0, hold=False, announce=addresses.append
     )
     lines = answer.words.splitlines()
     assert addresses[0].startswith("http://127.0.0.1:")

@@ -17,13 +17,7 @@ import pyarrow.parquet
 import pytest
 
 from edge_service.command_answer import Answer
-from edge_service.config import (
-    DEFAULT_CONFIG,
-    DEFAULT_MACHINE,
-    ConfigError,
-    load_config,
-    load_machine,
-)
+from edge_service.config import DEFAULT_MACHINE, ConfigError, EstimatorConfig, load_machine
 from edge_service.models.motions.registry import MotionError
 from edge_service.offline.batch import (
     FailedCase,
@@ -36,7 +30,7 @@ from edge_service.offline.batch import (
 from edge_service.offline.estimate import estimate_case
 from edge_service.offline.simulate import SimulationSettings, simulate
 
-ESTIMATE = partial(estimate_case, DEFAULT_MACHINE, config=load_config(DEFAULT_CONFIG))
+ESTIMATE = partial(estimate_case, DEFAULT_MACHINE, config=EstimatorConfig())
 
 
 def estimated(recordings: list[Path], out: Path, **named: Any) -> Answer:

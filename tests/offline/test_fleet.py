@@ -312,7 +312,7 @@ def test_watching_prints_a_line_a_round(
         if next(rounds, None) is None:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("edge_service.cli.fleet.time.sleep", pause)
+    monkeypatch.setattr("edge_service.cli.service.time.sleep", pause)
     with service(answer()) as (good, _):
         assert main(["fleet", good, "--watch", "1", "--json"]) == 130
     assert [len(json.loads(line)["axes"]) for line in capsys.readouterr().out.splitlines()] == [

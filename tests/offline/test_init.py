@@ -1,7 +1,14 @@
 """`init` writes a configuration that is right, or nothing; it never asks where nobody answers."""
 
 import asyncio
+import errno
+import os
+import pty
 import re
+import select
+import shutil
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,11 +18,10 @@ from drivers.stub import Fault
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_CONFIG, load_config, load_machine
 from edge_service.nodes.stub_node import make_stub
-from edge_service.offline.init.greetings import GREETINGS, find_devices
-from edge_service.offline.init.source import source_of
+from edge_service.offline.init import GREETINGS, find_devices, source_of
 from tests.drivers.bench import free_port
 
-SHEET = ("--lead", "20", "--inertia", "1.5e-3")
+SHEET = ("--lead", "20", "--set", "inertia_kg_m2=1.5e-3")
 EXAMPLES = DEFAULT_CONFIG.parent / "drivers"
 
 
@@ -95,13 +101,13 @@ def test_what_is_written_is_right(
     assert sorted(each.name for each in out.parent.iterdir()) == ["edge.toml", "machine.toml"]
     said = capsys.readouterr().out
     assert "not reachable now" in said
-    assert f"edge-service doctor --config {out}" in said
+    assert f"edge-service doctor {out}" in said
     assert main(["check-config", str(out)]) == 0
 
 
 @pytest.mark.parametrize("protocol", GREETINGS)
 def test_every_protocol_that_is_found_has_a_driver(protocol: str) -> None:
-    driver = source_of([f"{protocol}://127.0.0.1:9"]).driver
+    driver = source_of(f"{protocol}://127.0.0.1:9").driver
     assert (EXAMPLES / f"{driver}.toml").is_file()
 
 
@@ -118,13 +124,12 @@ def test_a_recording_is_adopted(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("more", "expected"),
     [
-        (["modbus://127.0.0.1:9"], "--machine: missing; or give at least --lead and --inertia"),
         (["profibus://127.0.0.1:9", *SHEET], "expected a recording, a host, or modbus://"),
         (["modbus://127.0.0.1:99999", *SHEET], "expected a recording, a host, or modbus://"),
         (["modbus://", *SHEET], "expected a recording, a host, or modbus://"),
-        (["modbus://127.0.0.1:9", *SHEET, "--axis", "a/b"], "axes[0].name"),
+        (["modbus://127.0.0.1:9", *SHEET, "--axis", "a/b"], "axes.a/b.name"),
         (["modbus://127.0.0.1:9", "--machine", "nowhere.toml"], "nowhere.toml: no such file"),
-        (["a.csv", "b.csv"], "several sources"),
+        (["modbus://127.0.0.1:9", *SHEET, "--set", "table_mass_kg=-3"], "must be greater than 0"),
     ],
 )
 def test_a_mistake_writes_nothing(
@@ -162,3 +167,89 @@ def test_a_device_that_does_not_fit_yet_is_written_and_said(
     assert re.search(r"not right yet: \S*edge.toml: axes.X.settings.topic", said)
     assert f"edge-service check-config {out}" in said
     assert out.is_file()
+
+
+def test_what_is_not_known_is_left_out_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody is at a terminal."""
+    out = tmp_path / "edge.toml"
+    line = ["init", "modbus://127.0.0.1:9", "--screw", "20x10 C18200 P900", "--out", str(out)]
+    assert main(line) == 0
+    assert "machine.toml: model.inertia_kg_m2: missing" in capsys.readouterr().out
+    written = (tmp_path / "machine.toml").read_text()
+    assert "lead_m = 0.01" in written
+    assert "dynamic_load_rating_n = 18200.0" in written
+
+
+ASKED = ("Travel per revolution", "Inertia", "Dynamic load rating", "Preload of", "Drag torque")
+PATIENCE_S = 60.0
+SETSID = shutil.which("setsid")
+
+
+class Terminal:
+    """A terminal at which `init` runs, and a person who reads before typing."""
+
+    def __init__(self, folder: Path) -> None:
+        self._own, theirs = pty.openpty()
+        line = ["init", f"modbus://127.0.0.1:{free_port()}"]
+        command = [str(SETSID), "--ctty", "--wait", sys.executable, "-m", "edge_service", *line]
+        places = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        self._process = subprocess.Popen(
+            command, stdin=theirs, stdout=theirs, stderr=theirs, cwd=folder, env=places
+        )
+        os.close(theirs)
+        self.said = ""
+        self._read = 0
+
+    def answer(self, question: str, typed: str) -> None:
+        """Wait for a question, then type."""
+        while question not in self.said[self._read :]:
+            assert self._hear(), self.said
+        self._read = len(self.said)
+        os.write(self._own, typed.encode())
+
+    def end(self) -> int:
+        """Exit status, once all was read."""
+        while self._hear():
+            pass
+        os.close(self._own)
+        return self._process.wait(PATIENCE_S)
+
+    def _hear(self) -> bool:
+        ready, _, _ = select.select([self._own], [], [], PATIENCE_S)
+        assert ready, self.said
+        try:
+            heard = os.read(self._own, 4096)
+        except OSError as error:  # nobody holds the other end any more
+            assert error.errno == errno.EIO
+            return False
+        self.said += heard.decode(errors="replace")
+        return bool(heard)
+
+
+@pytest.mark.skipif(SETSID is None, reason="setsid is not installed")
+def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
+    """Numbers of no use are told at once, not when all has been answered."""
+    terminal = Terminal(tmp_path)
+    for wrong in ("ten", "10 mm", "nan", "1e999", "0", "-10", "\xff"):
+        terminal.answer(ASKED[0], f"{wrong}\n")
+    terminal.answer(ASKED[0], "10,5\n")
+    terminal.answer(ASKED[1], "1.5e-3\n")
+    for question in ASKED[2:]:
+        terminal.answer(question, "\n")
+    assert terminal.end() == 0
+    assert terminal.said.count("expected a number above 0") == 7
+    machine = load_machine(load_config(tmp_path / "edge.toml").axes[0].machine)
+    assert machine.axis.lead_m == pytest.approx(0.0105)
+    assert machine.axis.dynamic_load_rating_n is None
+
+
+@pytest.mark.skipif(SETSID is None, reason="setsid is not installed")
+def test_whoever_goes_away_leaves_nothing(tmp_path: Path) -> None:
+    terminal = Terminal(tmp_path)
+    terminal.answer(ASKED[0], "1\n")
+    terminal.answer(ASKED[1], "\x04")
+    assert terminal.end() == 130
+    assert "Traceback" not in terminal.said
+    assert not list(tmp_path.iterdir())

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
-from edge_service.offline.motion import picture as motion_picture
-from edge_service.offline.motion.motion_file import MotionFileSettings, list_motions, write_motion
+from edge_service.offline import motion_file
+from edge_service.offline.motion_file import MotionFileSettings, list_motions, write_motion
 
 BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 
@@ -218,11 +218,11 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, machine: Mac
 
 
 def test_the_list_names_each_motion_with_its_duration_on_this_axis(machine: Machine) -> None:
-    lines = [each.as_text() for each in list_motions(machine)]
+    lines = list_motions(machine).words.splitlines()
     assert [line.split()[0] for line in lines] == list(MOTIONS)
     assert re.search(r"friction +131 s  ten speeds of Table 5\.1", lines[2])
     assert re.search(r"warmup +endless  rapids", "\n".join(lines))
-    short = "\n".join(each.as_text() for each in list_motions(changed(machine, stroke_m=0.2)))
+    short = list_motions(changed(machine, stroke_m=0.2)).words
     assert re.search(r"signature +refused .* asks for 0\.4051 m, the axis allows 0\.18 m", short)
 
 
@@ -237,8 +237,8 @@ def test_all_motions_are_drawn_and_refusals_say_why(
     tmp_path: Path, machine: Machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[Figure] = []
-    monkeypatch.setattr(motion_picture, "write_png", lambda figure, *_: drawn.append(figure))
-    motion_picture.write_motions_picture(changed(machine, stroke_m=0.2), tmp_path / "a.png")
+    monkeypatch.setattr(motion_file, "write_png", lambda figure, *_: drawn.append(figure))
+    list_motions(changed(machine, stroke_m=0.2), tmp_path / "a.png")
     titles = [axes.get_title(loc="left").split(",")[0] for axes in drawn[0].axes]
     assert titles == list(MOTIONS)
     by_name = dict(zip(titles, drawn[0].axes, strict=True))
@@ -251,8 +251,8 @@ def test_all_motions_are_drawn_and_refusals_say_why(
 def test_the_picture_of_all_motions_is_a_png_and_nothing_else(
     tmp_path: Path, machine: Machine
 ) -> None:
-    motion_picture.write_motions_picture(machine, tmp_path / "a.png")
+    list_motions(machine, tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(MotionError, match=r"ends in \.png"):
-        motion_picture.write_motions_picture(machine, tmp_path / "a.csv")
+        list_motions(machine, tmp_path / "a.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

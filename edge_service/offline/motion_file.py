@@ -2,20 +2,25 @@
 
 import difflib
 import math
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from ...atomic import replaced_file
-from ...models.machine import Machine
-from ...models.motions.excitation import Shaken
-from ...models.motions.limits import assumed_limits
-from ...models.motions.nc_program import nc_blocks
-from ...models.motions.registry import (
+from ..atomic import replaced_file
+from ..command_answer import Answer
+from ..models.machine import Machine
+from ..models.motions.excitation import Shaken
+from ..models.motions.limits import assumed_limits
+from ..models.motions.nc_program import nc_blocks
+from ..models.motions.registry import (
     MOTIONS,
     Motion,
     MotionError,
@@ -24,8 +29,9 @@ from ...models.motions.registry import (
     Setpoints,
     motion_limits,
 )
-from ...models.motions.segments import samples_of
-from ..document import Document
+from ..models.motions.segments import samples_of
+from .document import Document
+from .report.pictures import ESTIMATE, STYLE, write_png
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"
@@ -34,6 +40,9 @@ SAMPLES_PER_CYCLE = 2.5
 """At least, of the highest frequency in a motion."""
 
 _CHUNK = 50_000
+ENDLESS_SHOWN_S = 30.0
+"""Of a motion without end, in a picture."""
+_COLUMNS, _RATE_HZ, _DPI = 2, 100.0, 90
 _FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
 Progress = Callable[[str], None]
 
@@ -45,13 +54,6 @@ class ListedMotion(Document):
     duration_s: float | None
     refused_because: str | None
     purpose: str
-
-    def as_text(self) -> str:
-        """One line."""
-        length = "endless" if self.duration_s is None else f"{self.duration_s:.0f} s"
-        if self.refused_because is not None:
-            return f"{self.name:<13}{'refused':>8}  {self.purpose} [{self.refused_because}]"
-        return f"{self.name:<13}{length:>8}  {self.purpose}"
 
 
 class ListedMotions(Document):
@@ -95,22 +97,52 @@ class MotionFileSettings:
     clip: bool = False
 
 
-def list_motions(machine: Machine) -> list[ListedMotion]:
-    """Every motion with its duration on this axis."""
+def list_motions(machine: Machine, out: Path | None = None) -> Answer:
+    """Every motion with its duration on this axis; drawn to `out`, a .png. Raises MotionError."""
     limits = motion_limits(machine)
-    listed = []
+    listed, lines = [], []
     for name, motion in MOTIONS.items():
-        duration_s, refused = None, None
+        duration_s, refused, purpose = None, None, motion.purpose
         try:
             duration_s = motion.duration_s(limits)
         except MotionError as error:
             refused = str(error)
         listed.append(
-            ListedMotion(
-                name=name, duration_s=duration_s, refused_because=refused, purpose=motion.purpose
-            )
+            ListedMotion(name=name, duration_s=duration_s, refused_because=refused, purpose=purpose)
         )
-    return listed
+        length = "endless" if duration_s is None else f"{duration_s:.0f} s"
+        if refused is not None:
+            length, purpose = "refused", f"{purpose} [{refused}]"
+        lines.append(f"{name:<13}{length:>8}  {purpose}")
+    if out is not None:
+        _draw_motions(limits, out)
+        lines.append(f"{out}: {len(MOTIONS)} motions")
+    document = ListedMotions(motions=listed, picture=out and str(out))
+    return Answer("\n".join(lines), document)
+
+
+def _draw_motions(limits: MotionLimits, out: Path) -> None:
+    """All motions as one PNG file; for those that the axis refuses the reason stands in it."""
+    if out.suffix != ".png":
+        raise MotionError(f"{out}: expected a name that ends in .png, for a picture of all motions")
+    rows = math.ceil(len(MOTIONS) / _COLUMNS)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8.6, 0.5 + 1.1 * rows), layout="constrained")
+        panels = figure.subplots(rows, _COLUMNS, squeeze=False).flatten()
+        for axes, name in zip(panels, MOTIONS, strict=True):
+            try:
+                _draw(axes, name, limits)
+            except MotionError as error:
+                axes.set_title(f"{name}, refused", loc="left", fontsize=9)
+                reason = textwrap.fill(str(error), 60)
+                axes.text(0.0, 0.9, reason, transform=axes.transAxes, fontsize=8, va="top")
+                axes.set_axis_off()
+        figure.supxlabel("time, s", fontsize=9)
+        figure.supylabel("position, mm", fontsize=9)
+    try:
+        write_png(figure, out, _DPI)
+    except OSError as error:
+        raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
 
 
 def write_motion(
@@ -126,7 +158,11 @@ def write_motion(
         MotionError: one line; the name, a setting, the axis or the file does not allow it.
     """
     settings = settings or MotionFileSettings()
-    motion = _find(name)
+    if name not in MOTIONS:
+        near = difflib.get_close_matches(name, MOTIONS, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise MotionError(f"no motion {name!r}{hint}; there are {', '.join(MOTIONS)}")
+    motion = MOTIONS[name]
     if out.suffix not in (SETPOINTS, NC_PROGRAM):
         raise MotionError(f"{out}: expected a name that ends in {SETPOINTS} or {NC_PROGRAM}")
     if machine.axis.stroke_m is None:
@@ -151,14 +187,6 @@ def write_motion(
         rate_hz=rate_hz,
         left_out=list(plan.left_out),
     )
-
-
-def _find(name: str) -> Motion:
-    if name in MOTIONS:
-        return MOTIONS[name]
-    near = difflib.get_close_matches(name, MOTIONS, 1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise MotionError(f"no motion {name!r}{hint}; there are {', '.join(MOTIONS)}")
 
 
 def _check_settings(name: str, settings: MotionFileSettings) -> None:
@@ -193,12 +221,8 @@ def _header(
         f"speed {limits.speed_m_s:g} m/s, acceleration {limits.acceleration_m_s2:g} m/s2, "
         f"torque {limits.torque_nm:g} N m, jerk of moves {limits.jerk_m_s3:g} m/s3",
         *((f"assumed, as the machine file lacks them: {assumed}",) if assumed else ()),
-        *_left_out(plan),
+        *(f"left out: {line}" for line in plan.left_out),
     )
-
-
-def _left_out(plan: Plan) -> tuple[str, ...]:
-    return tuple(f"left out: {line}" for line in plan.left_out)
 
 
 def _write_program(
@@ -239,21 +263,14 @@ def _write_setpoints(
     with _opened(out) as file:
         file.writelines(f"# {line}\n" for line in (*header, f"rate {rate_hz:g} Hz, {count} rows"))
         file.write(",".join(COLUMNS) + "\n")
-        for first, rows in _chunks(plan, limits, rate_hz, count):
+        source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
+        for first in range(0, count, _CHUNK):
+            index = np.arange(first, min(first + _CHUNK, count))
+            rows = np.column_stack((index / rate_hz, source.take(len(index))))
             np.savetxt(file, rows, fmt=_FORMAT, delimiter=",")
             if progress is not None:
                 progress(f"{name}: {100 * (first + len(rows)) // count} %")
     return count
-
-
-def _chunks(
-    plan: Plan, limits: MotionLimits, rate_hz: float, count: int
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Index of the first row, and rows of time and setpoints (n, 4)."""
-    source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
-    for first in range(0, count, _CHUNK):
-        index = np.arange(first, min(first + _CHUNK, count))
-        yield first, np.column_stack((index / rate_hz, source.take(len(index))))
 
 
 @contextmanager
@@ -263,3 +280,23 @@ def _opened(out: Path) -> Iterator[TextIO]:
             yield file
     except OSError as error:
         raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
+
+
+def _draw(axes: Axes, name: str, limits: MotionLimits) -> None:
+    """One motion from home on.
+
+    Raises:
+        MotionError: the axis does not allow it.
+    """
+    motion = MOTIONS[name]
+    endless = motion.duration_s(limits) is None
+    duration_s = ENDLESS_SHOWN_S if endless else None
+    segments = motion.plan(limits, np.random.default_rng((1, 1)), duration_s=duration_s).segments
+    count = sum(samples_of(segment, _RATE_HZ) for segment in segments)
+    position = Setpoints(iter(segments), limits.low_m, _RATE_HZ).take(count)[:, 0]
+    axes.plot(np.arange(count) / _RATE_HZ, 1e3 * position, color=ESTIMATE, lw=1.0)
+    axes.set_ylim(0.0, 1e3 * (limits.low_m + limits.high_m))
+    axes.margins(x=0.01)
+    shown = "the first " if endless else ""
+    length_s = sum(segment.duration_s for segment in segments)
+    axes.set_title(f"{name}, {shown}{length_s:.0f} s", loc="left", fontsize=9)

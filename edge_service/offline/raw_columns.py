@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...checks.columns.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
-from ...messages.samples import Floats
-from ...recordings.columns import TraceError
-from ...recordings.forms import open_source
-from ...recordings.sinumerik.edge import edge_recording
-from ...recordings.sinumerik.signals import ControllerAxis
+from ..checks.columns.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
+from ..messages.samples import Floats
+from ..recordings.columns import TraceError
+from ..recordings.forms import open_source
+from ..recordings.sinumerik.edge import edge_recording
+from ..recordings.sinumerik.signals import ControllerAxis
 
 _MOST_ROWS = 500_000
 """Rows that the meaning of the columns is judged by."""

@@ -1,44 +1,42 @@
 """`edge-service adopt`: propose a machine file from recordings of any kind, with reasons."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...atomic import replaced_file
-from ...checks.columns.guess import Choice, Guess, Known, Question, Understanding
-from ...checks.columns.mechanics import (
+from ..atomic import replaced_file
+from ..checks.columns.guess import Choice, Guess, Known, Question, Understanding
+from ..checks.columns.mechanics import (
     Ability,
     Mechanics,
     abilities,
     identify_mechanics,
     steady_friction,
 )
-from ...checks.columns.names import Quantity
-from ...checks.columns.understand import understand
-from ...checks.sampling import clock_of
-from ...command_answer import Answer
-from ...config import ConfigError, load_machine
-from ...messages.arrays import finite_or_none
-from ...messages.channels import CHANNELS, TABLE_POSITION, TORQUE
-from ...messages.samples import SampleFrame
-from ...models.screw.ball_screw import transmission_ratio
-from ...recordings.columns import ColumnMap, TraceError
-from ...recordings.reader import read_trace
-from ...recordings.sinumerik.signals import ControllerAxis
-from ...regression.interval_estimate import IntervalEstimate
-from ..document import Document
-from ..examination import examine
-from ..recordings import Progress, silent
-from ..report.pictures import ESTIMATE, STYLE, write_png
-from .machine_text import DataSheet, machine_text
+from ..checks.columns.names import Quantity
+from ..checks.columns.understand import understand
+from ..checks.sampling import clock_of
+from ..command_answer import Answer
+from ..config import ConfigError, load_machine
+from ..messages.arrays import finite_or_none
+from ..messages.channels import CHANNELS, TABLE_POSITION, TORQUE
+from ..messages.samples import SampleFrame
+from ..models.screw.ball_screw import transmission_ratio
+from ..recordings.columns import ColumnMap, TraceError
+from ..recordings.reader import read_trace
+from ..recordings.sinumerik.signals import ControllerAxis
+from .document import Document
+from .examination import examine
+from .machine_text import Ask, Sheet, asked, machine_text
 from .raw_columns import RawColumns, read_columns
+from .recordings import Progress, silent
+from .report.pictures import ESTIMATE, STYLE, write_png
 
-Ask = Callable[[Question], float | None]
-"""Asks a person one question; None if they do not know."""
+ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
 _DPI, _POINTS = 90, 20_000
 
 
@@ -48,17 +46,20 @@ class Request:
 
     Attributes:
         axis_number: the controller's number of the axis, or its place among the axes of the file.
+        name: of the axis; as the file spells it, or X, unless given.
+        sheet: keys of the machine file that are stated.
         columns: `QUANTITY=COLUMN[:UNIT]`.
-        picture: file for a picture of the channels.
+        plot: file for a picture of the channels.
     """
 
     files: Sequence[Path]
     out: Path
     axis_number: int | None = None
     known: Known = field(default_factory=Known)
-    sheet: DataSheet = field(default_factory=DataSheet)
+    name: str | None = None
+    sheet: Sheet = field(default_factory=dict)
     columns: Sequence[str] = ()
-    picture: Path | None = None
+    plot: Path | None = None
 
 
 class Found(Document):
@@ -136,7 +137,7 @@ def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent)
     Raises:
         ConfigError, TraceError: one line.
     """
-    out, picture, sheet = request.out, request.picture, request.sheet
+    out, picture = request.out, request.plot
     if any(out.resolve() == given.resolve() for given in request.files):
         raise ConfigError(f"--out {out}: would overwrite a recording")
     progress(f"reading {request.files[0].name}")
@@ -145,17 +146,18 @@ def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent)
     understood = _understand(raw, axis, request.known, ask)
     frames = [_read(path, understood, number, progress) for path in request.files]
     mechanics = _mechanics(frames, understood)
-    named = axis if sheet.name == DataSheet().name and axis and not axis.isdigit() else sheet.name
-    sheet = replace(sheet.asked(ask), number=number, name=named)
+    named = request.name or (axis if axis and not axis.isdigit() else "X")
+    sheet = asked(request.sheet, ASKED, ask)
     names = [path.name for path in request.files]
+    travel = _travel(frames)
     with replaced_file(out) as file:
-        file.write(machine_text(names, understood, mechanics, sheet, _travel(frames)))
+        file.write(machine_text(names, understood, mechanics, named, number, sheet, travel))
     findings = None
     if mechanics is not None:
         findings = examine(load_machine(out), request.files, progress)
     doubts = [each for each in findings or () if each.is_doubtful]
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
-    rated = sheet.dynamic_load_rating_n is not None and sheet.preload_n is not None
+    rated = {"dynamic_load_rating_n", "preload_n"} <= sheet.keys()
     if picture is not None:
         _draw(frames[0], names[0], picture)
     adopted = Adopted(
@@ -243,26 +245,24 @@ def _travel(frames: Sequence[SampleFrame]) -> float | None:
 
 
 def _found(mechanics: Mechanics) -> list[Found]:
-    return [
-        _parameter("inertia", mechanics.inertia),
-        _parameter("dry friction", mechanics.coulomb),
-        _parameter("viscous friction", mechanics.viscous),
-        _parameter("constant load", mechanics.offset),
-    ]
-
-
-def _parameter(name: str, each: IntervalEstimate) -> Found:
-    value, low, high = (
-        finite_or_none(number) if each.determined else None
-        for number in (each.value, each.low, each.high)
-    )
-    return Found(name=name, value=value, low=low, high=high, unit=each.unit)
+    parameters = {
+        "inertia": mechanics.inertia,
+        "dry friction": mechanics.coulomb,
+        "viscous friction": mechanics.viscous,
+        "constant load": mechanics.offset,
+    }
+    found = []
+    for name, each in parameters.items():
+        numbers = (each.value, each.low, each.high) if each.determined else (None, None, None)
+        value, low, high = (None if n is None else finite_or_none(n) for n in numbers)
+        found.append(Found(name=name, value=value, low=low, high=high, unit=each.unit))
+    return found
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:
     """Every channel over time, in SI units, as a PNG file. Raises ConfigError."""
     if out.suffix != ".png":
-        raise ConfigError(f"--picture {out}: expected a name that ends in .png")
+        raise ConfigError(f"--plot {out}: expected a name that ends in .png")
     step = len(frame) // _POINTS + 1
     steps = np.diff(frame.time_s, prepend=frame.time_s[:1])
     usual = clock_of([frame.time_s]).period_s
@@ -280,4 +280,4 @@ def _draw(frame: SampleFrame, title: str, out: Path) -> None:
     try:
         write_png(figure, out, _DPI)
     except OSError as error:
-        raise ConfigError(f"--picture {out}: cannot be written ({error.strerror})") from None
+        raise ConfigError(f"--plot {out}: cannot be written ({error.strerror})") from None

@@ -1,1 +1,0 @@
-"""`edge-service adopt`: a machine file from recordings."""

@@ -1,0 +1,265 @@
+"""`edge-service init`: a first configuration, written whole, checked before it takes its place."""
+
+import asyncio
+import struct
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import tomlkit
+from tomlkit.items import AoT
+
+from ..atomic import made_folder, replaced_file
+from ..checks.columns.guess import Known
+from ..command_answer import Answer
+from ..config import DEFAULT_CONFIG, ConfigError, load_config, load_machine
+from ..exit_status import DONE, INTERNAL_FAILURE
+from .adopt import Request as Recordings
+from .adopt import adopt
+from .configuration import check_configuration
+from .document import Document
+from .machine_text import Ask, Sheet, asked, stated_text
+from .recordings import Progress, silent
+
+EXAMPLES = DEFAULT_CONFIG.parent / "drivers"
+EXPECTED = "expected a recording, a host, or modbus://, opc.tcp:// or mqtt:// with host and port"
+MACHINE = "machine.toml"
+NEEDED = ("axis.lead_m", "model.inertia_kg_m2")
+"""Keys without which a machine file is none."""
+ASKED = ("lead_m", "inertia_kg_m2", "dynamic_load_rating_n", "preload_n", "preload_drag_nm")
+WAIT_S = 1.0
+"""For a connection, and for the answer."""
+_PORTS = {"modbus": 502, "mqtt": 1883, "mqtts": 8883}
+_URL = b"opc.tcp://localhost:4840"
+_HELLO = struct.pack("<6I", 0, 65_536, 65_536, 0, 0, len(_URL)) + _URL
+_HELLO = b"HELF" + struct.pack("<I", 8 + len(_HELLO)) + _HELLO
+GREETINGS: dict[str, tuple[tuple[int, ...], bytes, tuple[bytes, ...]]] = {
+    "modbus": ((502, 5020), bytes.fromhex("000100000006010300000001"), (b"\0\1\0\0",)),
+    "opc.tcp": ((4840,), _HELLO, (b"ACKF", b"ERRF")),
+    "mqtt": ((1883,), b"\x10\x0c\0\4MQTT\4\2\0\x0a\0\0", (b"\x20\2",)),
+}
+"""Protocol -> its usual ports, its first request, and how answers begin.
+
+Sources: MODBUS Messaging on TCP/IP V1.0b (MBAP header); OPC UA part 6, 7.1.2 (Hello); MQTT 3.1.1,
+3.1 (CONNECT).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A driver with those of its settings that the address tells; a recording where it is one."""
+
+    driver: str
+    settings: dict[str, str | int]
+    recording: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Files to be written, and where.
+
+    Attributes:
+        machine: a machine file that is there; None if one is written beside the configuration.
+        sheet: what stands in the one that is written.
+        force: overwrite what is there.
+    """
+
+    source: Source
+    out: Path
+    machine: Path | None = None
+    axis: str = "X"
+    sheet: Sheet = field(default_factory=dict)
+    force: bool = False
+
+
+class FirstConfiguration(Document):
+    """Files of a first configuration; where it is not right yet, `found` says why."""
+
+    found: list[str]
+    is_right: bool
+    written: list[str]
+    next_steps: list[str]
+
+
+def init(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
+    """Write configuration and machine file; returns what to do next.
+
+    Raises:
+        ConfigError, TraceError: one line; then nothing was written.
+    """
+    out, recording = request.out, request.source.recording
+    wanted = [out] if request.machine else [out.parent / MACHINE, out]
+    if out.name == MACHINE:
+        raise ConfigError(f"--out {out}: is the name of the machine file; choose another")
+    if recording is not None and recording in [path.resolve() for path in wanted]:
+        raise ConfigError(f"--out {out}: would overwrite a recording")
+    taken = [path for path in wanted if path.exists()]
+    if taken and not request.force:
+        raise ConfigError(f"{taken[0]}: is there already; --force overwrites it")
+    try:
+        made_folder(out.parent)
+        with tempfile.TemporaryDirectory(prefix=".init-", dir=out.parent) as folder:
+            lines, status = _drafted(request, Path(folder), ask, progress)
+            for path in wanted:
+                with replaced_file(path) as file:
+                    file.write((Path(folder) / path.name).read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written ({error.strerror})") from None
+    first = FirstConfiguration(
+        found=lines,
+        is_right=status == DONE,
+        written=list(map(str, wanted)),
+        next_steps=list(_next_steps(request, status)),
+    )
+    words = [*lines, *(f"{path}: written" for path in wanted), "next:"]
+    return Answer("\n".join([*words, *(f"  {each}" for each in first.next_steps)]), first, status)
+
+
+def _drafted(
+    request: Request, folder: Path, ask: Ask | None, progress: Progress
+) -> tuple[list[str], int]:
+    """Both files, in a folder where nobody looks for them; what was found, and the status."""
+    said: list[str] = []
+    draft, machine = folder / request.out.name, folder / MACHINE
+    if request.machine is None and request.source.recording is not None:
+        lead_m = request.sheet.get("lead_m")
+        known = Known(None if lead_m is None else float(lead_m))
+        wish = Recordings(
+            (request.source.recording,), machine, None, known, request.axis, request.sheet
+        )
+        lines = adopt(wish, ask, progress).words.splitlines()
+        said = [line for line in lines if not line.startswith(str(machine))]
+    elif request.machine is None:
+        sheet = asked(request.sheet, ASKED, ask)
+        machine.write_text(stated_text(request.axis, sheet), "utf-8")
+    named = str(request.machine.resolve()) if request.machine else MACHINE
+    draft.write_text(_configuration_text(request, named), "utf-8")
+    shown = "" if request.out.parent == Path() else f"{request.out.parent}/"
+    try:
+        for axis in load_config(draft).axes:
+            load_machine(axis.machine)
+    except ConfigError as error:
+        ends = tuple(f"{key}: missing" for key in NEEDED)
+        left_out = [each for each in error.mistakes if each.endswith(ends)]
+        if request.machine or len(left_out) < len(error.mistakes):
+            mistakes = (each.replace(f"{folder}/", shown) for each in error.mistakes)
+            raise ConfigError(*mistakes) from None
+        mistakes = (each.replace(f"{folder}/", shown) for each in left_out)
+        return [*said, *(f"left out: {each}; no estimate without it" for each in mistakes)], DONE
+    try:
+        found = check_configuration(draft).words.splitlines()
+        return [*said, *(line.replace(f"{folder}/", shown) for line in found)], DONE
+    except ConfigError as error:
+        wrong = [each.replace(f"{folder}/", shown) for each in error.mistakes]
+        return [*said, *(f"not right yet: {each}" for each in wrong)], INTERNAL_FAILURE
+
+
+def _configuration_text(request: Request, machine: str) -> str:
+    """The configuration: who we are, where the history is kept, and the driver's whole example."""
+    source = request.source
+    head = tomlkit.document()
+    head["service"] = {"site": "shop", "machine": "machine"}
+    head["store"] = {"folder": "history"}
+    example = tomlkit.parse((EXAMPLES / f"{source.driver}.toml").read_text("utf-8"))
+    axes = example["axes"]
+    assert isinstance(axes, AoT)
+    axes[0].update({"name": request.axis, "machine": machine})
+    axes[0]["settings"].update(source.settings)
+    return f"{tomlkit.dumps(head)}\n{tomlkit.dumps(example)}"
+
+
+def _next_steps(request: Request, status: int) -> Iterator[str]:
+    out, recording = request.out, request.source.recording
+    machine = request.machine or out.parent / MACHINE
+    if status != DONE:
+        yield f"mend the signals in {out}, then: edge-service check-config {out}"
+    elif recording:
+        yield f"edge-service commission {recording} --machine {machine} --out commissioned.toml"
+        yield "  (of the healthy, cold axis; then name that file in the configuration)"
+    else:
+        yield f"compare the signals in {out} with your machine's, then, while the axis moves:"
+        yield f"edge-service doctor {out}"
+    yield f"edge-service run {out}    # the page: http://127.0.0.1:8080/"
+
+
+def source_of(given: str) -> Source:
+    """The source that a person names; a host alone is asked what it is. Raises ConfigError."""
+    if Path(given).is_file():
+        path = Path(given).resolve()
+        return Source("replay", {"path": str(path)}, path)
+    address = given if "://" in given else f"//{given}"
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if not host or port == 0:
+        raise ConfigError(f"{given}: {EXPECTED}")
+    if "://" not in given:
+        found = asyncio.run(find_devices(host, port))
+        if not found:
+            tried = "" if port else f" (tried {_usual_ports()})"
+            raise ConfigError(f"{given}: neither a file, nor does a device answer there{tried}")
+        if len(found) > 1:
+            raise ConfigError(f"{given}: several answer there, choose one: {', '.join(found)}")
+        return source_of(found[0])
+    if parts.scheme == "opc.tcp":
+        return Source("opcua", {"url": given})
+    if parts.scheme not in _PORTS:
+        raise ConfigError(f"{given}: {EXPECTED}")
+    url, rest = f"{parts.scheme}://{parts.netloc}", parts.path.strip("/")
+    if port is None:
+        url += f":{_PORTS[parts.scheme]}"
+    if parts.scheme == "modbus":
+        return Source("modbus", {"url": f"{url}/{rest or 1}"})
+    return Source("mqtt", {"url": url, "topic": rest} if rest else {"url": url})
+
+
+def devices_here() -> list[str]:
+    """Addresses of devices on this computer."""
+    return asyncio.run(find_devices("127.0.0.1"))
+
+
+def no_device(found: Sequence[str]) -> str:
+    """Mistake of a call without SOURCE where not a single device is on this computer."""
+    several = f"{len(found)} devices on this computer ({', '.join(found)})"
+    return f"SOURCE: {several if found else 'no device on this computer'}; {EXPECTED}"
+
+
+async def find_devices(host: str, port: int | None = None) -> list[str]:
+    """Addresses `protocol://host:port` at which a device of a known protocol answers.
+
+    Args:
+        port: is greeted in every protocol; without it every protocol on its usual ports.
+    """
+    tried = [
+        (protocol, each)
+        for protocol, (ports, _, _) in GREETINGS.items()
+        for each in (ports if port is None else (port,))
+    ]
+    answers = await asyncio.gather(*(_answers(host, each, protocol) for protocol, each in tried))
+    shown = f"[{host}]" if ":" in host else host
+    found = zip(tried, answers, strict=True)
+    return [f"{protocol}://{shown}:{each}" for (protocol, each), yes in found if yes]
+
+
+def _usual_ports() -> str:
+    return ", ".join(f"{name} {' or '.join(map(str, each[0]))}" for name, each in GREETINGS.items())
+
+
+async def _answers(host: str, port: int, protocol: str) -> bool:
+    """Presence of a device that answers as the protocol has it."""
+    _, request, beginnings = GREETINGS[protocol]
+    with suppress(OSError, TimeoutError):
+        async with asyncio.timeout(WAIT_S):
+            reader, writer = await asyncio.open_connection(host, port)
+        try:
+            writer.write(request)
+            async with asyncio.timeout(WAIT_S):
+                return (await reader.read(16)).startswith(beginnings)
+        finally:
+            writer.close()
+    return False

@@ -1,1 +1,0 @@
-"""First configuration of a machine: its source found, its files written and checked."""
