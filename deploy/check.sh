@@ -31,10 +31,13 @@ $bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requi
 wait $tools
 export EDGE_SERVICE_CHECK=1 # the schema's tester is here: its test is not skipped
 
+sh deploy/setup.sh kernels & # on one core, while the other checks types
+kernels=$!
 step $bin/ruff format --check --quiet .
 step $bin/ruff check --quiet .
-step $bin/mypy --no-error-summary
 step $bin/lint-imports --no-logo
+step $bin/mypy --no-error-summary
+wait $kernels
 chosen="not slow or smoke"
 [ "${1:-}" != all ] || chosen="slow or not slow"
 # A process per core: no test shares a port, a cache or a folder with another.

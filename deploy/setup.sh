@@ -1,7 +1,7 @@
 #!/bin/sh
 # Sets up .venv at the project's root with the locked versions and installs the project into it.
 # Needs Python 3.11 or newer with pip. Safe to run again: does nothing if all is as it should be.
-# `deploy/setup.sh dev` adds what tests and checks need.
+# `deploy/setup.sh dev` adds what tests and checks need, and leaves compiling to `deploy/setup.sh kernels`.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -50,7 +50,18 @@ count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c
 
 step() { echo "setup: [$1] $2" >&2; }
 
-if ! is_there; then
+compile_kernels() {
+  .venv/bin/python -c 'from pathlib import Path
+from edge_service.config import load_machine
+from edge_service.nodes.wiring.stages import warm_up
+warm_up()
+warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
+  .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
+}
+
+if [ "${1:-}" = kernels ]; then
+  compile_kernels
+elif ! is_there; then
   began=$(date +%s)
   step 1/3 "$("$python" --version) into .venv"
   make_venv "$python"
@@ -60,13 +71,10 @@ if ! is_there; then
     --require-hashes $locks
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
   [ $purpose = dev ] || sh deploy/unused.sh .venv | xargs rm -r
-  step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
-  .venv/bin/python -c 'from pathlib import Path
-from edge_service.config import load_machine
-from edge_service.nodes.wiring.stages import warm_up
-warm_up()
-warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
-  .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
+  [ $purpose = dev ] || {
+    step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
+    compile_kernels
+  }
   echo "$purpose $wanted" >"$stamp"
   echo "setup: done: $(size_mb) MB in .venv, $(($(date +%s) - began)) s" >&2
 fi

@@ -32,7 +32,7 @@ from .documents import ROOT, block, blocks, document, documents, guide
 FIRST_PAGE_LINES = 120
 PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
-HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests", ROOT / "tests" / "bench"]
+HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests" / "bench"]
 UNNAMED = ("__", "conftest", "test_same_answers")
 COMMAND = re.compile(r"edge-service ([a-z][a-z-]*)(?: ([a-z][a-z-]*))?")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")

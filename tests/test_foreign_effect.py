@@ -29,7 +29,6 @@ def install(home: Path, target: str) -> None:
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder of the module path; what is installed there is forgotten afterwards."""
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     registry.effects.cache_clear()
     yield tmp_path
     registry.effects.cache_clear()
@@ -62,6 +61,7 @@ def test_it_is_named_as_the_cause(foreign: Path) -> None:
     assert main(["gap", "--machine", str(out / "augmented.toml"), trace]) == 0
 
 
+@pytest.mark.slow
 def test_a_motion_says_from_which_strength_it_shows(
     foreign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,6 +34,7 @@ def test_rules_fire_when_they_should(tmp_path: Path) -> None:
 
 
 @needs_promtool
+@pytest.mark.slow
 @pytest.mark.parametrize("alert", ALERTS)
 def test_a_rule_that_never_fires_is_found(tmp_path: Path, alert: str) -> None:
     mute = re.sub(rf"(- alert: {alert}\n\s+expr: ).*", r"\1vector(1) > 2", RULES)

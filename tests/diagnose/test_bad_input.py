@@ -130,6 +130,7 @@ def test_recordings_of_different_axes(machine_file, tmp_path):
     assert "not from the same axis" in " ".join(document["reasons"])
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_machine_file_has_explains_the_gap_at_once(machine_file, tmp_path):
     trace = written(tmp_path / "a.csv", recorded(("backlash",), 3).columns)
     first = diagnosed(machine_file, tmp_path, trace)
@@ -187,6 +188,7 @@ def tiled(path: Path, columns: dict[str, np.ndarray]) -> Iterator[Callable[[np.n
         )
 
 
+@pytest.mark.slow
 def test_many_short_files_are_one_session(machine_file, tmp_path):
     """More files than a process may hold open, each of a second and a half."""
     columns = sound()

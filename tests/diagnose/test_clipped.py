@@ -35,6 +35,7 @@ def limited(machine_file: Path, tmp_path: Path) -> tuple[Path, str]:
     return stated, written(tmp_path / "a.csv", columns)
 
 
+@pytest.mark.slow
 def test_a_healthy_axis_at_the_limit_has_no_gap(
     limited: tuple[Path, str], machine_file: Path, tmp_path: Path
 ) -> None:

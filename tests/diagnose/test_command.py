@@ -15,6 +15,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 @pytest.mark.usefixtures("cache")
 def test_three_files_and_a_loop_that_closes(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -62,6 +62,7 @@ def test_every_cause_leads_the_list(machine: Machine, cause: str) -> None:
     assert found.effects[0].name == cause
 
 
+@pytest.mark.slow
 def test_two_causes_in_two_channels_are_both_named(machine: Machine) -> None:
     found, _ = diagnosed(machine, ("viscous_error", "backlash"), seed=3)
     assert {each.name for each in found.effects} == {"viscous_error", "backlash"}
@@ -74,6 +75,7 @@ def test_what_the_library_lacks_is_unknown(machine: Machine) -> None:
     assert found.where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["viscous_error", "drag_error"])
 def test_the_nearest_relation_of_what_the_library_lacks_is_not_named_surely(
     machine: Machine, cause: str

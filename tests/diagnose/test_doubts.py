@@ -14,6 +14,7 @@ from .conftest import frame_of, recorded, runs, session_of
 LAG = Finding("encoder_lag", Check.DOUBTFUL, "linear encoder lags rotary by 0.45 ms")
 
 
+@pytest.mark.slow
 def test_an_encoder_that_lags_is_found_by_both(machine: Machine) -> None:
     frame = frame_of(recorded(("timestamp_skew",), 3, 8.0))
     (doubted,) = doubts(machine, runs(machine, frame))
@@ -28,6 +29,7 @@ def test_encoders_in_step_are_not_doubted(machine: Machine, causes: tuple[str, .
     assert doubts(machine, runs(machine, frame_of(recorded(causes, 3)))) == []
 
 
+@pytest.mark.slow
 def test_a_lag_that_the_causes_lack_is_tied_with_what_it_passes_for(machine: Machine) -> None:
     found = diagnose_session(session_of(machine, frame_of(recorded(("compliance",), 3))), machine)
     assert found.verdict is Verdict.EXPLAINED

@@ -92,6 +92,7 @@ def test_a_minute_at_most_decides_between_typical_faults(
     assert {(pair.effect, pair.rival) for pair in best.separations} == {tied, tied[::-1]}
 
 
+@pytest.mark.slow
 def test_no_minute_decides_between_drag_and_slow_warming_up(bench: Machine) -> None:
     best = propose(bench, ("warmup", "drag_error"))[0]
     assert not best.decides
@@ -105,6 +106,7 @@ def test_a_value_of_nothing_counts_as_a_typical_fault(bench: Machine) -> None:
     assert nothing == unknown
 
 
+@pytest.mark.slow
 def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
     tied = ["load_offset", "stribeck"]
     strong, weak = (

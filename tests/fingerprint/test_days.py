@@ -111,6 +111,7 @@ def test_heat_is_named_where_it_was_warm() -> None:
     assert "K warmer, which may be all of it" in verdict(found, ())
 
 
+@pytest.mark.slow
 def test_the_day_of_a_change_is_told_and_one_that_went_again() -> None:
     found = compared(Day(), Day(), Day(friction=1.15), Day(friction=1.15))[SLOW]
     assert drift_of(found, "friction_nm").since == 2
@@ -135,6 +136,7 @@ def drawn(rng: np.random.Generator, memory: float) -> list[Move]:
     return moves
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.0, 0.5])
 def test_a_healthy_axis_is_rarely_accused(memory: float) -> None:
     """At most one report in twenty, of three recordings with all their quantities."""

@@ -150,6 +150,8 @@ def test_a_worn_axis_is_called_changed(healthy: AxisFingerprint, worn: AxisFinge
     assert "friction.stribeck_excess_nm" in appeared_figures(worn, healthy)
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_the_same_axis_on_another_day_has_not_changed(
     machine: Machine, fresh_settings: FeedDriveSettings, healthy: AxisFingerprint
 ) -> None:
@@ -161,6 +163,7 @@ def test_the_same_axis_on_another_day_has_not_changed(
     assert again.figures()["preload.preload_from_stiffness_n"].holds(510.0)
 
 
+@pytest.mark.slow
 def test_order_and_names_of_the_recordings_mean_nothing(
     machine: Machine, recordings: dict[str, SampleFrame], healthy: AxisFingerprint
 ) -> None:
@@ -172,6 +175,7 @@ def test_order_and_names_of_the_recordings_mean_nothing(
             assert other[name].value == pytest.approx(figure.value, rel=1e-6, abs=1e-9), name
 
 
+@pytest.mark.slow
 def test_one_encoder_leaves_the_transmission_undetermined(
     machine: Machine, recordings: dict[str, SampleFrame]
 ) -> None:
@@ -190,6 +194,7 @@ def test_one_encoder_leaves_the_transmission_undetermined(
     assert sections["inertia"].figures["inertia_kg_m2"].holds(INERTIA)
 
 
+@pytest.mark.slow
 def test_two_friction_tests_of_one_axis_show_what_warming_up_changed(machine: Machine) -> None:
     """Figure 5.11 with s(v) F exp(-t / tau) put in; the second test begins where the first ends."""
     excess_nm, tau_s = 0.1, 40.0
@@ -239,6 +244,7 @@ def test_a_baseline_that_is_none_is_named_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_noise_alone_is_rarely_called_a_change() -> None:
     random = np.random.default_rng(5)
 

@@ -181,6 +181,7 @@ def recorded(settings: FeedDriveSettings, machine: Machine, motion: str, seed: i
     return run_axis(settings, setpoints_of(segments, limits.low_m), seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motion", "tolerance"), [("multisine", 0.015), ("chirp", 0.03)])
 def test_a_resonance_that_moves_with_the_nut_is_not_damped_more(
     bench: Machine, settings: FeedDriveSettings, motion: str, tolerance: float

@@ -57,6 +57,7 @@ def test_the_change_is_that_of_the_exponential_law() -> None:
     assert cold_nm == pytest.approx([COLD_NM] * 5, abs=0.2 * COLD_NM)
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_change_as_often_as_it_says() -> None:
     trials, held = 200, 0
     for seed in range(trials):

@@ -59,6 +59,7 @@ def part_of(frame: SampleFrame, span: str, left_out: tuple[str, ...]) -> SampleF
     return SampleFrame(frame.time_s[rows], kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", LEFT_OUT, ids=" ".join)
 @pytest.mark.parametrize("span", SPANS)
 def test_what_is_there_is_not_said_to_be_missing(

@@ -29,7 +29,7 @@ async def _status(port: int, request: HostileRequest) -> bytes:
     return answer[9:12]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 async def test_no_request_is_answered_by_a_failure(
     scene, tmp_path: Path, caplog, monkeypatch, seed: int
 ):

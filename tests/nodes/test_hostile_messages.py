@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -120,6 +121,8 @@ def test_every_topic_has_its_readers(tmp_path: Path) -> None:
     assert Readers(tmp_path).take.keys() == TOPICS.keys()
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 @given(messages=st.lists(hostile(), min_size=1, max_size=12))
 @settings(
     max_examples=150,

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 HEAVY = (
     *("scipy.signal", "scipy.linalg", "scipy.stats", "scipy.special", "pyarrow", "matplotlib"),
     *("filterpy", "httpx", "rich", "pymodbus", "asyncua", "aiomqtt", "google.protobuf", "mcap"),
@@ -11,6 +13,7 @@ HEAVY = (
 )
 
 
+@pytest.mark.slow
 def test_the_nodes_load_no_library_before_it_is_needed() -> None:
     code = (
         "import sys; import edge_service.cli.entry, edge_service.nodes.service;"

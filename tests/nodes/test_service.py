@@ -111,6 +111,7 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
     assert live == offline
 
 
+@pytest.mark.slow
 async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path, tmp_path: Path) -> None:
     config = config_of(
         "replay",

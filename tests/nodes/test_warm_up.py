@@ -61,6 +61,7 @@ print(len(late.buffer), estimator.estimate().status)
 """
 
 
+@pytest.mark.slow
 def test_production_needs_no_kernel_that_was_not_warmed_up() -> None:
     """Twelve seconds of both encoders: the event loop would stand still while one is compiled."""
     run = subprocess.run(

@@ -123,6 +123,7 @@ def written(path: Path, friction_nm: float, *, seed: int, span_m: float = 0.1) -
     return path
 
 
+@pytest.mark.slow
 def test_each_tool_is_compared_with_itself(machine: Path, tmp_path: Path, capsys) -> None:
     machine.write_text(ACTUATOR_TOML)
     days = [str(written(tmp_path / f"{k}.csv", f, seed=k)) for k, f in enumerate((0.2, 0.2, 0.23))]

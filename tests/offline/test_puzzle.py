@@ -26,6 +26,7 @@ def gap(machine: Machine) -> dict[str, float]:
     return puzzle._gap(machine, list(runs_of(situation()[0], rigid_baseline(machine))))
 
 
+@pytest.mark.slow
 def test_no_inertia_and_viscous_friction_near_the_fitted_ones_fit_better() -> None:
     frames, linear = situation()
     fitted = puzzle.fitted(linear, frames)

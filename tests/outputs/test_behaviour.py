@@ -168,6 +168,7 @@ for name in output_names():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", output_names())
 def test_without_its_file_everything_else_is_there(name: str) -> None:
     (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)

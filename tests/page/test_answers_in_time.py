@@ -35,6 +35,7 @@ def said(page: Any, tab: str) -> str:
     return "\n".join([page.inner_text(f"#{tab}"), *labels])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tab", "asked"), ASKED)
 def test_a_late_answer_never_stands_under_another_axis(
     make_service: Any, open_page: Any, tab: str, asked: str
@@ -92,6 +93,7 @@ def running() -> list[dict[str, Any]]:
 FOUND = {"verdict": "explained", "effects": []}
 
 
+@pytest.mark.slow
 def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: Any) -> None:
     """While another axis still records and its job still runs."""
     page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
@@ -113,6 +115,7 @@ def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: 
     assert begun.value.post_data_json["axis"] == "Y"
 
 
+@pytest.mark.slow
 def test_progress_goes_on_while_a_job_says_nothing(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
     jobs = running()
@@ -151,6 +154,7 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     page.wait_for_selector("#jobs .job-verdict:has-text('is explained')", timeout=15_000)
 
 
+@pytest.mark.slow
 def test_the_last_minute_passes_though_no_sample_comes(make_service: Any, open_page: Any) -> None:
     service = make_service(**HEALTHY)
     page = open_page(service.address).page
@@ -200,6 +204,7 @@ def test_a_note_is_written_over_plain_http(make_service: Any, open_page: Any) ->
     assert keys[0] != keys[1]
 
 
+@pytest.mark.slow
 def test_a_stream_that_is_refused_is_asked_for_every_few_seconds(
     make_service: Any, open_page: Any
 ) -> None:

@@ -85,6 +85,7 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.slow
 def test_anybody_can_read_it_while_its_answers_are_still_to_come(
     make_service: Any, open_page: Any
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_chosen_recording_stays_chosen_while_another_arrives(
     assert not page.is_checked("#tests [name=recording][value='drive_2.csv']")
 
 
+@pytest.mark.slow
 def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_page: Any) -> None:
     def profile(commissioned: float, value: float, low: float, high: float) -> dict[str, Any]:
         names = ("commissioned", "value", "low", "high")

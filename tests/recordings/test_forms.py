@@ -70,6 +70,7 @@ def test_garbage_behind_a_right_beginning_is_no_traceback(name, tmp_path, capsys
         _check_answer(path, tmp_path, capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(GREEDY))
 def test_a_file_that_asks_for_too_much_is_refused_within_the_limits(name, tmp_path) -> None:
     path = tmp_path / "recording"

@@ -66,6 +66,7 @@ def test_the_course_of_a_loss_is_that_of_the_torque(lost, ends):
     assert found == pytest.approx(ends, abs=4.0)
 
 
+@pytest.mark.slow
 def test_a_known_loss_comes_first_and_no_warmth_is_named():
     session, fresh = recorded(np.linspace(90.0, 100.0, SECONDS)), fresh_screw(axis())
     assert fresh is not None
@@ -115,6 +116,7 @@ def drag_changed(machine: Machine, change_nm: float) -> Diagnosis:
     return found.model_copy(update={"effects": (changed,)})
 
 
+@pytest.mark.slow
 def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Machine):
     before = drag_changed(machine, -0.073)
     found = with_missing_drag(before, FRESH, None)

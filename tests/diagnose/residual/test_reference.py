@@ -48,11 +48,14 @@ def diagnosed(machine: str, folder: Path, recording: str, *reference: str) -> di
     return document
 
 
+@pytest.mark.slow
 def test_without_them_a_crude_model_is_a_gap(crude: str, tmp_path: Path) -> None:
     found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21))
     assert found["verdict"] != "no_gap"
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_another_healthy_recording_has_no_gap(
     crude: str, tmp_path: Path, healthy: list[str]
 ) -> None:
@@ -64,6 +67,7 @@ def test_another_healthy_recording_has_no_gap(
     assert "beside the healthy machine in healthy11.csv" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["drag_error", "backlash"])
 def test_what_changed_since_is_named(
     crude: str, tmp_path: Path, healthy: list[str], cause: str
@@ -72,6 +76,7 @@ def test_what_changed_since_is_named(
     assert found["effects"][0]["name"] == cause
 
 
+@pytest.mark.slow
 def test_one_recording_is_enough(crude: str, tmp_path: Path, healthy: list[str]) -> None:
     found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), healthy[0])
     assert found["verdict"] == "no_gap"

@@ -31,6 +31,8 @@ def diagnosed(machine_file: Path, folder: Path, cause: str, more: str = "") -> d
     return document
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path: Path) -> None:
     found = diagnosed(
         machine_file, tmp_path, "drag_error", "\n[tolerance]\ntorque_nm = 0.5\nposition_m = 1e-3\n"
@@ -43,6 +45,7 @@ def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path:
     assert gap["torque_nm"]["floor_source"] == "recording"
 
 
+@pytest.mark.slow
 def test_without_one_it_is_a_part_of_the_floor(machine_file: Path, tmp_path: Path) -> None:
     found = diagnosed(machine_file, tmp_path, "drag_error")
     assert [each["name"] for each in found["effects"]] == ["drag_error"]
@@ -106,6 +109,7 @@ def test_the_stated_tolerance_is_taken_channel_by_channel(machine_file: Path) ->
     assert found == {"torque_nm": TOLERANCE_OF_FLOOR * 0.1, "transmission_m": 2e-6}
 
 
+@pytest.mark.slow
 def test_an_inertia_hardly_known_does_not_hide_friction(machine_file: Path, tmp_path: Path) -> None:
     text = machine_file.read_text()
     value = load_machine(machine_file).model.inertia_kg_m2.value

@@ -34,6 +34,7 @@ def diagnosed(
     return document
 
 
+@pytest.mark.slow
 def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_path: Path) -> None:
     found = diagnosed(machine_file, tmp_path, 2.0)
     assert found["verdict"] == "unknown"
@@ -44,6 +45,7 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
     assert line[1:] in found["page"]
 
 
+@pytest.mark.slow
 def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
     found = diagnosed(machine_file, tmp_path, 1e-3)
     assert found["verdict"] == "no_gap"
@@ -73,6 +75,7 @@ def test_a_floor_is_held_against_the_torque_itself() -> None:
     assert len(caveats_of(gap, left, 0.03, Verdict.NO_GAP)) == 1
 
 
+@pytest.mark.slow
 def test_noise_in_the_torque_says_nothing_of_the_encoders(
     machine_file: Path, tmp_path: Path
 ) -> None:

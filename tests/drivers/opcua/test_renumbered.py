@@ -4,6 +4,7 @@ import asyncio
 from contextlib import aclosing
 
 import numpy as np
+import pytest
 
 from drivers.opcua.driver import OpcuaDriver
 from edge_service.messages.channels import ANGLE, TORQUE
@@ -41,6 +42,7 @@ async def served_to(driver: OpcuaDriver, port: int, signals: list[dict[str, str]
         await stub.close()
 
 
+@pytest.mark.slow
 async def test_a_server_with_other_node_ids_is_read_on_by_its_names() -> None:
     port = free_port()
     driver = OpcuaDriver(config_of(port, signals=SIGNALS), CONTEXT)

@@ -86,6 +86,8 @@ def test_a_rigid_axis_is_recovered_within_its_intervals() -> None:
     assert machine.model.inertia_kg_m2.tolerance < 0.01
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_the_plant_is_recovered() -> None:
     """With Stribeck friction and cogging, which the balance has only in part: to half a percent."""
     truth, machine = true_machine(AXIS.seed), learned()

@@ -95,6 +95,7 @@ def commission(recording: Recording, folder: Path, status: int) -> str:
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cut", "status"), [(nothing, 0), (steady, 2)])
 def test_an_axis_that_cuts_is_refused_and_in_air_it_is_not(
     cut: Cut, status: int, tmp_path: Path

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.models.machine import Machine
@@ -39,6 +40,7 @@ def learned_of(axis: PlainAxis) -> Machine:
     return commissioned([downsampled([axis.frame()], nominal)], nominal)
 
 
+@pytest.mark.slow
 def test_guides_and_mass_are_held_as_often_as_said() -> None:
     held = []
     for axis, machine in learned():

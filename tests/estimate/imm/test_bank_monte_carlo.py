@@ -86,6 +86,8 @@ def state_nees(truth: BankTruth) -> Floats:
     return np.asarray(np.einsum("ki,ki->k", error, solved))
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_innovations_of_the_right_mode_are_as_large_as_it_says() -> None:
     """Without changes of mode each filter is a Kalman filter of its own."""
     truths = bank_truths(settled=True)

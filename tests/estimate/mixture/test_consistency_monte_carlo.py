@@ -85,6 +85,7 @@ def errors(one_encoder: bool) -> Errors:
     return Errors(np.array(nees), np.array(preload_nees), np.array(nis), len(kept))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one_encoder", [False, True])
 def test_errors_of_the_state_are_as_large_as_it_says(one_encoder: bool) -> None:
     of = errors(one_encoder)

@@ -60,6 +60,8 @@ async def line_of(process: asyncio.subprocess.Process) -> dict:
         return json.loads(await process.stdout.readline())
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -96,6 +98,7 @@ async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_not
             assert caught.value.code == ua.StatusCodes.BadTooManySessions
 
 
+@pytest.mark.slow
 async def test_who_leaves_unread_or_sends_without_end_is_cut_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
