@@ -234,8 +234,9 @@ class SimulatedDriver:
     async def open(self) -> None:
         """Put the axis at home; the first time, compile the plant in a thread."""
         if self._running is None:
-            axis = _SimulatedAxis(self._config, self._context)
-            await Threads("simulated").run(self._compile)
+            work = Threads("simulated")
+            axis = await work.run(_SimulatedAxis, self._config, self._context)
+            await work.run(self._compile)
             self._running = axis
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:

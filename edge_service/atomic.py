@@ -86,11 +86,28 @@ def read_kept_bytes(path: Path) -> bytes | None:
         raise
 
 
+def put_in_place(path: Path, place: Path) -> None:
+    """Rename a file or folder, in place of one that is there, for good. Raises OSError."""
+    path.replace(place)
+    sync_folder(place.parent)
+
+
+def new_file(path: Path, mode: int = 0o666) -> BinaryIO:
+    """A file that is begun, and that was not there. Raises OSError."""
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    return os.fdopen(handle, "wb")
+
+
+def append(path: Path, text: str) -> None:
+    """Add text to a file such as a log, of which the last line may be lost. Raises OSError."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(text)
+
+
 def set_aside(path: Path) -> Path:
     """Keep a damaged file beside its place, under a name of its own; returns it. OSError."""
     aside = aside_name(path)
-    path.replace(aside)
-    sync_folder(path.parent)
+    put_in_place(path, aside)
     return aside
 
 

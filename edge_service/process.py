@@ -5,7 +5,6 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 PROGRAM = (sys.executable, "-m", "edge_service")
@@ -59,7 +58,11 @@ async def finished(*words: str, limit_s: float) -> tuple[int, str]:
 
 
 def _let_go_first(pid: int) -> None:
-    Path(f"/proc/{pid}/oom_score_adj").write_text("1000")
+    handle = os.open(f"/proc/{pid}/oom_score_adj", os.O_WRONLY)
+    try:
+        os.write(handle, b"1000")
+    finally:
+        os.close(handle)
 
 
 def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:

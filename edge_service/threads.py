@@ -1,16 +1,18 @@
 """Daemon threads for one kind of work each: what hangs holds up nothing of another kind."""
 
 import asyncio
+import os
 import threading
 from collections import deque
-from collections.abc import Callable
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
 Given = ParamSpec("Given")
 T = TypeVar("T")
+U = TypeVar("U")
 IDLE_S = 10.0
 """Time after which a thread without work ends."""
 _Work = tuple[Callable[[], Any], "Future[Any]"]
@@ -57,6 +59,12 @@ class Threads:
                 return None
             self._busy += 1
             return self._waiting.popleft()
+
+
+def in_threads(work: Callable[[U], T], items: Iterable[U]) -> list[T]:
+    """Results of work that frees the interpreter, on all processors, in the order of the items."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(work, items))
 
 
 class Outcome:

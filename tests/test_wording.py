@@ -16,7 +16,7 @@ from .page.test_language import CODES, words
 
 GLOSSARY, TROUBLES = "deploy/GLOSSARY.md", "deploy/TROUBLESHOOTING.md"
 CODE = re.compile(r"^([a-z]+(?:_[a-z]+)*): ")
-TOLD_WITH_CODES = ("estimate", "health", "nodes/supervision")
+TOLD_WITH_CODES = ("estimate", "health", "nodes")
 NO_REASONS = {"boundary", "covariance", "drive", "filterpy", "mode_probability", "mode_transition"}
 NO_REASONS |= {"snapshot", "step", "step_s"}
 """Beginnings of errors of the code, which no reader sees: names of arguments."""

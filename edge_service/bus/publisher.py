@@ -1,7 +1,8 @@
-"""Publishing payloads of one key, and answering for the last of them."""
+"""Publishing payloads of one key, answering for the last of them, and decoding."""
 
 import time
-from collections.abc import Iterator
+from collections import OrderedDict
+from itertools import count
 from typing import Any, Generic
 
 import zenoh
@@ -11,8 +12,9 @@ from ..messages.codec.interface import T
 from ..messages.codec.json_message import JSON_ENCODING
 from ..messages.header import Header
 from ..messages.topics import Keep, Topic
-from .decoding import Decoding
 
+MOST_KEPT, LONGEST_KEPT = 64, 16_384
+"""Payloads that are kept decoded, and bytes of the longest of them."""
 _HEARTBEAT_S = 10.0
 """Period in which the number of the last payload is told, by which a reader learns what it missed.
 
@@ -20,13 +22,38 @@ Told once, it would be lost with the router that was to pass it on.
 """
 
 
+class Decoding(Generic[T]):
+    """Decoding of one topic; what is decoded is shared, so its readers must not change it."""
+
+    def __init__(self, topic: Topic[T]) -> None:
+        self._topic = topic
+        self._recent: OrderedDict[bytes, tuple[str, Header, T]] = OrderedDict()
+
+    def sent(self, payload: bytes, axis: str | None, header: Header, value: T) -> None:
+        """Take what this process has encoded: if it keeps all bounds it need not be decoded."""
+        if self._topic.holds(value):
+            self._keep(payload, (axis or "", header, value))
+
+    def decode(self, payload: bytes) -> tuple[str, Header, T]:
+        """Axis, header and payload. Raises CodecError."""
+        decoded = self._recent.get(payload)
+        if decoded is None:
+            decoded = self._topic.decode(payload)
+            self._keep(payload, decoded)
+        return decoded
+
+    def _keep(self, payload: bytes, decoded: tuple[str, Header, T]) -> None:
+        if len(payload) <= LONGEST_KEPT:
+            self._recent[payload] = decoded
+            if len(self._recent) > MOST_KEPT:
+                self._recent.popitem(last=False)
+
+
 class Publisher(Generic[T]):
     """Numbers, stamps and puts payloads; never waits for a reader.
 
     Args:
         boot_epoch: UNIX time at which the numbering began, ns.
-        numbers: Sequence numbers, which all publishers of the key in this process share: where one
-            takes the place of another, readers see one.
         decoding: of the topic in this process.
     """
 
@@ -37,7 +64,6 @@ class Publisher(Generic[T]):
         topic: Topic[T],
         axis: str | None,
         boot_epoch: int,
-        numbers: Iterator[int],
         decoding: Decoding[T],
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
@@ -72,7 +98,7 @@ class Publisher(Generic[T]):
             else None
         )
         self.boot_epoch = boot_epoch
-        self._numbers = numbers
+        self._numbers = count()
         self._decoding = decoding
 
     def publish(self, payload: T, source_time_ns: int) -> Header:

@@ -1,13 +1,9 @@
 """One Zenoh session: opened on loopback, or as Zenoh's own file says; multicast scouting off."""
 
-import asyncio
 import socket
 from collections import Counter
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from copy import copy
+from collections.abc import Collection
 from dataclasses import replace
-from itertools import count
 from typing import Any, Self
 from weakref import WeakSet
 
@@ -17,14 +13,15 @@ from ..clock import now_ns
 from ..messages.addresses import split_endpoint
 from ..messages.codec.interface import T
 from ..messages.topics import Topic
-from .decoding import Decoding
-from .publisher import Publisher
+from ..threads import Threads
+from .publisher import Decoding, Publisher
 from .questions import Answer, Answering, ask
-from .refusals import Refusals, together
+from .reception import Refusals, together
 from .settings import BusConfigurationError, BusSettings, zenoh_config
 from .subscriber import Subscriber
 
 _EPHEMERAL_TRIES = 5
+_OPENERS = Threads("bus", 8)
 
 
 class BusUnavailableError(Exception):
@@ -38,11 +35,10 @@ class Bus:
         self._session = session
         self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
-        self._numbers: dict[str, count[int]] = {}
         self._decodings: dict[str, Decoding[Any]] = {}
         self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []
-        self._publishers: list[Publisher[Any]] = []
+        self._publishers: dict[str, Publisher[Any]] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
         self._answering: list[Answering] = []
 
@@ -59,7 +55,7 @@ class Bus:
         for attempt in range(tries):
             placed = _placed(settings)
             try:
-                session = await asyncio.to_thread(zenoh.open, zenoh_config(placed))
+                session = await _OPENERS.run(zenoh.open, zenoh_config(placed))
             except zenoh.ZError as error:
                 if attempt + 1 < tries:
                     continue
@@ -71,13 +67,13 @@ class Bus:
         raise AssertionError("unreachable")
 
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
-        """Declare a publisher; it answers queries for its last payload if the topic keeps it."""
-        numbers = self._numbers.setdefault(key, count())
-        publisher = Publisher(
-            self._session, key, topic, axis, self._boot_epoch, numbers, self._decoding_of(topic)
-        )
-        self._publishers.append(publisher)
-        return publisher
+        """The publisher of a key; it answers queries for its last payload if the topic keeps it."""
+        if key not in self._publishers:
+            decoding = self._decoding_of(topic)
+            self._publishers[key] = Publisher(
+                self._session, key, topic, axis, self._boot_epoch, decoding
+            )
+        return self._publishers[key]
 
     def subscribe(
         self,
@@ -119,35 +115,13 @@ class Bus:
         """Show presence on `key` until the session closes or dies."""
         self._tokens.append(self._session.liveliness().declare_token(key))
 
-    @contextmanager
-    def scope(self) -> Iterator["Bus"]:
-        """The same session; what is declared on it inside is undeclared at the end."""
-        inner = copy(self)
-        inner._subscribers, inner._publishers, inner._answering = [], [], []
-        try:
-            yield inner
-        finally:
-            if not self._session.is_closed():
-                inner.undeclare()
-
-    def undeclare(self) -> None:
-        """Undeclare all publishers and subscribers, and answer no more."""
-        for subscriber in self._subscribers:
-            subscriber.close()
-        for publisher in self._publishers:
-            publisher.close()
-        for answering in self._answering:
-            answering.close()
-        self._answering.clear()
-        self._subscribers.clear()
-        self._publishers.clear()
-
     async def close(self) -> None:
         """Undeclare everything and close; safe twice."""
         if self._session.is_closed():
             return
-        self.undeclare()
-        await asyncio.to_thread(self._session.close)
+        for declared in (*self._subscribers, *self._publishers.values(), *self._answering):
+            declared.close()
+        await _OPENERS.run(self._session.close)
 
 
 def _placed(settings: BusSettings) -> BusSettings:
@@ -156,29 +130,15 @@ def _placed(settings: BusSettings) -> BusSettings:
         host, port = split_endpoint(settings.endpoint)
     except ValueError as error:
         raise BusConfigurationError(str(error)) from None
-    endpoint = f"tcp/{host}:{port or _free_port(host)}"
-    if settings.role == "router":
-        _check_free(endpoint)
-    return replace(settings, endpoint=endpoint)
-
-
-def _free_port(host: str) -> int:
-    with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
-        probe.bind((host.strip("[]"), 0))
-        return int(probe.getsockname()[1])
-
-
-def _check_free(endpoint: str) -> None:
-    host, port = split_endpoint(endpoint)
-    with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host.strip("[]"), port))
-        except OSError as error:
-            raise BusConfigurationError(
-                f"{endpoint} is in use by another process; choose another (--bus)"
-            ) from error
-
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET
+    if settings.role == "router" or not port:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            if port:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((host.strip("[]"), port))
+            except OSError as error:
+                words = "is in use by another process; choose another (--bus)"
+                raise BusConfigurationError(f"tcp/{host}:{port} {words}") from error
+            port = int(probe.getsockname()[1])
+    return replace(settings, endpoint=f"tcp/{host}:{port}")

@@ -8,7 +8,7 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Collection
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Generic
 
 import zenoh
@@ -18,10 +18,8 @@ from ..messages.codec.interface import CodecError, T
 from ..messages.header import Header
 from ..messages.keys import axis_of
 from ..messages.topics import Topic
-from .decoding import Decoding
-from .refusals import Refusal, Refusals
-from .rings import Arrival, KeyRings
-from .sender import Sender
+from .publisher import Decoding
+from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
 
 _PATIENCE_SHARE = 0.25
 """Of the time after which a topic is stale: after so much silence another publisher is heard."""
@@ -32,28 +30,6 @@ _EARLY_S = 0.01
 """Time by which something may come before the end of a rest, or else is read after it, s."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
-
-
-@dataclass(slots=True)
-class ReceiveCounters:
-    """Monotonic counts of one subscriber.
-
-    Attributes:
-        received: payloads taken from the bus.
-        ring_overruns: payloads pushed out of the full ring before they were read.
-        lost_payloads: payloads that never arrived, by holes in the sequence numbers
-            (those pushed out of the ring included).
-        malformed: payloads that could not be decoded.
-        refused: payloads that were not passed on for any reason.
-        publisher_restarts: changes of a boot epoch.
-    """
-
-    received: int = 0
-    ring_overruns: int = 0
-    lost_payloads: int = 0
-    malformed: int = 0
-    refused: int = 0
-    publisher_restarts: int = 0
 
 
 class Subscriber(Generic[T]):
@@ -92,27 +68,22 @@ class Subscriber(Generic[T]):
             key_expr, zenoh.handlers.Callback(self._on_sample, indirect=False)
         )
 
-    @property
-    def counters(self) -> ReceiveCounters:
-        """The counts so far."""
-        senders = self._senders.values()
-        return ReceiveCounters(
-            received=self._received,
-            ring_overruns=self._rings.overruns,
-            lost_payloads=sum(sender.lost for sender in senders),
-            malformed=self.refusals.total(Refusal.MALFORMED),
-            refused=self.refusals.counts().total(),
-            publisher_restarts=sum(sender.restarts for sender in senders),
-        )
-
     def counts(self) -> dict[str, int]:
-        """The counts so far, by name."""
-        return asdict(self.counters)
+        """Counts so far, which never fall.
 
-    @property
-    def is_idle(self) -> bool:
-        """True while somebody waits for a payload and there is none."""
-        return self._waiting and not self._rings and not self._closed
+        `ring_overruns` are payloads pushed out of the full ring before they were read;
+        `lost_payloads` never arrived, by holes in the sequence (those pushed out included);
+        `refused` were not passed on for any reason; `publisher_restarts` are changes of an epoch.
+        """
+        senders = self._senders.values()
+        return {
+            "received": self._received,
+            "ring_overruns": self._rings.overruns,
+            "lost_payloads": sum(sender.lost for sender in senders),
+            "malformed": self.refusals.total(Refusal.MALFORMED),
+            "refused": self.refusals.counts().total(),
+            "publisher_restarts": sum(sender.restarts for sender in senders),
+        }
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     from ..nodes.service import run_service
 
     log_to_stderr()
-    asyncio.run(run_service(configured(config, port, endpoint), announce))
+    asyncio.run(run_service(partial(configured, config, port, endpoint), announce))
 
 
 @click.command(epilog="Example: edge-service node bus edge.toml & edge-service node http edge.toml")
@@ -45,7 +46,7 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
     from ..nodes.service import run_node
 
     log_to_stderr()
-    asyncio.run(run_node(configured(config, port, endpoint), name, announce))
+    asyncio.run(run_node(partial(configured, config, port, endpoint), name, announce))
 
 
 @click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
@@ -79,7 +80,7 @@ def token(config: Path, added: str | None, role: "Role | None", revoked: str | N
     from ..clock import now_ns
     from ..config import load_config
     from ..health.store.store import StoreFailedError
-    from ..nodes.wiring.http_rights import tokens_of
+    from ..nodes.http_rights import tokens_of
 
     if (added is None) != (role is None) or (added and revoked):
         raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")

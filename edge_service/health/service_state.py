@@ -16,7 +16,7 @@ from .axis_state import AxisState
 from .condition.component import ComponentWatch
 from .condition.input_watch import NS_PER_S
 from .condition.refusal_watch import Refused
-from .model_watch.live_features import ChannelQuality, LivePoint
+from .model_watch.live_features import ChannelQuality, LiveFeatures, LivePoint
 from .settings import AxisLimits
 from .state_settings import Keeping, StateSettings
 from .store.events import EventLog, StoredEvent
@@ -154,6 +154,18 @@ class ServiceState:
         """Components that serve all axes."""
         reports = self._components.reports(now_ns)
         return tuple(report for report in reports if report.axis is None)
+
+    def renew(
+        self,
+        axis: str,
+        limits: AxisLimits | None,
+        stroke: StrokeModel | None,
+        ratio_m_per_rad: float | None,
+    ) -> None:
+        """Show an axis by another machine file from now on."""
+        self._axes[axis].limits = limits
+        self._axes[axis].live = LiveFeatures(ratio_m_per_rad)
+        self._strokes[axis] = stroke
 
     def limits(self, axis: str) -> AxisLimits | None:
         """Limits of an axis, for display; KeyError for an unknown axis."""

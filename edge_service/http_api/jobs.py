@@ -15,9 +15,10 @@ from typing import Self
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from .. import exit_status, process
-from ..atomic import made_folder
+from ..atomic import append, made_folder, new_file
 from ..clock import now_ns
 from ..health.store.store import Store, StoreFailedError
+from ..threads import Threads
 from .answers import Answer, Timestamp
 from .recordings import RecordingName, Recordings, RefusedError
 from .times import rfc3339
@@ -161,6 +162,7 @@ class Jobs:
         self._following: dict[int, asyncio.Task[None]] = {}
         self._cancelled: set[int] = set()
         self._one = asyncio.Lock()
+        self._threads = Threads("job")
         store.define(SCHEMA)
 
     async def all(self) -> list[JobAnswer]:
@@ -195,9 +197,9 @@ class Jobs:
             out = _OUT.get(body.command)
             words += () if out is None else ("--out", str(folder / out))
             try:
-                await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+                await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
                 made_folder(folder)
-                with (folder / LOG).open("wb") as log, (folder / ANSWER).open("wb") as answer:
+                with new_file(folder / LOG) as log, new_file(folder / ANSWER) as answer:
                     started = await process.started(*words, stdout=answer, stderr=log)
             except OSError as error:
                 await self._put(number, job.model_copy(update={"state": JobState.FAILED}))
@@ -236,7 +238,7 @@ class Jobs:
                 raise RefusedError(503, f"motion {name!r} cannot be written: {error}") from None
             if status != exit_status.DONE:
                 raise RefusedError(409, said or f"it cannot be written (status {status})")
-            return await asyncio.to_thread(out.read_bytes)
+            return await self._threads.run(out.read_bytes)
 
     async def close(self) -> None:
         """End what runs."""
@@ -291,8 +293,8 @@ class Jobs:
             del self._running[number], self._following[number]
 
     def _say(self, number: int, words: str) -> None:
-        with suppress(OSError), (self._folder / str(number) / LOG).open("a") as log:
-            log.write(f"{words}\n")
+        with suppress(OSError):
+            append(self._folder / str(number) / LOG, f"{words}\n")
 
     async def _put(self, number: int | None, job: Job) -> int:
         """Write a row; returns its number."""
@@ -312,7 +314,7 @@ class Jobs:
         newest = max(self._running)
         for folder in self._folder.iterdir():
             if folder.name.isdecimal() and int(folder.name) <= newest - MOST_KEPT:
-                await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
+                await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
 
     def _answer(self, number: int, job: Job) -> JobAnswer:
         folder = self._folder / str(number)

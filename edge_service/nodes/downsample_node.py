@@ -1,9 +1,11 @@
 """Raw samples and fast signals in, feature blocks out: all axes."""
 
+from collections import Counter
 from dataclasses import replace
 
-from ..bus.refusals import Refusal
-from ..downsample import Downsampler
+from ..bus.publisher import Publisher
+from ..bus.reception import Refusal
+from ..config import AxisConfig, EdgeConfig
 from ..downsample.gathering import Gathering
 from ..downsample.vibration import AxisVibration, VibrationSettings, orders_of
 from ..messages.features import FeatureBlock
@@ -12,71 +14,88 @@ from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import FEAT, RAW, WAVE
 from ..messages.waveform import Waveform
-from .wiring.context import NodeContext, Reporter
-from .wiring.stages import WARM_UP_S, load_machines, make_downsampler, warm_up_downsampling
+from ..models.machine import Machine
+from ..threads import Threads
+from .component import Component
+from .context import NodeContext
+from .stages import make_downsampler, warm_up_downsampling
 
 PREPARING = (
     "the downsampling is being prepared; after an installation or upgrade that takes a minute"
 )
 
 
+class AxisDownsampling:
+    """Stages of one axis between its samples and its features."""
+
+    def __init__(
+        self, config: EdgeConfig, machine: Machine, publisher: Publisher[FeatureBlock]
+    ) -> None:
+        self.downsampler = make_downsampler(machine)
+        self.vibration = AxisVibration(
+            VibrationSettings(bands_hz=config.vibration.bands_hz, orders=orders_of(machine))
+        )
+        self._gathering = Gathering()
+        self._publisher = publisher
+
+    def take(self, header: Header, frame: SampleFrame) -> None:
+        """Take samples in, and publish the intervals that they complete."""
+        self.vibration.follow(frame)
+        for gathered in self._gathering.add(frame, self.downsampler.due_s):
+            for block in self.downsampler.push(gathered):
+                columns = self.vibration.take()
+                told = replace(block, vibration=columns) if columns else block
+                self._publisher.publish(told, source_time_ns(header, gathered, block))
+
+
 async def run(context: NodeContext) -> None:
     """Downsample every configured axis until cancelled."""
-    machines = load_machines(context.config)
-    downsamplers = {axis: make_downsampler(machine) for axis, machine in machines.items()}
-    gatherings = {axis: Gathering() for axis in machines}
-    publishers = {axis: context.publisher(axis, FEAT) for axis in machines}
-    bands_hz = context.config.vibration.bands_hz
-    vibrations = {
-        axis: AxisVibration(VibrationSettings(bands_hz=bands_hz, orders=orders_of(machine)))
-        for axis, machine in machines.items()
-    }
-    subscriber, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
-    reporter = Reporter(context, "downsample")
-    reporter.counters = lambda: (
-        subscriber.counts()
-        | _fault_counts(downsamplers)
-        | {"wave_gaps": sum(each.gaps for each in vibrations.values())}
-    )
+    publishers = context.publishers(FEAT)
+
+    def begin(axis: str) -> AxisDownsampling:
+        return AxisDownsampling(context.config, context.machines[axis], publishers[axis])
+
+    axes = {axis: begin(axis) for axis in context.machines}
+
+    def renew(axis: AxisConfig) -> None:
+        axes[axis.name] = begin(axis.name)
+
+    context.renewals.append(renew)
+    samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
+    component = Component(context, "downsample")
+
+    def counters() -> dict[str, int]:
+        faults: Counter[str] = Counter()
+        for each in axes.values():
+            for name, count in each.downsampler.faults.items():
+                faults[f"fault_{name.lower()}"] += count
+        gaps = sum(each.vibration.gaps for each in axes.values())
+        return samples.counts() | faults | {"wave_gaps": gaps}
+
+    component.counters = counters
 
     def take(axis: str, header: Header, frame: SampleFrame) -> None:
-        if axis not in downsamplers:
-            return
-        downsampler, vibration = downsamplers[axis], vibrations[axis]
-        vibration.follow(frame)
-        for gathered in gatherings[axis].add(frame, downsampler.due_s):
-            for block in downsampler.push(gathered):
-                columns = vibration.take()
-                told = replace(block, vibration=columns) if columns else block
-                publishers[axis].publish(told, source_time_ns(header, gathered, block))
-        subscriber.rest(axis, downsampler.due_s - float(frame.time_s[-1]))
+        if axis in axes:
+            axes[axis].take(header, frame)
+            samples.rest(axis, axes[axis].downsampler.due_s - float(frame.time_s[-1]))
 
     def take_wave(axis: str, _header: Header, wave: Waveform) -> None:
-        if axis in vibrations and not vibrations[axis].push(wave):
+        if axis in axes and not axes[axis].vibration.push(wave):
             waves.refusals.add(context.config.keys.key(axis, WAVE), Refusal.SURPLUS)
 
-    async with reporter.running() as tasks:
-        tasks.follow("waves", waves, take_wave)
-        reporter.to(ComponentStatus.STARTING, PREPARING)
-        await context.heart.in_thread(warm_up_downsampling, machines.values(), limit_s=WARM_UP_S)
-        tasks.follow("samples", subscriber, take, vital=True)
-        reporter.to(ComponentStatus.OK)
+    async with component.running():
+        component.follow(waves, take_wave)
+        component.to(ComponentStatus.STARTING, PREPARING)
+        machines = tuple(context.machines.values())
+        work = Threads("downsample")
+        await work.run(warm_up_downsampling, machines)
+        component.follow(samples, take)
+        component.to(ComponentStatus.OK)
         await context.forever()
 
 
 def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock) -> int:
     """UNIX time of the interval's end: that of the frame's newest sample less the look ahead."""
     ahead_s = float(frame.time_s[-1]) - block.time_s
-    return (
-        header.source_time_ns - int(1e9 * ahead_s)
-        if 0.0 <= ahead_s < 1.0
-        else header.source_time_ns
-    )
-
-
-def _fault_counts(downsamplers: dict[str, Downsampler]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for downsampler in downsamplers.values():
-        for name, count in downsampler.faults.items():
-            counts[f"fault_{name.lower()}"] = counts.get(f"fault_{name.lower()}", 0) + count
-    return counts
+    ahead_ns = int(1e9 * ahead_s) if 0.0 <= ahead_s < 1.0 else 0
+    return header.source_time_ns - ahead_ns

@@ -5,19 +5,18 @@ from contextlib import AsyncExitStack
 from functools import partial
 
 from ..clock import CLOCK, now_ns
+from ..config import AxisConfig
 from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, FEAT, PRELOAD
-from .supervision.heartbeat import Heartbeat
-from .supervision.task import TaskChange
-from .wiring.context import NodeContext, Reporter
-from .wiring.estimate_state import Kept, StateError, identity_of
-from .wiring.event_dispatcher import try_to_save
-from .wiring.guarded_axis import GuardedAxis
-from .wiring.stages import WARM_UP_S, load_machines, make_estimator, warm_up
+from ..threads import Threads
+from .component import Component
+from .context import NodeContext
+from .estimated_axis import EstimatedAxis, Kept, StateError, identity_of
+from .stages import make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 PREPARING = "the estimator is being prepared; after an installation or upgrade that takes a minute"
@@ -32,37 +31,33 @@ class Estimators:
     """The estimators of all axes, and their states in the store."""
 
     def __init__(self, context: NodeContext) -> None:
-        config = context.config
         self._context = context
-        self.machines = load_machines(config)
-        self.parts = {axis: Reporter(context, "estimate", axis) for axis in self.machines}
-        self.axes = {axis: self._guarded(axis) for axis in self.machines}
-        self._identities = {
-            axis: identity_of(machine, config.estimator) for axis, machine in self.machines.items()
-        }
+        self.parts = {axis: Component(context, "estimate", axis) for axis in context.machines}
+        self.axes = {axis: self._estimated(axis) for axis in context.machines}
+        self._identities = {axis: self._identity(axis) for axis in context.machines}
+        context.renewals.append(self.renew)
         self.damaged = 0
         """States that were none."""
         self.problem = ""
         """Reason for which a state cannot be kept now; empty if it can."""
 
-    def _guarded(self, name: str) -> GuardedAxis:
-        part = self.parts[name]
-        make = partial(make_estimator, self._context.config.estimator, self.machines[name])
-
-        def tell_reset(reason: str) -> None:
-            part.tell(TaskChange("estimator_reset", "estimator", reason, axis.resets))
-
-        axis = GuardedAxis(name, make, partial(part.note, "estimator"), tell_reset)
+    def _estimated(self, name: str) -> EstimatedAxis:
+        part, config = self.parts[name], self._context.config.estimator
+        axis = EstimatedAxis(
+            name,
+            lambda: make_estimator(config, self._context.machines[name]),
+            partial(part.note, "the estimator fails"),
+            partial(part.tell, "estimator_reset"),
+        )
         part.problems = lambda: [axis.problem] if axis.problem else []
-        part.broken = lambda: bool(axis.problem)
+        part.is_broken = lambda: bool(axis.problem)
         part.counters = lambda: {"resets": axis.resets}
         return axis
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        if not self._context.keeps_estimates:
-            return
-        for name, axis in self.axes.items():
+        store = self._context.store
+        for name, axis in self.axes.items() if self._context.keeps_estimates else ():
             try:
                 kept = self._kept(name)
                 if kept is not None:
@@ -71,8 +66,11 @@ class Estimators:
                 aside = ""
                 if error.damaged:
                     self.damaged += 1
-                    aside = f", kept as {set_state_aside(self._context.store, STATE, name)}"
+                    aside = f", kept as {set_state_aside(store, STATE, name)}"
                 log.warning("axis %s: its estimate starts over: %s%s", name, error, aside)
+
+    def _identity(self, axis: str) -> str:
+        return identity_of(self._context.machines[axis], self._context.config.estimator)
 
     def _kept(self, name: str) -> Kept | None:
         try:
@@ -92,33 +90,41 @@ class Estimators:
             kept = axis.to_keep()
             if kept is not None:
                 try:
-                    state = State.of(STATE, name, kept.document(name, self._identities[name]))
-                    self._context.events.put((), now_ns(), (state,))
+                    self._put(State.of(STATE, name, kept.document(name, self._identities[name])))
                 except ValueError as error:
                     self.problem = f"axis {name}: the state of the estimator is none ({error})"
+
+    def forget(self, axis: str) -> None:
+        """Begin anew: the part is another."""
+        self.axes[axis].forget()
+        self._put(State(STATE, axis, None))
+
+    def renew(self, axis: AxisConfig) -> None:
+        """Begin an axis anew, unless its estimate rests on what it rested on before."""
+        identity = self._identity(axis.name)
+        if identity != self._identities[axis.name]:
+            self._identities[axis.name] = identity
+            self.forget(axis.name)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
         for axis in self.axes.values():
             axis.move(step_ns)
 
-    def forget(self, axis: str) -> None:
-        """Begin anew: the part is another."""
-        self.axes[axis].forget()
-        self._context.events.put((), now_ns(), (State(STATE, axis, None),))
+    def _put(self, state: State) -> None:
+        self._context.dispatcher.put((), lambda _kept, _problem: None, (state,))
 
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
     config = context.config
-    estimated = Estimators(context)
-    axes = estimated.axes
-    publishers = {axis: context.publisher(axis, PRELOAD) for axis in axes}
-    features = context.subscribe(FEAT, depth=1024)
-    events = context.subscribe(EVENT)
-    reporter = Reporter(context, "estimate")
-    reporter.counters = lambda: features.counts() | {"damaged_states": estimated.damaged}
-    reporter.problems = lambda: [estimated.problem] if estimated.problem else []
+    estimators = Estimators(context)
+    axes = estimators.axes
+    publishers = context.publishers(PRELOAD)
+    features, events = context.subscribe(FEAT, depth=1024), context.subscribe(EVENT)
+    component = Component(context, "estimate")
+    component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
+    component.problems = lambda: [estimators.problem] if estimators.problem else []
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
@@ -127,30 +133,23 @@ async def run(context: NodeContext) -> None:
 
     def take_event(axis: str, _header: Header, event: Event) -> None:
         if axis in axes and event.kind == PART_REPLACED:
-            estimated.forget(axis)
+            estimators.forget(axis)
 
-    async def keep(heart: Heartbeat) -> None:
-        while True:
-            await heart.sleep(SAVE_PERIOD_S)
-            estimated.keep()
-            await heart.in_thread(try_to_save, context.events)
-
-    async with AsyncExitStack() as parts, reporter.running() as tasks:
-        for part in estimated.parts.values():
-            await parts.enter_async_context(part.running())
-        for each in (reporter, *estimated.parts.values()):
-            each.to(ComponentStatus.STARTING, PREPARING)
-        machines = estimated.machines.values()
-        await context.heart.in_thread(warm_up, config.estimator, machines, limit_s=WARM_UP_S)
-        await context.from_store(reporter, estimated.load)
-        for each in (reporter, *estimated.parts.values()):
-            each.to(ComponentStatus.OK)
+    async with AsyncExitStack() as running:
+        parts = (component, *estimators.parts.values())
+        for part in parts:
+            await running.enter_async_context(part.running())
+            part.to(ComponentStatus.STARTING, PREPARING)
+        work, machines = Threads("estimate"), tuple(context.machines.values())
+        await work.run(warm_up, config.estimator, machines)
+        await component.from_store(estimators.load)
+        for part in parts:
+            part.to(ComponentStatus.OK)
+        component.follow(features, take_features)
+        component.follow(events, take_event)
+        component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:
-            tasks.follow("features", features, take_features, vital=True)
-            tasks.follow("events", events, take_event)
-            tasks.start("keep", keep)
-            with CLOCK.telling(estimated.move):
+            with CLOCK.telling(estimators.move):
                 await context.forever()
         finally:
-            estimated.keep()
-            try_to_save(context.events)
+            estimators.keep()

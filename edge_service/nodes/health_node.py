@@ -2,11 +2,10 @@
 
 import logging
 from collections.abc import Callable
-from functools import partial
 
+from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
-from ..config import EdgeConfig
-from ..config_tables import AlarmsConfig
+from ..config import AxisConfig, EdgeConfig
 from ..health.advice.announced import announced
 from ..health.alarms.axis_alarms import AlarmSettings
 from ..health.axis_events import refused_command, state_damaged
@@ -16,18 +15,16 @@ from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
 from ..health.trend.usage import ScrewGeometry
 from ..messages.alarm import Command, Outcome
+from ..messages.codec.interface import CodecError
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentHealth, ComponentStatus
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, PRELOAD, STATUS
-from ..models.machine import Machine
-from .supervision.heartbeat import Heartbeat
-from .wiring.commands import obey_all
-from .wiring.context import NodeContext, Reporter
-from .wiring.event_dispatcher import EventDispatcher
-from .wiring.stages import load_machines
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS
+from ..threads import Threads
+from .component import Component
+from .context import NodeContext, header
 
 log = logging.getLogger(__name__)
 STATE = "monitor"
@@ -42,73 +39,57 @@ def health_settings(config: EdgeConfig, axis: str) -> HealthSettings:
     return HealthSettings(warning_below_percent=warning, fault_below_percent=fault)
 
 
-def alarm_settings(config: AlarmsConfig) -> AlarmSettings:
-    """The alarms' settings from the configuration."""
-    return AlarmSettings(**config.model_dump(exclude={"warning_percent", "fault_percent"}))
-
-
-def axis_facts(axis: str, machine: Machine) -> AxisFacts:
-    """Facts that the monitor of an axis needs of its machine file."""
-    geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
-    return AxisFacts(axis, machine.fresh_preload_percent, geometry)
-
-
 class Monitors:
     """Monitors of all axes: what they say is kept, then published."""
 
     def __init__(self, context: NodeContext) -> None:
-        config = context.config
-        self._events, self._store = context.events, context.store
-        self._config = config
-        self._machines = load_machines(config)
+        self._context = context
         self.axes: dict[str, AxisMonitor] = {}
         self.damaged = 0
         """States that were none."""
-        self._health = {axis: context.publisher(axis, HEALTH) for axis in self._machines}
-        self._event = {axis: context.publisher(axis, EVENT) for axis in self._machines}
-        self.dispatcher = EventDispatcher(context.events)
+        self._health, self._event = context.publishers(HEALTH), context.publishers(EVENT)
+        self._threads = Threads("trend")
+        context.renewals.append(self.renew)
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        self.axes = {axis: self._loaded(axis) for axis in self._machines}
+        self.axes = {axis: self._loaded(axis) for axis in self._context.machines}
+
+    def renew(self, axis: AxisConfig) -> None:
+        """Go on with an axis by its new machine file."""
+        if axis.name in self.axes:
+            monitor, before = self._made(axis.name), self.axes[axis.name]
+            monitor.restore(before.snapshot())
+            self.axes[axis.name] = monitor
+
+    def _made(self, axis: str) -> AxisMonitor:
+        config, machine = self._context.config, self._context.machines[axis]
+        geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
+        facts = AxisFacts(axis, machine.fresh_preload_percent, geometry)
+        chosen = config.alarms.model_dump(exclude={"warning_percent", "fault_percent"})
+        alarms = AlarmSettings(**chosen)
+        return AxisMonitor(facts, health_settings(config, axis), alarms, now_ns())
 
     def _loaded(self, axis: str) -> AxisMonitor:
         """Monitor of an axis as it was, or a new one: then a damaged state is set aside."""
-        begun_ns = now_ns()
-        make = partial(
-            AxisMonitor,
-            axis_facts(axis, self._machines[axis]),
-            health_settings(self._config, axis),
-            alarm_settings(self._config.alarms),
-            begun_ns,
-        )
-        monitor = make()
+        store, monitor = self._context.store, self._made(axis)
         try:
-            document = load_state(self._store, STATE, axis)
+            document = load_state(store, STATE, axis)
             if document is not None:
                 monitor.restore(document)
             return monitor
         except (DamagedStateError, ValueError, RecursionError) as error:
-            aside = set_state_aside(self._store, STATE, axis)
+            aside, at_ns = set_state_aside(store, STATE, axis), now_ns()
             words = f"alarms, trend and use start over: {error}; their state is kept as {aside}"
             log.warning("axis %s: %s", axis, words)
             self.damaged += 1
-            self._events.put((state_damaged(axis, words, begun_ns),), begun_ns)
-        return make()
-
-    def problems(self) -> list[str]:
-        """Reason for which nothing is kept of what is said; empty if it is."""
-        return [self._store.problem] if self._store.problem else []
+            self._context.events.put((state_damaged(axis, words, at_ns),), at_ns)
+        return self._made(axis)
 
     def keep(self) -> None:
         """Keep the state of every axis."""
         for axis in self.axes:
             self._announce(axis, (), keeps=True)
-
-    def end(self) -> None:
-        """Keep all that must outlive the process, now."""
-        self.keep()
-        self.dispatcher.flush()
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
@@ -127,13 +108,28 @@ class Monitors:
                 self._say(each, self.axes[each].on_component(report, now_ns()))
 
     def take_command(self, axis: str, _header: Header, command: Command) -> None:
-        """Do what a client of the bus asks."""
+        """Do what a part of the service asks."""
         if axis in self.axes:
-            self.obey(axis, command)
+            self.serve(axis, command, lambda _outcome: None)
 
-    def obey(
-        self, axis: str, command: Command, told: Callable[[Outcome], None] = lambda _outcome: None
-    ) -> None:
+    def serve_commands(self) -> Answering:
+        """Answer the commands that are asked on the bus by what came of them, once it is kept."""
+        keys = self._context.config.keys
+
+        def answer(key: str, question: bytes, reply: Callable[[bytes | None], None]) -> None:
+            try:
+                axis, _, command = COMMAND.decode(question)
+            except CodecError:
+                reply(None)
+                return
+            if axis not in self.axes or key != keys.key(axis, OUTCOME):
+                reply(None)
+                return
+            self.serve(axis, command, lambda told: reply(OUTCOME.encode(axis, header(), told)))
+
+        return self._context.bus.answer(keys.all_axes(OUTCOME), answer)
+
+    def serve(self, axis: str, command: Command, told: Callable[[Outcome], None]) -> None:
         """Do what is asked of an axis; the outcome is told once it is kept."""
         at_ns, monitor = now_ns(), self.axes[axis]
         known = monitor.answered(command)
@@ -147,7 +143,7 @@ class Monitors:
             events = (refused_command(axis, command, outcome.message, at_ns),)
         self._announce(axis, events, tell, keeps=bool(command.key))
 
-    def renew(self, axis: str) -> None:
+    def tick(self, axis: str) -> None:
         """Let time pass on an axis, and announce its condition."""
         self._announce(axis, self.axes[axis].tick(now_ns()))
 
@@ -156,11 +152,11 @@ class Monitors:
         for monitor in self.axes.values():
             monitor.move(step_ns)
 
-    async def foresee(self, axis: str, heart: Heartbeat) -> None:
+    async def foresee(self, axis: str) -> None:
         """Make an axis' trend, if it is due."""
         monitor = self.axes[axis]
         if monitor.trend_is_due(now_ns()):
-            trend = await heart.in_thread(monitor.trend_work())
+            trend = await self._threads.run(monitor.trend_work())
             monitor.take_trend(trend, now_ns())
 
     def _say(self, axis: str, events: tuple[Event, ...]) -> None:
@@ -190,50 +186,40 @@ class Monitors:
             self._health[axis].publish(health, now_ns())
             told(problem)
 
-        self.dispatcher.put(events, publish, states)
+        self._context.dispatcher.put(events, publish, states)
 
 
 async def run(context: NodeContext) -> None:
     """Monitor every configured axis until cancelled."""
     monitors = Monitors(context)
     preloads, features = context.subscribe(PRELOAD), context.subscribe(FEAT)
-    reports = context.subscribe_to_components(STATUS)
-    commands = context.subscribe(COMMAND)
-    reporter = Reporter(context, "health")
-    reporter.counters = lambda: preloads.counts() | {"damaged_states": monitors.damaged}
-    reporter.problems = monitors.problems
+    component = Component(context, "health")
+    component.counters = lambda: preloads.counts() | {"damaged_states": monitors.damaged}
+    component.problems = lambda: [context.store.problem] if context.store.problem else []
 
-    def renew() -> None:
+    def tick() -> None:
         for axis in monitors.axes:
-            with tasks.failures.borne("renew", axis):
-                monitors.renew(axis)
+            with component.bears(f"the time that passes on axis {axis}"):
+                monitors.tick(axis)
 
-    async def foresee(heart: Heartbeat) -> None:
-        while True:
-            for axis in monitors.axes:
-                with tasks.failures.borne("foresee", axis):
-                    await monitors.foresee(axis, heart)
-            await heart.next(HEALTH_PERIOD_S)
+    async def foresee() -> None:
+        for axis in monitors.axes:
+            with component.bears(f"the trend of axis {axis}"):
+                await monitors.foresee(axis)
 
-    async def keep(heart: Heartbeat) -> None:
-        while True:
-            await heart.sleep(SAVE_PERIOD_S)
-            monitors.keep()
-
-    async with reporter.running() as tasks:
-        await context.from_store(reporter, monitors.load)
-        reporter.to(ComponentStatus.OK)
+    async with component.running():
+        await component.from_store(monitors.load)
+        component.to(ComponentStatus.OK)
+        component.follow(preloads, monitors.take_preload)
+        component.follow(features, monitors.take_features)
+        component.follow(context.subscribe_to_components(STATUS), monitors.take_report)
+        component.follow(context.subscribe(COMMAND), monitors.take_command)
+        component.repeat(HEALTH_PERIOD_S, tick)
+        component.repeat(HEALTH_PERIOD_S, foresee)
+        component.repeat(SAVE_PERIOD_S, monitors.keep)
+        monitors.serve_commands()
         try:
-            tasks.start("events", monitors.dispatcher.run, vital=True)
-            tasks.follow("preloads", preloads, monitors.take_preload, vital=True)
-            tasks.follow("features", features, monitors.take_features, vital=True)
-            tasks.follow("reports", reports, monitors.take_report)
-            tasks.follow("commands", commands, monitors.take_command)
-            tasks.repeat("renew", HEALTH_PERIOD_S, renew, vital=True)
-            tasks.start("foresee", foresee)
-            tasks.start("keep", keep)
-            obey_all(context, monitors.axes, monitors.obey)
             with CLOCK.telling(monitors.move):
                 await context.forever()
         finally:
-            monitors.end()
+            monitors.keep()

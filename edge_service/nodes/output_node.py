@@ -5,17 +5,25 @@ import logging
 import time
 from collections import deque
 from collections.abc import Coroutine, Sequence
-from functools import partial
 from typing import Any
 
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
+from ..estimate.registry import AUTO
+from ..health.axis_state import AxisState
+from ..health.service_state import ServiceState
+from ..health.state_settings import Keeping, StateSettings
 from ..health.store.events import StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
 from ..http_api.words import words_in
+from ..messages.answer import AxisAnswer
+from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event, Severity
-from ..messages.health import ComponentStatus
+from ..messages.header import Header
+from ..messages.health import AxisHealth, ComponentStatus
+from ..messages.topics import HEALTH, PRELOAD
+from ..models.machine import Machine
 from ..outputs.base import (
     Events,
     Message,
@@ -28,10 +36,9 @@ from ..outputs.base import (
     load_output,
 )
 from ..retry import Retry
-from .outputs.latest_answers import LatestAnswers
-from .supervision.heartbeat import Heartbeat
-from .wiring.context import NodeContext, Reporter
-from .wiring.http_rights import knows_of
+from .component import Component, first_of
+from .context import NodeContext
+from .http_rights import knows_of
 
 SHOW_PERIOD_S = 0.5
 TAKE_S = 30.0
@@ -74,46 +81,126 @@ def outbox_of(store: Store, output: Output, receiver: str) -> Outbox:
     return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds)
 
 
+def method_of(config: EdgeConfig, machine: Machine) -> str:
+    """Method of an axis' estimator: `auto` takes the mixture where the axis is commissioned."""
+    if config.estimator.method != AUTO:
+        return config.estimator.method
+    return "kf-imm" if machine.commissioned is None else "mixture"
+
+
+def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -> AxisAnswer:
+    """Answer about an axis from the state of the service."""
+    at_ns, (warning, fault) = now_ns(), config.limits_percent(axis)
+    reading, bounds = state.preload(axis, at_ns), state.limits(axis)
+    return AxisAnswer(
+        axis=axis,
+        estimate=reading.estimate,
+        measured_ns=reading.measured_ns,
+        health=state.health(axis, at_ns),
+        fresh_percent=None if bounds is None else bounds.fresh_percent,
+        warning_of_fresh=warning,
+        fault_of_fresh=fault,
+        is_heard=reading.measured_ns is not None,
+        method=method,
+    )
+
+
+class LatestAnswers:
+    """Latest estimate and condition of each configured axis. Raises ConfigError."""
+
+    def __init__(self, context: NodeContext) -> None:
+        self._context, self._started_ns = context, now_ns()
+        machines = context.machines
+        self._fresh = {axis: machine.fresh_preload_percent for axis, machine in machines.items()}
+        self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
+        self._states = {
+            axis: AxisState(axis, None, StateSettings(), Keeping()) for axis in machines
+        }
+
+    def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
+        """Take an estimate in; one that is older than the last is ignored."""
+        state = self._states[axis]
+        if state.preload_input.accept(header, now_ns()):
+            state.estimate = estimate
+
+    def take_health(self, axis: str, header: Header, health: AxisHealth) -> None:
+        """Take a condition in; one that is older than the last is ignored."""
+        state = self._states[axis]
+        if state.health_input.accept(header, now_ns()):
+            state.health = health
+
+    def now(self) -> tuple[AxisAnswer, ...]:
+        """Answers as they hold now, an axis each."""
+        at_ns = now_ns()
+        return tuple(self._answer(state, at_ns) for state in self._states.values())
+
+    def _answer(self, state: AxisState, at_ns: int) -> AxisAnswer:
+        header = state.preload_input.header
+        warning, fault = self._context.config.limits_percent(state.axis)
+        return AxisAnswer(
+            axis=state.axis,
+            estimate=state.readable(at_ns),
+            measured_ns=None if header is None else header.source_time_ns,
+            health=state.told(self._started_ns, at_ns),
+            fresh_percent=self._fresh[state.axis],
+            warning_of_fresh=warning,
+            fault_of_fresh=fault,
+            is_heard=not state.missing(at_ns),
+            method=self._methods[state.axis],
+            header=header,
+        )
+
+
 async def run(context: NodeContext, name: str) -> None:
-    """Tell one output until cancelled. Raises ConfigError for what cannot work."""
+    """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
     output, latest = make_output(context.config, name), LatestAnswers(context)
-    reporter = Reporter(context, name)
-    sender = Sender(output, reporter)
-    try:
-        async with reporter.running() as tasks:
-            if output.takes_answers:
-                latest.follow(tasks)
-                tasks.start("answers", partial(show, sender, latest))
-            for receiver in output.receivers:
-                work = partial(deliver, sender, context.store, output, receiver)
-                tasks.start(f"events {receiver}".strip(), work)
-            await context.forever()
-    finally:
-        await output.close()
+    component = Component(context, name)
+    node = OutputNode(output, component, context.store)
+    retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+
+    async def life() -> None:
+        try:
+            async with asyncio.TaskGroup() as group:
+                if output.takes_answers:
+                    group.create_task(node.show(latest))
+                for receiver in output.receivers:
+                    group.create_task(node.deliver(receiver))
+        except BaseExceptionGroup as errors:
+            raise first_of(errors) from None
+        finally:
+            await output.close()
+
+    async with component.running():
+        if output.takes_answers:
+            component.follow(context.subscribe(PRELOAD), latest.take_estimate)
+            component.follow(context.subscribe(HEALTH), latest.take_health)
+        await component.again(life, retry, OutputUnavailableError)
+        await context.forever()
 
 
-class Sender:
+class OutputNode:
     """Hands messages to an output that may be away or hang, and reports on it.
 
     Attributes:
         sent: messages that it took.
     """
 
-    def __init__(self, output: Output, reporter: Reporter) -> None:
-        self._output, self._reporter = output, reporter
+    def __init__(self, output: Output, component: Component, store: Store) -> None:
+        self._output, self._component, self._store = output, component, store
+        self._name = output.context.name
         self._opening = asyncio.Lock()
         self._problems: dict[str, str] = {}
         self._sent_s = time.monotonic()
         self.sent = 0
-        reporter.problems = lambda: list(self._problems.values())
-        reporter.readings = self._readings
-        reporter.counters = lambda: {"sent": self.sent}
+        component.problems = lambda: list(self._problems.values())
+        component.readings = self._readings
+        component.counters = lambda: {"sent": self.sent}
 
     def _readings(self) -> dict[str, float]:
         age = {"age_s": time.monotonic() - self._sent_s} if self._output.takes_answers else {}
         return self._output.readings | age
 
-    async def send(self, who: str, message: Message, heart: Heartbeat, retry: Retry) -> bool:
+    async def send(self, who: str, message: Message, retry: Retry) -> bool:
         """Hand a message over; False, after a pause, if the other side is away.
 
         Raises RefusedError.
@@ -121,15 +208,14 @@ class Sender:
         output = self._output
         try:
             async with self._opening:
-                opening = within(output.open_s, output.open())
-                await heart.patiently(opening, limit_s=2.0 * output.open_s)
-            await heart.patiently(within(TAKE_S, output.take(message)), limit_s=2.0 * TAKE_S)
+                await within(output.open_s, output.open())
+            await within(TAKE_S, output.take(message))
         except OutputUnavailableError as error:
-            await self.wait(who, str(error), heart, retry)
+            await self.wait(who, str(error), retry)
             return False
         finally:
-            if self._reporter.status is not ComponentStatus.OK:
-                self._reporter.to(ComponentStatus.OK)
+            if self._component.status is not ComponentStatus.OK:
+                self._component.to(ComponentStatus.OK)
         self.sent += 1
         self._sent_s = time.monotonic()
         self.works(who, retry)
@@ -139,16 +225,66 @@ class Sender:
         """Note that there is no problem any more."""
         retry.reset()
         if self._problems.pop(who, None) is not None:
-            log.info("%s: works again", self._output.context.name)
-            self._reporter.publish()
+            log.info("%s: works again", self._name)
+            self._component.publish()
 
-    async def wait(self, who: str, problem: str, heart: Heartbeat, retry: Retry) -> None:
+    async def wait(self, who: str, problem: str, retry: Retry) -> None:
         """Tell of a problem, and pause."""
         if who not in self._problems:
-            log.warning("%s: %s; trying again", self._output.context.name, problem)
+            log.warning("%s: %s; trying again", self._name, problem)
         self._problems[who] = problem
-        self._reporter.publish()
-        await heart.sleep(retry.pause_s())
+        self._component.publish()
+        await asyncio.sleep(retry.pause_s())
+
+    async def show(self, latest: LatestAnswers) -> None:
+        """Hand over what is known now of all axes, again and again."""
+        retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        while True:
+            for answer in latest.now():
+                if not await self.send("answers", answer, retry):
+                    break
+            else:
+                await asyncio.sleep(SHOW_PERIOD_S)
+
+    async def deliver(self, receiver: str) -> None:
+        """Hand over the events of an outbox in their order; what is refused holds up nobody."""
+        output, run, who = self._output, self._store.run, f"events {receiver}".strip()
+        outbox, retry = (
+            outbox_of(self._store, output, receiver),
+            Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S),
+        )
+        hour: deque[float] = deque()
+        broken, sent_before = 0, 0
+        while True:
+            try:
+                batch = due(output, await run(outbox.waiting, MOST_TOGETHER), hour)
+                if not batch:
+                    await asyncio.sleep(SHOW_PERIOD_S)
+                    continue
+                message = Events(receiver, tuple(each.event for each in batch))
+                refusal = ""
+                try:
+                    if not await self.send(who, message, retry):
+                        broken += self.sent > sent_before
+                        sent_before = self.sent
+                        if broken < MOST_BROKEN:
+                            continue
+                        refusal = f"the connection broke at it {broken} times"
+                except RefusedError as error:
+                    refusal = str(error)
+                    self.works(who, retry)
+                broken, sent_before = 0, self.sent
+                if output.most_per_hour is not None:
+                    hour.append(time.monotonic())
+                for each in batch:
+                    if refusal:
+                        words = "%s: event %d is a dead letter: %s"
+                        log.warning(words, self._name, each.id, refusal)
+                        await run(outbox.refused, each.id, refusal)
+                    else:
+                        await run(outbox.delivered, each.id)
+            except StoreFailedError as error:
+                await self.wait(who, str(error), retry)
 
 
 async def within(limit_s: float, work: Coroutine[Any, Any, None]) -> None:
@@ -158,57 +294,6 @@ async def within(limit_s: float, work: Coroutine[Any, Any, None]) -> None:
             await work
     except TimeoutError:
         raise OutputUnavailableError(f"no answer within {limit_s:g} s") from None
-
-
-async def show(sender: Sender, latest: LatestAnswers, heart: Heartbeat) -> None:
-    """Hand over what is known now of all axes, again and again."""
-    retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-    while True:
-        for answer in latest.now():
-            if not await sender.send("answers", answer, heart, retry):
-                break
-        else:
-            await heart.sleep(SHOW_PERIOD_S)
-
-
-async def deliver(
-    sender: Sender, store: Store, output: Output, receiver: str, heart: Heartbeat
-) -> None:
-    """Hand over the events of an outbox in their order; what is refused holds up nobody."""
-    outbox, retry = outbox_of(store, output, receiver), Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-    hour: deque[float] = deque()
-    broken, sent_before = 0, 0
-    while True:
-        try:
-            stored = await heart.patiently(store.run(outbox.waiting, MOST_TOGETHER))
-            batch = due(output, stored, hour)
-            if not batch:
-                await heart.sleep(SHOW_PERIOD_S)
-                continue
-            message = Events(receiver, tuple(each.event for each in batch))
-            refusal = ""
-            try:
-                if not await sender.send(f"events {receiver}", message, heart, retry):
-                    broken += sender.sent > sent_before
-                    sent_before = sender.sent
-                    if broken < MOST_BROKEN:
-                        continue
-                    refusal = f"the connection broke at it {broken} times"
-            except RefusedError as error:
-                refusal = str(error)
-                sender.works(f"events {receiver}", retry)
-            broken, sent_before = 0, sender.sent
-            if output.most_per_hour is not None:
-                hour.append(time.monotonic())
-            for each in batch:
-                if refusal:
-                    name = output.context.name
-                    log.warning("%s: event %d is a dead letter: %s", name, each.id, refusal)
-                    await heart.patiently(store.run(outbox.refused, each.id, refusal))
-                else:
-                    await heart.patiently(store.run(outbox.delivered, each.id))
-        except StoreFailedError as error:
-            await sender.wait(f"events {receiver}", str(error), heart, retry)
 
 
 def due(output: Output, waiting: Sequence[StoredEvent], hour: deque[float]) -> list[StoredEvent]:

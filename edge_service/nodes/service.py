@@ -4,57 +4,65 @@ import asyncio
 import gc
 import getpass
 import logging
-import math
 import os
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
-from functools import partial
+import signal
+import socket
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from typing import Any
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from .. import __version__
 from ..bus.session import Bus, BusUnavailableError
-from ..bus.settings import BusConfigurationError, BusSettings
+from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
-from ..http_api.serve import AddressError
 from ..messages.event import Event, Severity
+from ..messages.health import ComponentStatus
+from ..messages.topics import STATUS
+from ..retry import Retry
 from . import acquire_node, downsample_node, estimate_node, health_node, http_node, output_node
-from .supervision.heartbeat import Heartbeat
-from .supervision.signals import install_stop
-from .supervision.supervisor import START_S
-from .supervision.task import SupervisedTask, Work
-from .supervision.tasks import Tasks
-from .supervision.watchdog import Watchdog
-from .wiring.context import NodeContext
-from .wiring.event_dispatcher import try_to_save
-from .wiring.http_rights import check_access
-from .wiring.process import Process
+from .component import Component
+from .context import NodeContext
+from .http_rights import check_access
+from .stages import load_machines, make_estimator
 
 log = logging.getLogger(__name__)
 PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
-Run = Callable[[NodeContext], Coroutine[Any, Any, None]]
-_JOIN_PERIOD_S = 1.0
 CLOCK_PERIOD_S = 1.0
 DRAIN_S = 0.5
+LOOK_PERIOD_S, HELD_UP_S, TOLD_AGAIN_S = 0.5, 1.0, 60.0
+_JOIN_FIRST_S, _JOIN_CAP_S = 0.5, 5.0
+_RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
+    "downsample": downsample_node.run,
+    "estimate": estimate_node.run,
+    "health": health_node.run,
+    "http": http_node.run,
+}
 
 
-async def run_service(config: EdgeConfig, on_http_ready: Callable[[str], None]) -> None:
+async def run_service(read: Callable[[], EdgeConfig], on_http_ready: Callable[[str], None]) -> None:
     """All nodes in one process, until SIGINT or SIGTERM.
 
     The process is the bus' router: others connect to its endpoint.
+
+    Args:
+        read: reads the configuration, now and again at each SIGHUP.
     """
+    config = read()
     await check_service(config)
     check_access(config)
     place = config.bus
     bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))
-    names = (*config.outputs, *PIPELINE)
-    await _run_on(bus, config, names, on_http_ready)
+    await _run_on(bus, config, (*config.outputs, *PIPELINE), on_http_ready, read)
 
 
-async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str], None]) -> None:
+async def run_node(
+    read: Callable[[], EdgeConfig], name: str, on_http_ready: Callable[[str], None]
+) -> None:
     """One node alone: `bus` is the router, every other node waits for it and joins it."""
+    config = read()
     there = ("bus", *PIPELINE, *config.outputs)
     if name not in there:
         raise ConfigError(f"no node {name!r}; there are {', '.join(sorted(there))}")
@@ -67,142 +75,166 @@ async def run_node(config: EdgeConfig, name: str, on_http_ready: Callable[[str],
         log.info("bus at %s", bus.endpoint)
     else:
         bus = await _join(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
-    await _run_on(bus, config, (name,), on_http_ready)
+    await _run_on(bus, config, (name,), on_http_ready, read)
 
 
 async def _join(settings: BusSettings) -> Bus:
-    waiting = False
+    retry, is_told = Retry(_JOIN_FIRST_S, _JOIN_CAP_S), False
     while True:
         try:
             return await Bus.open(settings)
         except BusUnavailableError as error:
-            if not waiting:
+            if not is_told:
                 log.warning("%s; waiting for it", error)
-            waiting = True
-            await asyncio.sleep(_JOIN_PERIOD_S)
+            is_told = True
+            await asyncio.sleep(retry.pause_s())
 
 
 async def _run_on(
-    bus: Bus, config: EdgeConfig, names: tuple[str, ...], on_http_ready: Callable[[str], None]
+    bus: Bus,
+    config: EdgeConfig,
+    names: tuple[str, ...],
+    on_http_ready: Callable[[str], None],
+    read: Callable[[], EdgeConfig],
 ) -> None:
     try:
         bus.declare_alive(config.keys.alive)
         context = NodeContext(config, bus, on_http_ready)
-        _name_old_files(config)
-        context.events.put((_service_started(config, names),), now_ns())
+        try:
+            who = getpass.getuser()
+        except (KeyError, OSError):  # a user without a name
+            who = str(os.getuid())
+        started = Event(
+            axis="",
+            kind="service_started",
+            severity=Severity.INFO,
+            message=f"edge-service {__version__} started: {' '.join(names)}",
+            time_ns=now_ns(),
+            who=who,
+            origin=f"process {os.getpid()}",
+            data={"version": __version__, "configuration_digest": config.digest},
+        )
+        context.events.put((started,), now_ns())
+        with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
+            loop = asyncio.get_running_loop()
+            loop.add_signal_handler(signal.SIGHUP, reread, context, read)
         await run_nodes(context, names, install_stop())
     finally:
         await bus.close()
 
 
-def _service_started(config: EdgeConfig, names: tuple[str, ...]) -> Event:
+def install_stop() -> asyncio.Event:
+    """An event that SIGINT and SIGTERM set."""
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
+            loop.add_signal_handler(number, stop.set)
+    return stop
+
+
+def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
+    """Let axes whose table or machine file has changed begin anew; all else needs a restart."""
+    old = {axis.name: axis for axis in context.config.axes}
     try:
-        who = getpass.getuser()
-    except (KeyError, OSError):  # a user without a name
-        who = str(os.getuid())
-    return Event(
-        axis="",
-        kind="service_started",
-        severity=Severity.INFO,
-        message=f"edge-service {__version__} started: {' '.join(names)}",
-        time_ns=now_ns(),
-        who=who,
-        origin=f"process {os.getpid()}",
-        data={"version": __version__, "configuration_digest": config.digest},
-    )
+        config = read()
+        machines = load_machines(config)
+        changed = []
+        for axis in config.axes:
+            machine = machines[axis.name]
+            is_same = axis.name in old and axis.model_dump() == old[axis.name].model_dump()
+            if axis.name in old and not (is_same and machine == context.machines[axis.name]):
+                acquire_node.make_driver(axis)
+                make_estimator(config.estimator, machine)
+                changed.append(axis)
+    except ConfigError as error:
+        log.error("the configuration is not taken over: %s", error)
+        return
+    for axis in changed:
+        log.info("axis %s begins anew", axis.name)
+        context.renew(axis, machines[axis.name])
+    beside = {"axes"}
+    is_same = config.model_dump(exclude=beside) == context.config.model_dump(exclude=beside)
+    if not is_same or {axis.name for axis in config.axes} != set(old):
+        log.warning("what has changed beside the axes takes effect after a restart")
 
 
-def _name_old_files(config: EdgeConfig) -> None:
-    """Say once which files in the state folder nobody reads any more."""
-    folder = config.store.folder
-    if folder is not None and folder.is_dir():
-        old = sorted(path.name for path in (*folder.glob("axis=*"), *folder.glob("@*")))
-        if old:
-            log.warning("%s: of a former version, and not read: %s", folder, ", ".join(old))
-
-
-async def run_nodes(
-    context: NodeContext,
-    names: tuple[str, ...],
-    stop: asyncio.Event,
-    *,
-    until_sources_end: bool = False,
-) -> None:
-    """Run nodes until `stop` is set; one that fails is begun again while the others go on.
-
-    With `until_sources_end` they also end, drained, when every driver's source has ended.
+async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.Event) -> None:
+    """Run nodes until `stop` is set, or, of a replay, its sources have ended.
 
     Raises:
-        ConfigError: what cannot work, found while the service starts. AddressError alike.
-        TaskGivenUpError: a part that the service cannot do without fails again and again.
+        PartFailedError: a part that the service cannot do without failed.
+        ConfigError, AddressError: what only a person can mend.
     """
     gc.collect()
     gc.freeze()  # a full collection over the imported libraries would stop the loop for 0.2 s
-    supervisor = context.supervisor
-    supervisor.final = (ConfigError, AddressError, BusConfigurationError)
-    supervisor.start_s = math.inf if until_sources_end else START_S
-    process = Process(
-        context,
-        "service" if len(names) > 1 else f"{names[0]}_process",
-        serves="http" in names,
-        watchdog=Watchdog.of_environment(),
-    )
-    async with closing_store(context), process.running() as tasks:
-        tasks.repeat("clock", CLOCK_PERIOD_S, CLOCK.follow)
-        sources = _begin(process.context, tasks, names)
+    name = "service" if len(names) > 1 else f"{names[0]}_process"
+    process = Component(context, name)
+    tell_url = context.on_http_ready
 
-        def look(now_s: float) -> bool:
-            process.look(now_s)
-            return until_sources_end and all(source.done.is_set() for source in sources)
+    def served(url: str) -> None:
+        notify_systemd("READY=1")
+        tell_url(url)
 
-        await supervisor.run(stop, look)
-        if not stop.is_set():
-            await asyncio.sleep(DRAIN_S)
-
-
-@asynccontextmanager
-async def closing_store(context: NodeContext) -> AsyncIterator[None]:
-    """Write what waits and close the store when all nodes have ended."""
+    context.on_http_ready = served
     try:
-        yield
+        async with process.running():
+            process.to(ComponentStatus.OK)
+            process.repeat(CLOCK_PERIOD_S, CLOCK.follow)
+            process.start(_watch_loop())
+            process.start(_feed_watchdog(context, name))
+            process.start(context.dispatcher.run(process.bears))
+            for each in names:
+                if each in context.config.outputs:
+                    process.start(output_node.run(context, each))
+                elif each in _RUNS:
+                    process.start(_RUNS[each](context))
+            axes = context.config.axes if "acquire" in names else ()
+            sources = [process.start(acquire_node.run(context, axis)) for axis in axes]
+            if "http" not in names:
+                notify_systemd("READY=1")
+            if context.is_replay:
+                process.start(_stop_after(sources, stop))
+            await stop.wait()
+            notify_systemd("STOPPING=1")
     finally:
-        try_to_save(context.events)
+        context.dispatcher.flush()
         context.store.close()
 
 
-def _begin(context: NodeContext, tasks: Tasks, names: tuple[str, ...]) -> list[SupervisedTask]:
-    """Begin the nodes; returns those that read the axes."""
-    for name in names:
-        if name in context.config.outputs:
-            tasks.start(name, _life(context, partial(output_node.run, name=name)))
-        elif name in _RUNS:
-            tasks.start(name, _life(context, _RUNS[name]), vital=True)
-    return [
-        tasks.start(
-            f"acquire {axis.name}",
-            _life(context, partial(acquire_node.run, axis=axis)),
-            may_end=True,
-        )
-        for axis in (context.config.axes if "acquire" in names else ())
-    ]
+async def _stop_after(sources: list[asyncio.Task[None]], stop: asyncio.Event) -> None:
+    """Stop when all sources have ended, and what they gave has passed all nodes."""
+    await asyncio.wait(sources)
+    await asyncio.sleep(DRAIN_S)
+    stop.set()
 
 
-def _life(context: NodeContext, run: Run) -> Work:
-    """One life of a node: what it declares on the bus ends with it."""
+async def _watch_loop() -> None:
+    """Tell, at most once a minute, when nothing could run for more than a second."""
+    loop = asyncio.get_running_loop()
+    while True:
+        begun_s = loop.time()
+        await asyncio.sleep(LOOK_PERIOD_S)
+        held_s = loop.time() - begun_s - LOOK_PERIOD_S
+        if held_s > HELD_UP_S:
+            log.warning("The service was held up for %.1f s; is the computer overloaded?", held_s)
+            await asyncio.sleep(TOLD_AGAIN_S)
 
-    async def life(heart: Heartbeat) -> None:
-        with context.of_node(heart) as own:
-            await run(own)
 
-    return life
+async def _feed_watchdog(context: NodeContext, component: str) -> None:
+    """Feed systemd's watchdog with each report of the process that comes back over the bus."""
+    key = context.config.keys.component(component, None, STATUS)
+    async for _ in context.bus.subscribe(key, STATUS, keys=(key,)):
+        notify_systemd("WATCHDOG=1")
 
 
-_RUNS: dict[str, Run] = {
-    "downsample": downsample_node.run,
-    "estimate": estimate_node.run,
-    "health": health_node.run,
-    "http": http_node.run,
-}
+def notify_systemd(line: str) -> None:
+    """Send a word to systemd, if it asks for any: sd_notify(3)."""
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if address[:1] in ("/", "@"):
+        kind = socket.SOCK_DGRAM | socket.SOCK_CLOEXEC
+        with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as to:
+            to.setblocking(False)
+            to.sendto(line.encode(), address.replace("@", "\0", 1))
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:

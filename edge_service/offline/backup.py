@@ -7,7 +7,6 @@ import hashlib
 import json
 import os
 import shutil
-import sqlite3
 import tempfile
 import tomllib
 import zlib
@@ -22,10 +21,17 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 from pydantic import ValidationError
 
 from .. import __version__
-from ..atomic import PRIVATE, made_folder, replaced_bytes, sync_file, sync_folder
+from ..atomic import (
+    PRIVATE,
+    made_folder,
+    new_file,
+    put_in_place,
+    replaced_bytes,
+    sync_file,
+)
 from ..command_answer import Answer
 from ..config import load_config, state_folder
-from ..health.store.store import FILE_NAME, Store, StoreFailedError
+from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
 from ..messages.estimate import Frozen
 from .document import Document
 
@@ -233,7 +239,7 @@ def _restored(
     """Unpack beside the places, check all, then put each folder in place by one rename."""
     place = config.parent
     written = _unpacked(archive, manifest, CONFIG, _stage(place, stages), place)
-    (written / manifest.config).rename(written / config.name)
+    put_in_place(written / manifest.config, written / config.name)
     _check_config(written, place, force=force)
     places, lines = [(written, place)], [f"{config}: restored"]
     folder = _state_folder(written / config.name, place)
@@ -283,14 +289,8 @@ def _check_state(folder: Path, *, force: bool) -> None:
     if not force and folder.exists() and any(folder.iterdir()):
         raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
     path = folder / FILE_NAME
-    if path.exists():
-        try:
-            with closing(sqlite3.connect(path, 0.1)) as file:
-                file.execute("PRAGMA journal_mode = DELETE")  # for whoever has it alone
-        except sqlite3.OperationalError:
-            raise BackupError(f"{path} is in use: stop the service first") from None
-        except sqlite3.DatabaseError:
-            pass  # damaged: that is why it is restored
+    if path.exists() and is_in_use(path):
+        raise BackupError(f"{path} is in use: stop the service first")
 
 
 def _stage(place: Path, stages: ExitStack) -> Path:
@@ -313,7 +313,7 @@ def _unpacked(archive: ZipFile, manifest: Manifest, room: str, stage: Path, plac
         path = stage / name.removeprefix(f"{room}/")
         path.parent.mkdir(parents=True, exist_ok=True)
         digest, left = hashlib.sha256(), kept.length
-        with archive.open(name) as source, path.open("xb") as file:
+        with archive.open(name) as source, new_file(path) as file:
             while left and (content := source.read(min(left, _CHUNK_BYTES))):
                 digest.update(content)
                 file.write(content)
@@ -357,18 +357,17 @@ def _swapped(stage: Path, place: Path) -> Callable[[], None]:
     aside = place.with_name(f"{place.name}.before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
     was_there = place.exists() and any(place.iterdir())
     if was_there:
-        place.rename(aside)
+        put_in_place(place, aside)
     try:
-        stage.rename(place)
+        put_in_place(stage, place)
     except OSError:
         if was_there:
-            aside.rename(place)
+            put_in_place(aside, place)
         raise
-    sync_folder(place.parent)
 
     def undo() -> None:
-        place.rename(stage)
+        put_in_place(place, stage)
         if was_there:
-            aside.rename(place)
+            put_in_place(aside, place)
 
     return undo

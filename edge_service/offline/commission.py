@@ -14,7 +14,7 @@ from ..estimate.commissioning.steady_phases import observed_limits
 from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits
-from ..nodes.wiring.stages import make_downsampler
+from ..nodes.stages import make_downsampler
 from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent

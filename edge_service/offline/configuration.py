@@ -12,8 +12,8 @@ from drivers.registry import driver_names, load_driver
 from ..bus.settings import BusConfigurationError, BusSettings, zenoh_config
 from ..command_answer import Answer
 from ..config import ConfigError, EdgeConfig, load_machine, read_config
+from ..nodes.http_rights import check_access
 from ..nodes.service import check_service
-from ..nodes.wiring.http_rights import check_access
 from ..outputs.base import load_output
 from .document import Document
 

@@ -20,7 +20,7 @@ from ..messages.quality import Quality, is_bad, is_uncertain
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
-from ..nodes.wiring.stages import make_estimator
+from ..nodes.stages import make_estimator
 from .document import Document
 from .examination import examine
 from .recordings import Progress, silent

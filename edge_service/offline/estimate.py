@@ -1,6 +1,7 @@
 """The same way through the house without a bus: a recording in, estimates out."""
 
 import csv
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -10,15 +11,13 @@ from ..config import ConfigError, EstimatorConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..nodes.wiring.estimate_state import (
+from ..nodes.estimated_axis import (
     DAMAGED,
     Kept,
     StateError,
     identity_of,
-    read_kept,
-    write_kept,
 )
-from ..nodes.wiring.stages import make_downsampler, make_estimator
+from ..nodes.stages import make_downsampler, make_estimator
 from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
@@ -50,8 +49,9 @@ class OfflineEstimate:
     def restore(self, path: Path) -> None:
         """Go on from a file, if it is there. Raises ConfigError if it is no state of this axis."""
         try:
-            kept = read_kept(path, self._axis, self._identity)
-            if kept is not None:
+            if path.exists():
+                document = json.loads(path.read_bytes())
+                kept = Kept.of(document, self._axis, self._identity)
                 self._downsampler.restore(kept.snapshot["downsampler"])
                 self._estimator.restore(kept.snapshot["estimator"])
                 self._end_s, self._restored = kept.time_s, True
@@ -64,7 +64,9 @@ class OfflineEstimate:
             "downsampler": self._downsampler.snapshot(),
             "estimator": self._estimator.snapshot(),
         }
-        write_kept(path, self._axis, self._identity, Kept(self._end_s, 0, snapshot))
+        document = Kept(self._end_s, 0, snapshot).document(self._axis, self._identity)
+        with replaced_file(path) as file:
+            json.dump(document, file)
 
     def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:
         """One estimate per completed interval, as the service would publish it."""

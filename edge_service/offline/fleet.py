@@ -21,6 +21,7 @@ from ..messages.addresses import is_http_url, is_loopback
 from ..messages.estimate import EstimateStatus
 from ..messages.health import AxisCondition
 from ..messages.printed import printed
+from ..threads import Threads
 from .document import Document
 
 ANSWER_S = 5.0  # for all answers together
@@ -79,8 +80,9 @@ class FleetWatch:
             listener.close()
 
     async def _look(self) -> list[FleetRow]:
+        threads = Threads("fleet", len(self._routers))
         asked = [_service(*each) for each in self._services.items()]
-        heard = [asyncio.to_thread(self._router, address) for address in self._routers]
+        heard = [threads.run(self._router, address) for address in self._routers]
         return [row for rows in await asyncio.gather(*asked, *heard) for row in rows]
 
     def _router(self, address: str) -> list[FleetRow]:

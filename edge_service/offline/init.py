@@ -134,9 +134,11 @@ def _drafted(
         said = [line for line in lines if not line.startswith(str(machine))]
     elif request.machine is None:
         sheet = asked(request.sheet, ASKED, ask)
-        machine.write_text(stated_text(request.axis, sheet), "utf-8")
+        with replaced_file(machine) as file:
+            file.write(stated_text(request.axis, sheet))
     named = str(request.machine.resolve()) if request.machine else MACHINE
-    draft.write_text(_configuration_text(request, named), "utf-8")
+    with replaced_file(draft) as file:
+        file.write(_configuration_text(request, named))
     shown = "" if request.out.parent == Path() else f"{request.out.parent}/"
     try:
         for axis in load_config(draft).axes:

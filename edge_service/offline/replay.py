@@ -12,9 +12,8 @@ from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
 from ..messages.printed import printed
 from ..messages.topics import PRELOAD
-from ..nodes.service import PIPELINE, check_service, run_nodes
-from ..nodes.supervision.signals import install_stop
-from ..nodes.wiring.context import NodeContext
+from ..nodes.context import NodeContext
+from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
 from .document import Document
 
 
@@ -55,10 +54,9 @@ async def replay_trace(
         answers = bus.subscribe(config.keys.key(name, PRELOAD), PRELOAD)
         following = asyncio.create_task(_follow(answers))
         await run_nodes(
-            NodeContext(config, bus, announce, keeps_estimates=False),
+            NodeContext(config, bus, announce, keeps_estimates=False, is_replay=not hold),
             PIPELINE,
             install_stop(),
-            until_sources_end=not hold,
         )
         answers.close()
         count, last = await following

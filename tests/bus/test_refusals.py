@@ -6,9 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.bus.refusals import MOST_KEYS, OTHERS, Refusal, Refusals, together
-from edge_service.bus.rings import Arrival, KeyRings
-from edge_service.bus.sender import MOST_JUMP, Sender
+from edge_service.bus.reception import (
+    MOST_JUMP,
+    MOST_KEYS,
+    OTHERS,
+    Arrival,
+    KeyRings,
+    Refusal,
+    Refusals,
+    Sender,
+    together,
+)
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.header import Header

@@ -24,7 +24,7 @@ from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import FEAT
 from edge_service.models.machine import Machine
-from edge_service.nodes.wiring.estimate_state import DAMAGED
+from edge_service.nodes.estimated_axis import DAMAGED
 
 from ..bench.estimator.axis import OwnAxis, downsampled
 

@@ -8,7 +8,7 @@ import pytest
 from edge_service.config import EstimatorConfig
 from edge_service.estimate.registry import make_estimator
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.nodes.stages import make_downsampler
 
 from ..bench.estimator.axis import OwnAxis
 

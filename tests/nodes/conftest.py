@@ -1,7 +1,6 @@
 """Parts of the tests of the whole service."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -19,21 +18,16 @@ from edge_service.config import (
     HttpConfig,
     load_machine,
 )
+from edge_service.estimate.interface import PreloadEstimator
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.estimated_axis import EstimatedAxis
 from edge_service.nodes.service import PIPELINE, run_nodes
-from edge_service.nodes.supervision.heartbeat import Heartbeat
-from edge_service.nodes.supervision.supervisor import Supervisor
-from edge_service.nodes.wiring.context import NodeContext
 from edge_service.recordings.writer import TraceWriter
 
 PATIENCE_S = 30.0
 RATE_HZ = 1000.0
-
-
-def heart() -> Heartbeat:
-    """A sign of life that nobody looks at."""
-    return Heartbeat("test", float("inf"), time.monotonic)
 
 
 def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConfig:
@@ -41,6 +35,15 @@ def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConf
     axis = AxisConfig(name="X", machine=DEFAULT_MACHINE, driver=driver, settings=settings)
     places = {"bus": BusConfig(endpoint="tcp/127.0.0.1:0"), "http": HttpConfig(port=0)}
     return EdgeConfig.model_validate(places | {"axes": (axis,)} | changes)
+
+
+def estimated(make: Callable[[], PreloadEstimator]) -> EstimatedAxis:
+    """Axis X, estimated; an error that its estimator raises fails the test."""
+
+    def fail(error: Exception) -> str:
+        raise AssertionError from error
+
+    return EstimatedAxis("X", make, fail, lambda _reason: None)
 
 
 class Running:
@@ -58,7 +61,6 @@ async def running(
     names: tuple[str, ...] = PIPELINE,
     *,
     until_sources_end: bool = False,
-    supervisor: Supervisor | None = None,
 ) -> AsyncIterator[Running]:
     """Run nodes on a bus of their own."""
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
@@ -69,8 +71,8 @@ async def running(
         if not address.done():  # a server that was begun again tells it again
             address.set_result(url)
 
-    context = NodeContext(config, bus, on_ready, supervisor=supervisor or Supervisor())
-    task = asyncio.create_task(run_nodes(context, names, stop, until_sources_end=until_sources_end))
+    context = NodeContext(config, bus, on_ready, is_replay=until_sources_end)
+    task = asyncio.create_task(run_nodes(context, names, stop))
     try:
         yield Running(bus, address, task)
     finally:

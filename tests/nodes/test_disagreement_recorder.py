@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.samples import SampleFrame
-from edge_service.nodes.stores.disagreement_recorder import (
+from edge_service.nodes.record_node import (
     AFTER_S,
     BEFORE_S,
     KEEP_S,
@@ -16,8 +16,6 @@ from edge_service.nodes.stores.disagreement_recorder import (
     DisagreementRecorder,
 )
 from edge_service.recordings.reader import read_trace
-
-from .conftest import heart
 
 RATE_HZ = 100.0
 
@@ -50,7 +48,7 @@ class Scene:
         for _ in range(round(seconds)):
             time_s = self.now_s + np.arange(RATE_HZ) / RATE_HZ
             self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
-            await self.recorder.write(heart())
+            await self.recorder.write()
             self.now_s += 1.0
 
 

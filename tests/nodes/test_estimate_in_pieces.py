@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.atomic import read_checked, write_checked
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 
@@ -68,14 +67,14 @@ def spoiled_state(folder: Path, trace: Path, name: str) -> Path:
     state = folder / "axis.state"
     estimate(trace, COMMISSIONED, "--state", str(state))
     text = state.read_text()
-    content = json.loads(read_checked(state) or "")
+    content = json.loads(state.read_text())
     others = {
         "other machine": {"machine": "0" * 64},
         "other axis": {"axis": "Y"},
         "changed": {"state": content["state"].replace("0", "1", 1)},
     }
     if name in others:
-        write_checked(state, json.dumps(content | others[name]))
+        state.write_text(json.dumps(content | others[name]))
     else:
         state.write_text({"torn": text[:-20], "binary": "\x00\x01"}[name])
     return state

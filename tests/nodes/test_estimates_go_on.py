@@ -18,7 +18,6 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from edge_service.atomic import read_checked
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.config import (
     DEFAULT_CONFIG,
@@ -45,22 +44,19 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes import estimate_node
-from edge_service.nodes.wiring.context import NodeContext
-from edge_service.nodes.wiring.estimate_state import (
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.estimated_axis import (
     AHEAD_S,
     LONGEST_STOP_S,
     UNKNOWN_STOP_S,
     Kept,
     StateError,
     identity_of,
-    read_kept,
-    write_kept,
 )
-from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
-from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
-from .conftest import PATIENCE_S, Running, config_of, running, until
+from .conftest import PATIENCE_S, Running, config_of, estimated, running, until
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
 PERCENT = 6.0
@@ -287,7 +283,7 @@ def identity(of: Machine | None = None) -> str:
 
 
 def kept_at(end_ns: int) -> Kept:
-    axis = EstimatedAxis("X", MixturePreloadEstimator(machine()))
+    axis = estimated(lambda: MixturePreloadEstimator(machine()))
     for number, block in enumerate(blocks()[:50]):
         axis.take(Header(number, 1, end_ns - (49 - number) * NS // 10, 0), block)
     kept = axis.to_keep()
@@ -382,7 +378,7 @@ def test_a_state_of_a_part_that_was_replaced_is_refused() -> None:
 
 @pytest.mark.parametrize("step_s", [74 * 365 * 86400.0, -7200.0])
 def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
-    axis, told = EstimatedAxis("X", MixturePreloadEstimator(machine())), []
+    axis, told = estimated(lambda: MixturePreloadEstimator(machine())), []
     for number, block in enumerate(blocks()):
         if number == 50:
             axis.move(round(step_s * NS))
@@ -395,18 +391,3 @@ def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
 def test_the_default_configuration_keeps_nothing() -> None:
     assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).store.folder is None
     assert "# folder" in DEFAULT_CONFIG.read_text()
-
-
-def test_a_state_of_version_0_1_0_can_be_read(tmp_path: Path) -> None:
-    path = tmp_path / "estimate.json"
-    recorded = (
-        '{"schema": "estimate-state/1", "axis": "X", "machine": "abc", "time_s": 1.5, '
-        '"source_time_ns": 9, '
-        '"sha256": "e569038494a75bd161110408b3abdabca299c67bd3d4d0aad4f42af94423f88f", '
-        '"state": "{\\"schema\\": \\"x/1\\", \\"a\\": [1.0]}"}'
-    )
-    path.write_text(recorded)
-    kept = read_kept(path, "X", "abc")
-    assert kept == Kept(1.5, 9, {"schema": "x/1", "a": [1.0]})
-    write_kept(path, "X", "abc", kept)
-    assert read_checked(path) == recorded

@@ -3,7 +3,7 @@
 import asyncio
 import threading
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ import pytest
 from edge_service.health.store.events import EventLog, StoredEvent
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.event import Event, Severity
-from edge_service.nodes.wiring import event_dispatcher as module
-from edge_service.nodes.wiring.event_dispatcher import SILENT, EventDispatcher, StoreWatch
+from edge_service.nodes import context as module
+from edge_service.nodes.context import SILENT, EventDispatcher
 
-from .conftest import heart, until
+from .conftest import until
 
 
 def event(message: str) -> Event:
@@ -47,7 +47,7 @@ class Scene:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        task = asyncio.create_task(self.dispatcher.run(heart()))
+        task = asyncio.create_task(self.dispatcher.run(lambda _what: nullcontext()))
         try:
             yield
         finally:
@@ -105,17 +105,16 @@ async def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(
         scene.log.store.problem = "disk full"
         raise StoreFailedError("disk full")
 
-    watch = StoreWatch(scene.log)
     with monkeypatch.context() as broken:
         broken.setattr(scene.log.store, "write", fail)
         async with scene.running():
             scene.put("one")
             assert await scene.heard(1) == [("one", "disk full")]
-        kinds = [each.kind for _ in range(2) for each in watch.news(1)]
+        kinds = [each.kind for _ in range(2) for each in scene.dispatcher.news(1)]
         assert kinds == ["store_failing"]
     scene.dispatcher.flush()
     scene.log.store.damages.append("x: damaged")
-    assert [each.kind for each in watch.news(2)] == ["store_recovered", "store_damaged"]
+    assert [each.kind for each in scene.dispatcher.news(2)] == ["store_recovered", "store_damaged"]
     assert [each.event.message for each in scene.log.after(0, 10)] == ["one"]
 
 

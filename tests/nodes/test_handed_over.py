@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from edge_service.bus.decoding import Decoding
+from edge_service.bus.publisher import Decoding
 from edge_service.config_tables import StoreConfig
 from edge_service.messages.header import Header
 

@@ -13,23 +13,25 @@ from hypothesis import strategies as st
 from edge_service.config import EstimatorConfig, load_machine
 from edge_service.downsample.vibration import AxisVibration, VibrationSettings
 from edge_service.health.alarms.axis_alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.service_state import ServiceState
 from edge_service.health.settings import HealthSettings
+from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.http_api import compose
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.header import Header
 from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS
 from edge_service.nodes.downsample_node import source_time_ns
-from edge_service.nodes.health_node import axis_facts
-from edge_service.nodes.stores.disagreement_recorder import DisagreementRecorder
-from edge_service.nodes.wiring.estimated_axis import EstimatedAxis
-from edge_service.nodes.wiring.stages import make_downsampler, make_estimator
+from edge_service.nodes.record_node import DisagreementRecorder
+from edge_service.nodes.stages import make_downsampler, make_estimator
 
 from ..messages.examples import HEADER, PAYLOADS
 from ..messages.hostile import hostile
+from .conftest import estimated
 
 MACHINE = load_machine(Path(__file__).parents[2] / "deploy" / "commissioned.toml")
+GEOMETRY = ScrewGeometry(MACHINE.transmission_ratio_m_per_rad, MACHINE.axis.stroke_m)
+FACTS = AxisFacts("X", MACHINE.fresh_preload_percent, GEOMETRY)
 START_NS = HEADER.source_time_ns
 ANSWERS = (
     compose.preload_answer,
@@ -46,11 +48,9 @@ class Readers:
 
     def __init__(self, folder: Path) -> None:
         self.state = ServiceState({"X": HealthSettings().limits(10.0), "Y": None}, START_NS)
-        self.monitor = AxisMonitor(
-            axis_facts("X", MACHINE), HealthSettings(), AlarmSettings(), START_NS
-        )
+        self.monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
         self.downsampler = make_downsampler(MACHINE)
-        self.axis = EstimatedAxis("X", make_estimator(EstimatorConfig(), MACHINE))
+        self.axis = estimated(lambda: make_estimator(EstimatorConfig(), MACHINE))
         self.vibration = AxisVibration(VibrationSettings())
         self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)
         self.take: dict[str, Callable[[str, Header, Any], None]] = {

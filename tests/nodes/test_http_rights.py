@@ -9,7 +9,7 @@ import trustme
 
 from edge_service.config import ConfigError, HttpConfig
 from edge_service.config_tables import StoreConfig
-from edge_service.nodes.wiring.http_rights import check_access, server_files, tokens_of
+from edge_service.nodes.http_rights import check_access, server_files, tokens_of
 from tests.certificates import write_certificates
 
 from .conftest import config_of, running, until

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,14 +15,14 @@ import pytest
 
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
 from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
+from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis
-from edge_service.nodes.service import PIPELINE, run_nodes
-from edge_service.nodes.wiring.context import NodeContext
+from edge_service.nodes.service import PIPELINE, reread, run_nodes
 from edge_service.offline.estimate import estimates
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
@@ -275,3 +276,51 @@ def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path
             _, errors = process.communicate(timeout=20.0)
     assert process.returncode == 0
     assert "Traceback" not in errors
+
+
+async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def written(x_percent: float, port: int, driver: str = "simulated") -> EdgeConfig:
+        shutil.copy(DEFAULT_MACHINE, tmp_path / "machine.toml")
+        path = tmp_path / "edge.toml"
+        tables = [
+            f'[[axes]]\nname = "{name}"\nmachine = "machine.toml"\ndriver = "{driver}"\n'
+            f"[axes.settings]\nstart_percent = {percent}\n"
+            for name, percent in (("X", x_percent), ("Y", 6.0))
+        ]
+        path.write_text(f"[http]\nport = {port}\n" + "\n".join(tables))
+        return load_config(path)
+
+    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    context, stop = NodeContext(written(6.0, 1), bus), asyncio.Event()
+    renewed: list[str] = []
+    context.renewals.append(lambda axis: renewed.append(axis.name))
+    reports = bus.subscribe(context.config.keys.all_components(STATUS), STATUS, depth=4096)
+    running_nodes = asyncio.create_task(run_nodes(context, ("acquire", "health"), stop))
+
+    async def heard(axis: str, status: ComponentStatus) -> None:
+        async with asyncio.timeout(20.0):
+            async for _, _, report in reports:
+                if (report.axis, report.status) == (axis, status):
+                    return
+
+    try:
+        await heard("Y", ComponentStatus.OK)
+        await heard("X", ComponentStatus.OK)
+        reread(context, lambda: written(6.0, 1))
+        assert renewed == []
+        reread(context, lambda: written(5.0, 2))
+        assert renewed == ["X"]
+        assert context.config.axes[0].settings == {"start_percent": 5.0}
+        await heard("X", ComponentStatus.STARTING)
+        await heard("X", ComponentStatus.OK)
+        reread(context, lambda: written(5.0, 1, "none"))
+        assert renewed == ["X"]
+    finally:
+        stop.set()
+        await running_nodes
+        await bus.close()
+    restart, refused = (each for each in caplog.messages if "axes" in each)
+    assert restart == "what has changed beside the axes takes effect after a restart"
+    assert "axes.X.driver: no driver 'none'" in refused

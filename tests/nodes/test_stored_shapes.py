@@ -24,8 +24,8 @@ from edge_service.health.trend.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.header import Header
 from edge_service.nodes import estimate_node, health_node
-from edge_service.nodes.wiring.context import NodeContext
-from edge_service.nodes.wiring.estimate_state import DAMAGED, Kept, StateError
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.estimated_axis import DAMAGED, Kept, StateError
 
 from ..bench.estimator.axis import OwnAxis
 from ..documents import ROOT
@@ -108,7 +108,8 @@ def test_states_of_any_content_are_set_aside_named_and_counted(
         estimators.load()
         assert monitors.damaged == estimators.damaged == 1
         use(monitors.axes["X"])
-        monitors.end()
+        monitors.keep()
+        context.dispatcher.flush()
         (*_, told) = context.events.page(10)
         assert told.event.kind == "store_damaged"
         assert "monitor.damaged-" in told.event.message

@@ -9,7 +9,7 @@ import pytest
 from edge_service.config import load_machine
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.nodes.wiring import stages
+from edge_service.nodes import stages
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,7 +36,7 @@ from drivers.base import DriverContext
 from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
 from numba.core.event import install_recorder
-from edge_service.nodes.wiring import stages
+from edge_service.nodes import stages
 
 machine = load_machine(DEFAULT_MACHINE.with_name("commissioned.toml"))
 

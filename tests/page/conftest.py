@@ -20,8 +20,8 @@ from edge_service.config import (
     HttpConfig,
     StoreConfig,
 )
+from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import PIPELINE, run_nodes
-from edge_service.nodes.wiring.context import NodeContext
 
 CHROMIUM = shutil.which("chromium")
 PATIENCE_MS = 120_000

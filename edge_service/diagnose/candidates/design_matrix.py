@@ -1,8 +1,6 @@
 """Design matrix of a session: the columns of all candidates beside what a healthy axis may have."""
 
-import concurrent.futures
 import itertools
-import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +12,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Effect, Kind, Role
 from ...models.effects.registry import effects, get_effect
 from ...models.machine import Machine
+from ...threads import in_threads
 from ..session.session import Integers, Session
 from ..session.twin import parameter_tolerances
 from .normal_equations import Columns, NormalEquations
@@ -213,8 +212,7 @@ def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel
         found[:, first[k] : first[k + 1]] = columns
         return bool(np.any(columns))
 
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        shows = list(pool.map(fill, [each[0] for each in families.values()]))
-        others = itertools.compress((each[1:] for each in families.values()), shows)
-        list(pool.map(fill, itertools.chain.from_iterable(others)))
+    shows = in_threads(fill, (each[0] for each in families.values()))
+    others = itertools.compress((each[1:] for each in families.values()), shows)
+    in_threads(fill, itertools.chain.from_iterable(others))
     return found

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from ...atomic import made_folder, sync_file, sync_folder
+from ...atomic import made_folder, new_file, put_in_place, sync_file
 from ...threads import Threads
 
 T = TypeVar("T")
@@ -242,7 +242,7 @@ class Store:
         new = path.with_name(f".{path.name}.part")
         for part in _parts(new):
             part.unlink(missing_ok=True)
-        os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _FILE_MODE))
+        new_file(new, _FILE_MODE).close()
         if os.geteuid() == 0:
             owner = path.parent.stat()
             os.chown(new, owner.st_uid, owner.st_gid)
@@ -255,7 +255,19 @@ class Store:
                     old.text_factory = _text
                     _rescue(old, file)
         sync_file(new)
-        new.replace(_new_of(path))
+        put_in_place(new, _new_of(path))
+
+
+def is_in_use(path: Path) -> bool:
+    """True while another process has the file open; a damaged one counts as left alone."""
+    try:
+        with closing(sqlite3.connect(path, 0.1)) as file:
+            file.execute("PRAGMA journal_mode = DELETE")  # for whoever has it alone
+    except sqlite3.OperationalError:
+        return True
+    except sqlite3.DatabaseError:
+        pass  # that is why it is restored
+    return False
 
 
 def damaged_name(name: str) -> str:
@@ -334,8 +346,7 @@ def _code(error: BaseException) -> int:
 def _set_aside(path: Path) -> str:
     """Name under which a damaged file is kept beside its place from now on."""
     aside = path.with_name(damaged_name(path.name))
-    path.replace(aside)
-    sync_folder(path.parent)
+    put_in_place(path, aside)
     return aside.name
 
 
@@ -353,8 +364,7 @@ def _finish(path: Path) -> None:
     if _new_of(path).exists() and not path.exists():
         for part in _parts(path):
             part.unlink(missing_ok=True)  # a log of the old file must not meet the new one
-        _new_of(path).replace(path)
-        sync_folder(path.parent)
+        put_in_place(_new_of(path), path)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from ...messages.channels import ANGLE, TABLE_POSITION
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import effects, get_effect
 from ...models.machine import Machine
-from ...nodes.wiring.stages import make_downsampler
+from ...nodes.stages import make_downsampler
 from ..recordings import open_recording
 
 _TRUST = 0.5

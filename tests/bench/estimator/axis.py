@@ -15,7 +15,7 @@ from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Dwell, Segment, Setpoints, motion_limits
-from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.nodes.stages import make_downsampler
 
 from .scores import Recorded
 

@@ -26,7 +26,7 @@ from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
-from edge_service.nodes.wiring.stages import make_estimator
+from edge_service.nodes.stages import make_estimator
 from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.writer import TraceWriter

@@ -15,7 +15,7 @@ from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavaila
 from drivers.replay import LONGEST_STEP_S, ReplayConfig, ReplayDriver
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
-from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.nodes.stages import make_downsampler
 
 ROOT = Path(__file__).parents[3]
 EMPS = ROOT.parent / "shared" / "data" / "emps" / "emps_estimation.csv"

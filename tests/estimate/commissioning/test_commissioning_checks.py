@@ -16,7 +16,7 @@ from edge_service.messages.channels import TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
-from edge_service.nodes.wiring.stages import make_downsampler
+from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.commission import commission_to_file
 
 from .plain_axis import PlainAxis

@@ -4,11 +4,11 @@ import ssl
 from collections.abc import Callable
 from pathlib import Path
 
-from ...config import ConfigError, EdgeConfig, HttpConfig
-from ...health.store.store import FILE_NAME, Store, StoreFailedError
-from ...health.store.tokens import Tokens, token_of
-from ...messages.addresses import is_loopback
-from ...secret_files import SecretError, expanded, read_secret
+from ..config import ConfigError, EdgeConfig, HttpConfig
+from ..health.store.store import FILE_NAME, Store, StoreFailedError
+from ..health.store.tokens import Tokens, token_of
+from ..messages.addresses import is_loopback
+from ..secret_files import SecretError, expanded, read_secret
 
 _FIRST = "edge-service token CONFIG --add NAME --role operator"
 
@@ -81,21 +81,3 @@ def server_files(
         pair = f"{certificate} with {private_key}"
         raise ConfigError(f"{table}.certificate: {pair}: {reason}") from None
     return certificate, key
-
-
-class Address:
-    """Address of the page: the port that was free at first stays, and is told once."""
-
-    def __init__(
-        self, host: str, port: int, tell: Callable[[str], None], scheme: str = "http"
-    ) -> None:
-        self.host, self.port, self._scheme = host, port, scheme
-        self._tell: Callable[[str], None] | None = tell
-
-    def bound(self, host: str, port: int) -> None:
-        """Note that connections are taken."""
-        self.port = port
-        if self._tell is not None:
-            shown = f"[{host}]" if ":" in host else host
-            self._tell(f"{self._scheme}://{shown}:{port}/")
-        self._tell = None

@@ -5,27 +5,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...checks.live.channel_limits import channel_limits
-from ...config import (
+from ..checks.live.channel_limits import channel_limits
+from ..config import (
     DEFAULT_MACHINE,
     ConfigError,
     EdgeConfig,
     EstimatorConfig,
     load_machine,
 )
-from ...downsample import Downsampler, DownsampleSettings
-from ...downsample.phases import PhaseSettings
-from ...downsample.statistics import PlausibilitySettings
-from ...estimate import registry
-from ...estimate.interface import PreloadEstimator, UnsuitableMachineError
-from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ...messages.samples import SampleFrame
-from ...models.machine import Machine
-from ...models.steady_limits import SteadyLimits, steady_limits
+from ..downsample import Downsampler, DownsampleSettings
+from ..downsample.phases import PhaseSettings
+from ..downsample.statistics import PlausibilitySettings
+from ..estimate import registry
+from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
+from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
+from ..messages.samples import SampleFrame
+from ..models.machine import Machine
+from ..models.steady_limits import SteadyLimits, steady_limits
 
 _WARM_RAD_S = 10.0
-WARM_UP_S = 120.0
-"""Time after which a warm-up is shown to hang."""
 
 
 def load_machines(config: EdgeConfig) -> dict[str, Machine]:

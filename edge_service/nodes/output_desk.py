@@ -5,17 +5,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Literal, TypeVar
 
-from ...clock import now_ns
-from ...config import EdgeConfig
-from ...health.service_state import ServiceState
-from ...health.store.outbox import Counts, Outbox
-from ...health.store.store import Store, StoreFailedError
-from ...http_api.recordings import RefusedError
-from ...outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
-from ..output_node import make_output, outbox_of, send_test
-from ..wiring.context import NodeContext
-from ..wiring.stages import load_machines
-from .latest_answers import answer_of, method_of
+from ..clock import now_ns
+from ..config import EdgeConfig
+from ..health.service_state import ServiceState
+from ..health.store.outbox import Counts, Outbox
+from ..health.store.store import Store, StoreFailedError
+from ..http_api.recordings import RefusedError
+from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
+from .context import NodeContext
+from .output_node import answer_of, make_output, method_of, outbox_of, send_test
 
 T = TypeVar("T")
 Action = Literal["test", "requeue", "drop"]
@@ -74,7 +72,7 @@ class Scrape:
 
     def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
         self._context, self._state, self._desk = context, state, desk
-        machines = load_machines(context.config)
+        machines = context.machines
         self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
         self.output: Any = None
         with suppress(UnknownOutputError):
@@ -84,7 +82,7 @@ class Scrape:
 
     async def text(self) -> tuple[bytes, str]:
         """Text and its content type."""
-        from ...outputs.metrics import Scraped
+        from ..outputs.metrics import Scraped
 
         state, config, at_ns = self._state, self._context.config, now_ns()
         answers = (answer_of(state, config, axis, self._methods[axis]) for axis in state.axes)

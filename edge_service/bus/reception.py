@@ -1,0 +1,206 @@
+"""Payloads on their way to a reader: rings, the one publisher of a key, and what is refused."""
+
+from collections import Counter, OrderedDict, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import reduce
+from operator import or_
+from threading import Lock
+
+from ..messages.header import Header
+
+OTHERS = "(others)"
+MOST_KEYS, MOST_LETTERS = 32, 120
+MOST_RINGS = 256
+MOST_BYTES = 32_000_000
+"""Bytes that may wait on one key."""
+MOST_JUMP = 100_000
+"""So many payloads may be lost at once; a longer jump of the sequence is another's."""
+
+
+class Refusal(StrEnum):
+    """Reason for which a payload is not passed on."""
+
+    FOREIGN = "foreign"  # the key of an axis or component that is not configured
+    OVERSIZED = "oversized"  # longer than its topic allows
+    FLOODED = "flooded"  # more of them than its topic allows
+    MALFORMED = "malformed"  # no payload of its topic
+    MISPLACED = "misplaced"  # the payload names another axis than its key
+    RIVAL = "rival"  # another publisher of the key is heard
+    SURPLUS = "surplus"  # it names one sensor more than an axis may have
+    LATE = "late"  # overtaken by a newer one, or sent twice
+
+
+class Refusals:
+    """Counts of one subscriber, from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._keys: set[str] = set()
+        self._counts: Counter[tuple[str, str]] = Counter()
+
+    def add(self, key: str, reason: Refusal) -> None:
+        """Count one; the keys beyond a number share one count."""
+        with self._lock:
+            name = key if len(key) <= MOST_LETTERS else key[:MOST_LETTERS] + "..."
+            if name not in self._keys and len(self._keys) >= MOST_KEYS:
+                name = OTHERS
+            self._keys.add(name)
+            self._counts[name, reason] += 1
+
+    def counts(self) -> Counter[tuple[str, str]]:
+        """The counts so far."""
+        with self._lock:
+            return Counter(self._counts)
+
+    def total(self, reason: Refusal) -> int:
+        """Number of payloads refused for one reason."""
+        return sum(count for (_, each), count in self.counts().items() if each is reason)
+
+
+def together(refusals: Iterable[Refusals]) -> Counter[tuple[str, str]]:
+    """Counts of several subscribers; what several of them refused counts once."""
+    return reduce(or_, (each.counts() for each in refusals), Counter())
+
+
+class Sender:
+    """The publisher that is heard on one key.
+
+    Another one is heard once this one has been silent for a moment: it was restarted. Until then
+    it is a rival, whatever its boot epoch says; and whatever sequence number a stranger uses, it
+    is believed for no longer.
+
+    Args:
+        patience_s: silence after which another is heard, s.
+    """
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._header: Header | None = None
+        self._heard_s = 0.0
+        self.lost = 0
+        """Payloads that never arrived, by holes in the sequence."""
+        self.restarts = 0
+        """Changes of the publisher."""
+
+    def judge(self, header: Header, arrival_s: float) -> Refusal | None:
+        """Take a payload in; why it must not be read, if so.
+
+        Args:
+            arrival_s: when it came, on a clock that never goes back, s.
+        """
+        refusal = self._refusal(header)
+        if refusal is not None and arrival_s - self._heard_s < self._patience_s:
+            return refusal
+        self._count(header, known=refusal is None)
+        self._header, self._heard_s = header, arrival_s
+        return None
+
+    def _refusal(self, header: Header) -> Refusal | None:
+        last = self._header
+        if last is None:
+            return None
+        if header.boot_epoch != last.boot_epoch:
+            return Refusal.RIVAL
+        if header.sequence <= last.sequence:
+            return Refusal.LATE
+        return Refusal.RIVAL if header.sequence - last.sequence > MOST_JUMP else None
+
+    def _count(self, header: Header, *, known: bool) -> None:
+        if self._header is None:
+            return
+        if known:
+            self.lost += header.sequence - self._header.sequence - 1
+        else:
+            self.restarts += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """Bytes that came on a key at a time of the steady clock, s."""
+
+    key: str
+    payload: bytes
+    arrival_s: float
+
+
+@dataclass(slots=True)
+class _Ring:
+    """Arrivals of one key, and how many more it may take now.
+
+    Attributes:
+        credit: payloads that may still come, as of `credited_s`.
+    """
+
+    credit: float
+    credited_s: float
+    waiting: deque[Arrival] = field(default_factory=deque)
+    waiting_bytes: int = 0
+
+
+class KeyRings:
+    """Rings of all keys of one subscriber, read in turn; may be filled from any thread.
+
+    Args:
+        depth: payloads that may wait on each key.
+        most_hz: payloads per second of each key that are taken at all.
+        burst: payloads that may come at once; those of a second unless given.
+        most_keys: keys that may have a ring.
+    """
+
+    def __init__(
+        self, depth: int, most_hz: float, burst: float | None = None, most_keys: int = MOST_RINGS
+    ) -> None:
+        self._depth = depth
+        self._most_hz = most_hz
+        self._burst = max(most_hz, 1.0) if burst is None else burst
+        self._most_keys = most_keys
+        self._lock = Lock()
+        self._rings: dict[str, _Ring] = {}
+        self._turn: OrderedDict[str, None] = OrderedDict()
+        self.overruns = 0
+        """Payloads that were pushed out unread."""
+
+    def __bool__(self) -> bool:
+        return bool(self._turn)
+
+    def admits(self, key: str, now_s: float) -> bool:
+        """Tell whether one more payload may come on a key now, and count it against its rate."""
+        with self._lock:
+            ring = self._rings.setdefault(key, _Ring(self._burst, now_s))
+            earned = (now_s - ring.credited_s) * self._most_hz
+            ring.credit, ring.credited_s = min(ring.credit + earned, self._burst), now_s
+            if ring.credit < 1.0:
+                return False
+            ring.credit -= 1.0
+            return True
+
+    def knows(self, key: str) -> bool:
+        """Tell whether a key has a ring, or may have one."""
+        return key in self._rings or len(self._rings) < self._most_keys
+
+    def put(self, arrival: Arrival) -> int:
+        """Let a payload wait; the oldest of its key make room. Returns how many wait there."""
+        with self._lock:
+            ring = self._rings[arrival.key]
+            ring.waiting.append(arrival)
+            ring.waiting_bytes += len(arrival.payload)
+            while len(ring.waiting) > self._depth or ring.waiting_bytes > MOST_BYTES:
+                ring.waiting_bytes -= len(ring.waiting.popleft().payload)
+                self.overruns += 1
+            self._turn.setdefault(arrival.key)
+            return len(ring.waiting)
+
+    def take(self) -> Arrival | None:
+        """The oldest payload of the key whose turn it is; None if none waits."""
+        with self._lock:
+            if not self._turn:
+                return None
+            key, _ = self._turn.popitem(last=False)
+            ring = self._rings[key]
+            arrival = ring.waiting.popleft()
+            ring.waiting_bytes -= len(arrival.payload)
+            if ring.waiting:
+                self._turn[key] = None
+            return arrival

@@ -1,0 +1,264 @@
+"""One part of the service: its tasks, its status on the bus, and the errors that it bears."""
+
+import asyncio
+import logging
+import math
+import time
+import traceback
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+from ..bus.settings import BusConfigurationError
+from ..bus.subscriber import Subscriber
+from ..clock import now_ns
+from ..config import ConfigError
+from ..health.condition.component import ComponentStatusMachine
+from ..health.store.store import StoreFailedError
+from ..http_api.serve import AddressError
+from ..messages.codec.interface import T
+from ..messages.event import Event, Severity
+from ..messages.header import Header
+from ..messages.health import ComponentHealth, ComponentStatus
+from ..messages.topics import EVENT, STATUS
+from ..retry import Retry
+from .context import NodeContext
+
+log = logging.getLogger(__name__)
+REPORT_PERIOD_S = 1.0
+SHOWN_S, TOLD_AGAIN_S = 5.0, 60.0
+"""Time for which the status shows an error in a message, and after which the log repeats it, s."""
+PROVEN_S = 3.0
+"""Time for which a task begun anew must work before it counts as mended, s."""
+_EARLY_SHARE = 0.01
+"""Share of a period by which a timer may wake too early, without its turn coming twice."""
+_MENDED_BY_PEOPLE = (ConfigError, AddressError, BusConfigurationError)
+
+
+class PartFailedError(Exception):
+    """A part that the service cannot do without has failed; the text is one line."""
+
+
+class Component:
+    """Tasks of one part of the service, of all axes or of one, and its report once a second.
+
+    What fails ends all tasks of the component, and with them the process, except where `again`
+    begins it anew or `bears` counts it.
+
+    Attributes:
+        counters, readings: stated in the report.
+        problems: lines on what is wrong although the tasks run.
+        is_broken: it does not do its work although its tasks run.
+        restarts: times that something was begun anew.
+    """
+
+    def __init__(self, context: NodeContext, name: str, axis: str | None = None) -> None:
+        keys, bus = context.config.keys, context.bus
+        self.name, self._axis = name, axis
+        self._machine = ComponentStatusMachine(name, axis)
+        self._publisher = bus.publisher(keys.component(name, axis, STATUS), STATUS, axis)
+        self._events = bus.publisher(keys.component(name, axis, EVENT), EVENT, axis)
+        self._store = context.store
+        self._group = asyncio.TaskGroup()
+        self._tasks: list[asyncio.Task[None]] = []
+        self.counters: Callable[[], dict[str, int]] = dict
+        self.readings: Callable[[], dict[str, float]] = dict
+        self.problems: Callable[[], list[str]] = list
+        self.is_broken: Callable[[], bool] = lambda: False
+        self.restarts = 0
+        self._fault, self._mended_s = "", math.inf
+        self._failures = 0
+        self._last_failure = (-math.inf, "")
+        self._told_s: dict[tuple[str, type[Exception]], float] = {}
+
+    def begin_anew(self) -> None:
+        """Be as at the beginning: what it works on has changed."""
+        self._machine = ComponentStatusMachine(self.name, self._axis)
+        self._fault = ""
+        self.publish()
+
+    @property
+    def status(self) -> ComponentStatus:
+        """The status last entered."""
+        return self._machine.status
+
+    def to(self, status: ComponentStatus, reason: str = "") -> None:
+        """Enter a status (the same one again only renews the reason) and publish."""
+        self._machine.to(status, reason)
+        self.publish()
+
+    def publish(self) -> None:
+        """Put the report on the bus."""
+        self._publisher.publish(self._report(), now_ns())
+
+    def _report(self) -> ComponentHealth:
+        now_s = time.monotonic()
+        if now_s >= self._mended_s:
+            self._fault, self._mended_s = "", math.inf
+        failed_s, failure = self._last_failure
+        faults = [self._fault, failure if now_s - failed_s < SHOWN_S else "", *self.problems()]
+        faults = [each for each in faults if each]
+        own = self._machine.report(
+            self.counters() | {"task_restarts": self.restarts, "message_failures": self._failures},
+            self.readings() | {"tasks_down": float(bool(self._fault) or self.is_broken())},
+        )
+        shown = (ComponentStatus.STARTING, ComponentStatus.OK, ComponentStatus.RECOVERABLE_ERROR)
+        if not faults or own.status not in shown:
+            return own
+        down, reason = ComponentStatus.RECOVERABLE_ERROR, "; ".join(faults)
+        return own.model_copy(update={"status": down, "reason": reason})
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Run tasks inside; say on leaving that the component stops.
+
+        Raises PartFailedError, and what a person must mend as it is: the first error of a task.
+        """
+        try:
+            async with self._group:
+                self.repeat(REPORT_PERIOD_S, self.publish)
+                try:
+                    yield
+                finally:
+                    for task in self._tasks:
+                        task.cancel()
+        except BaseExceptionGroup as group:
+            error = first_of(group)
+            if isinstance(error, (*_MENDED_BY_PEOPLE, PartFailedError)):
+                raise error from None
+            raise PartFailedError(f"{self.name}: {said(error)}") from error
+        finally:
+            self.to(ComponentStatus.STOPPING)
+            self.to(ComponentStatus.STOPPED)
+
+    def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Begin a task."""
+        task = self._group.create_task(work)
+        self._tasks.append(task)
+        return task
+
+    def follow(self, subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
+        """Hand axis, header and payload of everything that is heard to `take`, and bear errors."""
+
+        async def work() -> None:
+            async for axis, header, payload in subscriber:
+                with self.bears(f"a message of axis {axis}"):
+                    take(axis, header, payload)
+
+        self.start(work())
+
+    def repeat(self, period_s: float, work: Callable[[], Awaitable[None] | None]) -> None:
+        """Do something now and at each multiple of a period of the loop's clock.
+
+        What is done every second is done by all in the same moment: each time that the process
+        wakes costs more than most of what it then does.
+        """
+
+        async def repeated() -> None:
+            while True:
+                waited = work()
+                if waited is not None:
+                    await waited
+                now_s = asyncio.get_running_loop().time()
+                turn = math.floor(now_s / period_s + _EARLY_SHARE) + 1
+                await asyncio.sleep(turn * period_s - now_s)
+
+        self.start(repeated())
+
+    @contextmanager
+    def bears(self, what: str) -> Iterator[None]:
+        """Bear an error inside: it is counted and told, and goes no further."""
+        try:
+            yield
+        except Exception as error:
+            log.debug("%s", self.name, exc_info=True)
+            self.note(f"cannot handle {what}", error)
+
+    def note(self, words: str, error: Exception) -> str:
+        """Count an error, and log it at most once a minute; returns what is said of it."""
+        self._failures += 1
+        now_s, kind = time.monotonic(), (words[:100], type(error))
+        line = f"{words}: {said(error)}"
+        self._last_failure = (now_s, line)
+        if now_s - self._told_s.get(kind, -math.inf) >= TOLD_AGAIN_S:
+            self._told_s = {} if len(self._told_s) > 100 else self._told_s
+            self._told_s[kind] = now_s
+            log.warning("%s: %s", self.name, line)
+        return line
+
+    async def again(
+        self,
+        work: Callable[[], Awaitable[None]],
+        retry: Retry,
+        away: type[Exception],
+        final: type[Exception] | tuple[()] = (),
+    ) -> None:
+        """Do work to its end, and begin it anew after a pause where it raises.
+
+        Args:
+            away: raised while the other side is away, which is no fault of the work.
+            final: passed on.
+        """
+        while True:
+            begun_s = time.monotonic()
+            try:
+                return await work()
+            except final:
+                raise
+            except away as error:
+                reason = str(error)
+                if self.status is not ComponentStatus.RECOVERABLE_ERROR:
+                    log.warning("%s: %s; trying again", self.name, reason)
+            except Exception as error:
+                log.debug("%s", self.name, exc_info=True)
+                reason = self._fault = f"failed ({said(error)})"
+                log.warning("%s: %s; beginning anew", self.name, reason)
+            if time.monotonic() - begun_s > PROVEN_S:
+                retry.reset()
+            self.restarts += 1
+            self._mended_s = math.inf
+            self.to(ComponentStatus.RECOVERABLE_ERROR, reason)
+            await asyncio.sleep(retry.pause_s())
+            self._mended_s = time.monotonic() + PROVEN_S
+
+    async def from_store(self, work: Callable[[], T]) -> T:
+        """Result of work on the store; while that cannot be read, it is waited for, and said."""
+        while True:
+            try:
+                return await self._store.run(work)
+            except StoreFailedError as error:
+                self.to(ComponentStatus.RECOVERABLE_ERROR, str(error))
+                await asyncio.sleep(REPORT_PERIOD_S)
+
+    def tell(self, kind: str, words: str) -> None:
+        """Tell of a change by an event of the component."""
+        log.warning("%s: %s", self.name, words)
+        at_ns = now_ns()
+        event = Event(
+            axis=self._axis or "",
+            kind=kind,
+            severity=Severity.WARNING,
+            message=f"{self.name}: {words}",
+            time_ns=at_ns,
+            data={"component": self.name},
+        )
+        self._events.publish(event, at_ns)
+
+
+def said(error: BaseException) -> str:
+    """Kind, text and place of an error that nobody foresaw, in one line.
+
+    >>> said(ValueError("no number"))
+    'ValueError: no number'
+    """
+    text = " ".join(str(error).split())[:200]
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" at {frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno}" if frames else ""
+    return f"{type(error).__name__}{': ' if text else ''}{text}{place}"
+
+
+def first_of(group: BaseException) -> BaseException:
+    """First error within groups of them."""
+    while isinstance(group, BaseExceptionGroup):
+        group = group.exceptions[0]
+    return group

@@ -1,0 +1,202 @@
+"""Configuration, bus, machines and store of events, shared by the nodes of one process."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NoReturn
+
+from ..bus.publisher import Publisher
+from ..bus.session import Bus
+from ..bus.subscriber import Subscriber
+from ..clock import now_ns
+from ..config import AxisConfig, EdgeConfig
+from ..health.store.events import EventLog, StoredEvent
+from ..health.store.states import State
+from ..health.store.store import FILE_NAME, Store, StoreFailedError
+from ..messages.codec.interface import T
+from ..messages.event import Event, Severity
+from ..messages.header import Header
+from ..messages.topics import Topic
+from ..models.machine import Machine
+from .stages import load_machines
+
+PATIENCE_S = 2.0
+"""So long the disk may hold back what is to be told; then monitoring goes on without it."""
+WATCH_PERIOD_S = 1.0
+SILENT = "the disk does not answer"
+Publish = Callable[[list[StoredEvent], str], None]
+"""Takes events that are kept, and the problem that kept them off the disk; empty without."""
+
+
+class NodeContext:
+    """Shared by the nodes of one process.
+
+    Args:
+        on_http_ready: called with the page's address once it is served.
+        keeps_estimates: whether the estimators go on where the last process was.
+        is_replay: it ends with its sources, and a source that cannot work ends it.
+    """
+
+    def __init__(
+        self,
+        config: EdgeConfig,
+        bus: Bus,
+        on_http_ready: Callable[[str], None] = lambda _url: None,
+        *,
+        keeps_estimates: bool = True,
+        is_replay: bool = False,
+    ) -> None:
+        self.config, self.bus, self.on_http_ready = config, bus, on_http_ready
+        self.keeps_estimates, self.is_replay = keeps_estimates, is_replay
+        folder = config.store.folder
+        self.store = Store(None if folder is None else folder / FILE_NAME)
+        self.events = EventLog(self.store)
+        self.dispatcher = EventDispatcher(self.events)
+        self.renewals: list[Callable[[AxisConfig], None]] = []
+        """Told of every axis that begins anew."""
+
+    @cached_property
+    def machines(self) -> dict[str, Machine]:
+        """Machine of each axis, by the axis' name. Raises ConfigError."""
+        return load_machines(self.config)
+
+    def renew(self, axis: AxisConfig, machine: Machine) -> None:
+        """Let an axis begin anew by its new table and machine file, in every node."""
+        axes = tuple(axis if each.name == axis.name else each for each in self.config.axes)
+        self.config = self.config.model_copy(update={"axes": axes})
+        self.machines[axis.name] = machine
+        for renew in self.renewals:
+            renew(axis)
+
+    def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
+        """Declare the publisher of one topic of one axis."""
+        return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
+
+    def publishers(self, topic: Topic[T]) -> dict[str, Publisher[T]]:
+        """Declare the publishers of one topic of every axis."""
+        return {axis.name: self.publisher(axis.name, topic) for axis in self.config.axes}
+
+    def subscribe(self, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
+        """Subscribe to one topic of every configured axis."""
+        names = self.config.keys
+        keys = names.of_axes((axis.name for axis in self.config.axes), topic)
+        return self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
+
+    def subscribe_to_components(self, topic: Topic[T]) -> Subscriber[T]:
+        """Subscribe to one topic of every component."""
+        names = self.config.keys
+        keys = names.of_components(tuple(axis.name for axis in self.config.axes), topic)
+        return self.bus.subscribe(names.all_components(topic), topic, keys=keys)
+
+    async def forever(self) -> NoReturn:
+        """Wait until the node is ended; its tasks do the work."""
+        await asyncio.get_running_loop().create_future()
+        raise AssertionError("unreachable")
+
+
+def header() -> Header:
+    """Header of a question or an answer: each is the only one of its series."""
+    asked_ns = now_ns()
+    return Header(0, asked_ns, asked_ns, time.monotonic_ns())
+
+
+@dataclass(slots=True)
+class _Batch:
+    """Events that are published together."""
+
+    stored: list[StoredEvent]
+    publish: Publish
+    is_kept: bool
+
+
+class EventDispatcher:
+    """A queue of events with the states that they led to: kept first, then published, in order.
+
+    What waits together is written in one transaction.
+    """
+
+    def __init__(self, events: EventLog) -> None:
+        self._events = events
+        self._waiting: list[_Batch] = []
+        self._wake = asyncio.Event()
+        self._saving: asyncio.Task[tuple[dict[int, int], str]] | None = None
+        self._problem, self._damages = "", 0
+        self._bears: Callable[[str], AbstractContextManager[None]] = lambda _what: nullcontext()
+
+    def put(self, events: Iterable[Event], publish: Publish, states: Iterable[State] = ()) -> None:
+        """Publish events as soon as they are kept with states; never waits."""
+        states = tuple(states)
+        stored = self._events.put(events, now_ns(), states)
+        self._waiting.append(_Batch(stored, publish, bool(stored or states)))
+        self._wake.set()
+
+    async def run(self, bears: Callable[[str], AbstractContextManager[None]]) -> None:
+        """Keep and publish, until cancelled; an error in one publication is borne."""
+        self._bears = bears
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            count = len(self._waiting)
+            numbers: dict[int, int] = {}
+            problem = ""
+            if any(each.is_kept for each in self._waiting):
+                numbers, problem = await self._saved()
+            self._publish(count, numbers, problem)
+
+    def flush(self) -> None:
+        """Keep and publish at once all that waits; for the end."""
+        numbers, problem = self.save()
+        self._publish(len(self._waiting), numbers, problem)
+
+    def save(self) -> tuple[dict[int, int], str]:
+        """Numbers under which events are kept, and the problem that kept them off the disk."""
+        try:
+            return self._events.save(), ""
+        except StoreFailedError as error:
+            return {}, str(error)
+
+    async def watch(self, tell: Callable[[Event], None]) -> None:
+        """Write what a failing disk did not take, and tell of that and of damage."""
+        while True:
+            await asyncio.sleep(WATCH_PERIOD_S)
+            await self._events.store.run(self.save)
+            for event in self.news(now_ns()):
+                tell(event)
+
+    def news(self, at_ns: int) -> list[Event]:
+        """Events of what became of the store since the last call."""
+        found = []
+        store = self._events.store
+        problem, before, self._problem = store.problem, self._problem, store.problem
+        if problem and not before:
+            words = f"nothing can be kept on the disk, and waits in memory: {problem}"
+            found.append(("store_failing", Severity.ERROR, words))
+        elif before and not problem:
+            words = "the disk takes again what is to be kept"
+            found.append(("store_recovered", Severity.INFO, words))
+        damages = store.damages[self._damages :]
+        self._damages += len(damages)
+        found += [("store_damaged", Severity.WARNING, words) for words in damages]
+        return [
+            Event(axis="", kind=kind, severity=severity, message=words, time_ns=at_ns)
+            for kind, severity, words in found
+        ]
+
+    async def _saved(self) -> tuple[dict[int, int], str]:
+        """Outcome of writing all that waits; the problem alone where the disk is silent."""
+        patience_s = 0.0
+        if self._saving is None or self._saving.done():
+            patience_s = PATIENCE_S
+            self._saving = asyncio.ensure_future(self._events.store.run(self.save))
+        await asyncio.wait({self._saving}, timeout=patience_s)
+        return self._saving.result() if self._saving.done() else ({}, SILENT)
+
+    def _publish(self, count: int, numbers: dict[int, int], problem: str) -> None:
+        for _ in range(count):
+            batch = self._waiting.pop(0)
+            kept = [StoredEvent(numbers.get(each.id, each.id), each.event) for each in batch.stored]
+            with self._bears("an event"):
+                batch.publish(kept, problem)

@@ -1,0 +1,279 @@
+"""One axis that is estimated: its estimator, fed live, kept, gone on with, and begun anew."""
+
+import hashlib
+import json
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+from pydantic import FiniteFloat, TypeAdapter
+
+from ..config_tables import Table
+from ..estimate.interface import PreloadEstimator
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from ..models.machine import Machine
+from ..retry import Retry
+
+log = logging.getLogger(__name__)
+SCHEMA: Literal["estimate-state/1"] = "estimate-state/1"
+LONGEST_STOP_S = 30 * 86400.0
+"""After a longer stop nothing is left of what was known."""
+AHEAD_S = 60.0
+"""A state this far in the future comes from a clock that was wrong then or is wrong now."""
+UNKNOWN_STOP_S = 86400.0
+"""Time for which such a state counts as left alone; nobody knows the true one."""
+DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+SILENCE_S = 10.0
+"""Without features for this long, what was known before is of unknown age."""
+SAME_CLOCK_S = 60.0
+"""By so much the axis' clock may have lost of a stop and still be the one that ran before it."""
+STOP_S = 600.0
+"""In a longer stop that nobody saw, an axis may have become another."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
+MOST_BLAMED = 3
+"""Times that a state may be to blame."""
+SOUND_PERIOD = 10
+"""Intervals after which the state is remembered."""
+
+
+class StateError(Exception):
+    """Reason for not going on from a kept state; `damaged` if it is none at all."""
+
+    def __init__(self, reason: str, *, damaged: bool = False) -> None:
+        super().__init__(reason)
+        self.damaged = damaged
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """An estimator's snapshot with the end of the last interval that it has taken.
+
+    Attributes:
+        time_s: on the axis' clock.
+        source_time_ns: UNIX time.
+    """
+
+    time_s: float
+    source_time_ns: int
+    snapshot: dict[str, Any]
+
+    def document(self, axis: str, identity: str) -> dict[str, Any]:
+        """Document of the state of an axis. Raises ValueError where JSON cannot hold it."""
+        state = json.dumps(self.snapshot, allow_nan=False)
+        times = (self.time_s, self.source_time_ns)
+        return asdict(_Document(SCHEMA, axis, identity, *times, _digest(state), state))
+
+    @classmethod
+    def of(cls, document: object, axis: str, identity: str) -> "Kept":
+        """State of a document. Raises StateError."""
+        try:
+            content = _DOCUMENTS.validate_python(document)
+            if content.axis != axis:
+                raise ValueError(f"{SCHEMA} of axis {content.axis}")
+            if _digest(content.state) != content.sha256:
+                raise ValueError("its checksum is wrong")
+            kept = cls(content.time_s, content.source_time_ns, json.loads(content.state))
+        except DAMAGED as error:
+            first, *_ = str(error).splitlines() or [""]
+            reason = f"it cannot be read ({type(error).__name__}: {first[:100]})"
+            raise StateError(reason, damaged=True) from None
+        if content.machine != identity:
+            raise StateError("it was saved with another machine file or estimator")
+        return kept
+
+    def as_of(self, now_ns: int, replaced_ns: int = 0) -> "Kept":
+        """The state for an estimate that goes on now. Raises StateError if it is of no more use.
+
+        Args:
+            replaced_ns: UNIX time at which the part was replaced, ns; 0 if it never was.
+        """
+        stopped_s = (now_ns - self.source_time_ns) / 1e9
+        if stopped_s > LONGEST_STOP_S:
+            raise StateError(f"it is {stopped_s / 86400.0:.0f} days old")
+        kept = self
+        if stopped_s < -AHEAD_S:
+            log.warning("the state of an estimate is from %.0f s in the future", -stopped_s)
+            kept = replace(self, source_time_ns=now_ns - round(UNKNOWN_STOP_S * 1e9))
+        if kept.source_time_ns < replaced_ns <= now_ns:
+            raise StateError("it belongs to a part that has since been replaced")
+        return kept
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """The JSON of the snapshot with its digest, and what it belongs to."""
+
+    schema: Literal["estimate-state/1"]
+    axis: str
+    machine: str
+    time_s: FiniteFloat
+    source_time_ns: int
+    sha256: str
+    state: str
+
+
+_DOCUMENTS = TypeAdapter(_Document)
+
+
+def identity_of(machine: Machine, *tables: Table) -> str:
+    """Digest of all that the numbers of a state rest on: machine file and choices."""
+    return _digest("\n".join(each.model_dump_json() for each in (machine, *tables)))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class EstimatedAxis:
+    """Feeds an estimator; where that raises, another goes on from the last sound state.
+
+    Where a fresh one takes the interval at which it raised, the state is to blame; if it is three
+    times before another sound one comes, it is given up. Otherwise it is the interval.
+
+    Args:
+        make: makes an estimator of the axis.
+        note: told every error; returns it in words.
+        tell_reset: told when a state is given up.
+        clock: monotonic, s.
+
+    Attributes:
+        problem: reason for which there is no number; empty while the estimator works.
+        resets: states that were given up.
+    """
+
+    def __init__(
+        self,
+        axis: str,
+        make: Callable[[], PreloadEstimator],
+        note: Callable[[Exception], str],
+        tell_reset: Callable[[str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._axis, self._make = axis, make
+        self._note, self._tell_reset, self._clock = note, tell_reset, clock
+        self._retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        self._due_s = 0.0
+        self._heard: tuple[float, int] | None = None
+        self._sound: Kept | None = None
+        self._is_restored = self._is_changed = False
+        self._since_sound = self._blamed = self.resets = 0
+        self.problem = ""
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the part is another."""
+        self._sound = None
+        self.problem, self._blamed = "", 0
+        self._begin(None)
+
+    def load(self, kept: Kept) -> None:
+        """Go on from a state. Raises StateError if it is none, and begins anew then."""
+        try:
+            self._begin(kept)
+            self._estimator.estimate()  # numbers of the right shape may still mean nothing
+            json.dumps(self._estimator.snapshot(), allow_nan=False)
+        except DAMAGED as error:
+            self.forget()
+            reason = f"it is not a state of this estimator ({error})"
+            raise StateError(reason, damaged=True) from None
+        self._sound = kept
+
+    def take(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
+        """Take the next interval; what is known after it, no number while the estimator fails."""
+        if not self.problem or self._clock() >= self._due_s:
+            try:
+                if self.problem:
+                    self._begin(self._sound)
+                estimate = self._update(header, block)
+            except Exception as error:
+                log.debug("axis %s", self._axis, exc_info=True)
+                self._failed(error, block)
+            else:
+                self.problem = ""
+                return estimate
+        reasons = (f"estimator_failed: {self.problem}",)
+        return PreloadEstimate(
+            time_s=block.time_s, status=EstimateStatus.UNESTIMATED, reasons=reasons
+        )
+
+    def move(self, step_ns: int) -> None:
+        """The clock was set by a step, ns: nobody was silent meanwhile."""
+        if self._heard is not None:
+            self._heard = (self._heard[0], self._heard[1] + step_ns)
+        if self._sound is not None:
+            moved_ns = self._sound.source_time_ns + step_ns
+            self._sound = replace(self._sound, source_time_ns=moved_ns)
+
+    def to_keep(self) -> Kept | None:
+        """The state, if something was taken in since it was last asked for and it is sound."""
+        if self.problem or not self._is_changed:
+            return None
+        self._is_changed = False
+        try:
+            return self._now()
+        except Exception as error:
+            log.debug("axis %s", self._axis, exc_info=True)
+            self._failed(error, None)
+            return None
+
+    def _now(self) -> Kept | None:
+        return None if self._heard is None else Kept(*self._heard, self._estimator.snapshot())
+
+    def _begin(self, kept: Kept | None) -> None:
+        """Begin with another estimator, from a state if there is one."""
+        self._estimator = self._make()
+        self._heard = None
+        self._is_restored, self._is_changed = kept is not None, False
+        self._since_sound = 0
+        if kept is not None:
+            self._estimator.restore(kept.snapshot)
+            self._heard = kept.time_s, kept.source_time_ns
+
+    def _update(self, header: Header, block: FeatureBlock) -> PreloadEstimate:
+        if self._heard is not None:
+            time_s, heard_ns = self._heard
+            silent_s = (header.source_time_ns - heard_ns) / 1e9
+            if self._is_restored and not _goes_on(time_s, silent_s, block):
+                words = "axis %s: its estimate continues after a stop of %.0f s"
+                log.info(words, self._axis, silent_s)
+                self._estimator.resume(silent_s)
+            elif silent_s > SILENCE_S:
+                self._estimator.interrupt()
+        self._heard = block.time_s, header.source_time_ns
+        self._is_restored, self._is_changed = False, True
+        self._estimator.update(block)
+        estimate = self._estimator.estimate()
+        self._since_sound += 1
+        if self._since_sound >= SOUND_PERIOD:
+            self._sound, self._since_sound, self._blamed = self._now(), 0, 0
+            self._retry.reset()
+        return estimate
+
+    def _failed(self, error: Exception, block: FeatureBlock | None) -> None:
+        self.problem = self._note(error)
+        self._due_s = self._clock() + self._retry.pause_s()
+        if block is None or self._sound is None:
+            return
+        fresh = self._make()
+        try:
+            fresh.update(block)
+            fresh.estimate()
+        except Exception:
+            log.debug("axis %s: the interval is to blame", self._axis, exc_info=True)
+            return
+        self._blamed += 1
+        if self._blamed >= MOST_BLAMED:
+            self._sound, self._blamed = None, 0
+            self.resets += 1
+            self._tell_reset(f"starts over: its state cannot be continued ({self.problem})")
+
+
+def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
+    """True of an interval that lies on the clock that ran before a stop, soon enough after it."""
+    passed_s = block.time_s - block.duration_s - time_s
+    begins_behind = passed_s > -0.5 * block.duration_s
+    return begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S

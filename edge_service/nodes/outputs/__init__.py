@@ -1,1 +1,0 @@
-"""Outputs of events beside the bus."""

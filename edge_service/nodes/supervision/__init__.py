@@ -1,1 +1,0 @@
-"""Every task has an owner and a deadline: what ends or stalls is seen, told and begun again."""

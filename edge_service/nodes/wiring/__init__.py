@@ -1,1 +1,0 @@
-"""Parts that the processes share: context, configured stages, and an axis that is estimated."""

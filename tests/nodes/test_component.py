@@ -1,0 +1,247 @@
+"""What fails in one axis or output stays there; what fails elsewhere ends the process in a line."""
+
+import asyncio
+import logging
+import socket
+from collections.abc import AsyncGenerator
+from pathlib import Path
+
+import pytest
+
+from drivers.base import DriverMisconfiguredError, DriverUnavailableError
+from drivers.simulated import SimulatedDriver
+from edge_service.bus.session import Bus
+from edge_service.bus.settings import BusSettings
+from edge_service.config import ConfigError, EdgeConfig
+from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import RAW, STATUS
+from edge_service.nodes import acquire_node, health_node
+from edge_service.nodes.component import Component, PartFailedError
+from edge_service.nodes.context import NodeContext
+from edge_service.nodes.service import notify_systemd
+from edge_service.outputs.mqtt import MqttOutput
+from edge_service.retry import Retry
+
+from ..messages.examples import PAYLOADS
+from .conftest import PATIENCE_S, Running, config_of, running, until
+
+AT_ONCE = Retry(0.0, 0.0)
+
+
+def two_axes(**changes: object) -> EdgeConfig:
+    config = config_of("simulated", {"scenario": "healthy"}, **changes)
+    axis = config.axes[0]
+    return config.model_copy(update={"axes": (axis, axis.model_copy(update={"name": "Y"}))})
+
+
+async def reported(
+    service: Running, config: EdgeConfig, name: str, status: ComponentStatus, axis: str | None
+) -> ComponentHealth:
+    """The first report of a component, of one axis, that shows a status."""
+    reports = service.bus.subscribe(config.keys.all_components(STATUS), STATUS, depth=4096)
+    async with asyncio.timeout(PATIENCE_S):
+        async for _, _, each in reports:
+            if (each.component, each.axis, each.status) == (name, axis, status):
+                return each
+    raise AssertionError
+
+
+async def test_a_node_that_fails_ends_the_process_with_its_name_and_the_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(_monitors: health_node.Monitors) -> None:
+        raise RuntimeError("on purpose")
+
+    monkeypatch.setattr(health_node.Monitors, "load", fail)
+    config = config_of("simulated", {"scenario": "healthy"})
+    async with running(config, ("health", "acquire")) as service:
+        reports = service.bus.subscribe(config.keys.all_components(STATUS), STATUS, depth=4096)
+        with pytest.raises(
+            PartFailedError, match=r"^health: RuntimeError: on purpose at test_component\.py:\d+$"
+        ):
+            await asyncio.wait_for(asyncio.shield(service.task), PATIENCE_S)
+        reports.close()
+        last = {report.component: report.status async for _, _, report in reports}
+    assert set(last.values()) == {ComponentStatus.STOPPED}
+
+
+async def test_what_a_person_must_mend_is_said_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_monitors: health_node.Monitors) -> None:
+        raise ConfigError("axes.X.machine: no such file")
+
+    monkeypatch.setattr(health_node.Monitors, "load", fail)
+    async with running(config_of("simulated", {}), ("health",)) as service:
+        with pytest.raises(ConfigError, match=r"^axes\.X\.machine: no such file$"):
+            await asyncio.wait_for(asyncio.shield(service.task), PATIENCE_S)
+
+
+async def test_a_driver_that_raises_stops_its_axis_until_it_is_begun_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: list[str] = []
+
+    class Faulty(SimulatedDriver):
+        async def frames(self) -> AsyncGenerator[SampleFrame, None]:
+            name = self._context.axis
+            opened.append(name)
+            async for frame in super().frames():
+                if name == "X" and opened.count("X") < 3:
+                    raise ZeroDivisionError
+                yield frame
+
+    monkeypatch.setattr(acquire_node, "load_driver", lambda _name: Faulty)
+    monkeypatch.setattr(acquire_node, "BACKOFF_FIRST_S", 0.0)
+    config = two_axes()
+    async with running(config, ("acquire",)) as service:
+        failed = await reported(service, config, "acquire", ComponentStatus.RECOVERABLE_ERROR, "X")
+        assert failed.reason.startswith("failed (ZeroDivisionError at test_component.py:")
+        assert failed.readings["tasks_down"] == 1.0
+        mended = await reported(service, config, "acquire", ComponentStatus.OK, "X")
+        assert (mended.counters["task_restarts"], mended.readings["tasks_down"]) == (2, 0.0)
+    assert opened.count("Y") == 1
+
+
+async def test_a_driver_that_is_misconfigured_stops_its_axis_and_names_the_key(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Wrong(SimulatedDriver):
+        async def open(self) -> None:
+            if self._context.axis == "X":
+                raise DriverMisconfiguredError("scenario", "no such file")
+            await super().open()
+
+    monkeypatch.setattr(acquire_node, "load_driver", lambda _name: Wrong)
+    config = two_axes()
+    async with running(config, ("acquire",)) as service:
+        samples = service.bus.subscribe(config.keys.all_axes(RAW), RAW)
+        wrong = await reported(service, config, "acquire", ComponentStatus.PERMANENT_ERROR, "X")
+        assert wrong.reason == "axes.X.settings.scenario: no such file"
+        async with asyncio.timeout(PATIENCE_S):
+            assert (await anext(aiter(samples)))[0] == "Y"
+        assert not service.task.done()
+    async with running(config, ("acquire",), until_sources_end=True) as service:
+        with pytest.raises(ConfigError, match=r"settings\.scenario: no such file"):
+            await asyncio.wait_for(asyncio.shield(service.task), PATIENCE_S)
+
+
+async def test_an_output_that_raises_affects_only_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def fail(_output: MqttOutput) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(MqttOutput, "open", fail)
+    config = config_of(
+        "simulated", {"scenario": "healthy"}, outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}}
+    )
+    async with running(config, ("mqtt", "acquire")) as service:
+        failed = await reported(service, config, "mqtt", ComponentStatus.RECOVERABLE_ERROR, None)
+        assert failed.reason.startswith("failed (ZeroDivisionError")
+        again = await reported(service, config, "mqtt", ComponentStatus.RECOVERABLE_ERROR, None)
+        assert again.counters["task_restarts"] >= 1
+        await reported(service, config, "acquire", ComponentStatus.OK, "X")
+        assert not service.task.done()
+
+
+async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minute(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    config, taken = two_axes(), []
+
+    def take(axis: str, *_: object) -> None:
+        if axis == "X":
+            raise ValueError("no number")
+        taken.append(axis)
+
+    try:
+        context = NodeContext(config, bus)
+        component, other = Component(context, "part"), Component(context, "other")
+        key = config.keys.component("part", None, STATUS)
+        reports = bus.subscribe(key, STATUS, keys=(key,))
+        with caplog.at_level(logging.WARNING):
+            async with component.running():
+                component.to(ComponentStatus.OK)
+                component.follow(context.subscribe(RAW), take)
+                publishers = context.publishers(RAW)
+                for axis in ("X", "X", "X", "Y"):
+                    publishers[axis].publish(PAYLOADS["raw"], 1)
+
+                async def handled() -> bool:
+                    return taken == ["Y"]
+
+                await until(handled)
+                component.publish()
+        reports.close()
+        seen = [report async for _, _, report in reports]
+    finally:
+        await bus.close()
+    assert other.status is ComponentStatus.STARTING
+    assert len([line for line in caplog.messages if "no number" in line]) == 1
+    told = next(each for each in seen if each.counters["message_failures"] == 3)
+    assert told.status is ComponentStatus.RECOVERABLE_ERROR
+    assert "cannot handle a message of axis X: ValueError: no number" in told.reason
+
+
+async def test_what_is_away_is_tried_again_and_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    bus, tries = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), []
+
+    async def work() -> None:
+        tries.append(1)
+        if len(tries) < 4:
+            raise DriverUnavailableError("no answer")
+        if len(tries) == 4:
+            raise DriverMisconfiguredError("url", "wrong")
+
+    try:
+        component = Component(NodeContext(two_axes(), bus), "part")
+        with pytest.raises(DriverMisconfiguredError), caplog.at_level(logging.WARNING):
+            await component.again(work, AT_ONCE, DriverUnavailableError, DriverMisconfiguredError)
+        await component.again(work, AT_ONCE, DriverUnavailableError)
+    finally:
+        await bus.close()
+    assert (len(tries), component.restarts) == (5, 3)
+    assert caplog.messages == ["part: no answer; trying again"]
+
+
+def listener(address: str | bytes) -> socket.socket:
+    heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    heard.bind(address)
+    heard.setblocking(False)
+    return heard
+
+
+@pytest.mark.parametrize("is_abstract", [False, True])
+def test_systemd_hears_where_it_asks_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_abstract: bool
+) -> None:
+    name = f"edge-service-{tmp_path.name}-{id(tmp_path)}"
+    address = f"@{name}" if is_abstract else str(tmp_path / "notify")
+    with listener(f"\0{name}" if is_abstract else address) as heard:
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+        notify_systemd("READY=1")
+        assert heard.recv(4096) == b"READY=1"
+    for nowhere in ("nowhere", str(tmp_path / "not" / "there")):
+        monkeypatch.setenv("NOTIFY_SOCKET", nowhere)
+        notify_systemd("READY=1")
+
+
+async def test_a_service_is_ready_when_it_serves_and_feeds_the_watchdog_over_the_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    with listener(str(tmp_path / "notify")) as heard:
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+
+        async def all_heard() -> bool:
+            while True:
+                try:
+                    said.append(heard.recv(4096).decode())
+                except BlockingIOError:
+                    return {"READY=1", "WATCHDOG=1"} <= set(said)
+
+        config = config_of("simulated", {"scenario": "healthy"})
+        async with running(config, ("http", "health")) as service:
+            await asyncio.wait_for(service.address, PATIENCE_S)
+            await until(all_heard)
+        await all_heard()
+    assert said[-1] == "STOPPING=1"
