@@ -12,13 +12,12 @@ from edge_service.threads import Threads
 class RecordedRows:
     """An axis' recordings, one at a time. One thread opens, reads and closes in turn."""
 
-    def __init__(self, name: str, machine: Machine, number: int | None = None) -> None:
+    def __init__(self, name: str, machine: Machine) -> None:
         self.reader: TraceReader | None = None
         self._columns = machine.columns
-        self._axis = ControllerAxis(number or machine.axis.number, machine.axis.lead_m)
-        self._threads = Threads(name)
+        self._axis = ControllerAxis(machine.axis.number, machine.axis.lead_m)
         self._turn = 0  # grows with each close: an open that was given up before comes too late
-        self.run = self._threads.run
+        self.run = Threads(name).run
 
     async def open(self, path: Path) -> TraceReader | None:
         """Open a recording; None if it was closed meanwhile. Raises TraceError."""

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import TraceReader
 
@@ -22,16 +22,14 @@ from .base import (
     Probe,
 )
 from .recorded import RecordedRows
-from .rows import FrameCutter
+from .rows import FRAME_S, FrameCutter, Pace
 
-FRAME_S, FLAT_OUT_FRAME_S = 0.1, 0.5
-"""Axis time per frame, kept to time and as fast as possible."""
+FLAT_OUT_FRAME_S = 0.5
+"""Axis time per frame, where it is played as fast as possible."""
 LOOP_GAP_S = 1.0
 """Axis time between the end of a recording and its next pass: the position jumps there."""
 LONGEST_STEP_S = 2.0
 """A jump of the recorded clock is waited for no longer than this, in axis time."""
-GREATEST_LAG_S = 1.0
-"""Further behind real time than this, the driver lets the missed time go instead of bursting."""
 
 
 class ReplayConfig(DriverConfig):
@@ -41,13 +39,11 @@ class ReplayConfig(DriverConfig):
         path: the trace, CSV or Parquet; the machine file maps its columns.
         speed: axis time over real time; 0 is as fast as possible.
         loop: start again at the end, for ever.
-        axis_number: the controller's number of the axis, in place of the machine file's.
     """
 
     path: Path
     speed: float = Field(1.0, ge=0.0)
     loop: bool = False
-    axis_number: int | None = Field(None, ge=1)
 
 
 class ReplayDriver:
@@ -69,7 +65,7 @@ class ReplayDriver:
         self._config = config
         self._clock = clock
         self._sleep = sleep
-        self._rows = RecordedRows(f"replay {context.axis}", context.machine, config.axis_number)
+        self._rows = RecordedRows(f"replay {context.axis}", context.machine)
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
     @property
@@ -95,11 +91,16 @@ class ReplayDriver:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
         if not self._rows.is_open():
             raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
-        pace = _Pace(self._config.speed, self._clock or asyncio.get_running_loop().time)
+        pace: Pace | None = None
+        newest_s = 0.0
         async with aclosing(self._cut_frames()) as frames:
             async for frame in frames:
+                if pace is None:
+                    clock = self._clock or asyncio.get_running_loop().time
+                    pace, newest_s = Pace(self._config.speed, clock), float(frame.time_s[0])
+                step_s, newest_s = float(frame.time_s[-1]) - newest_s, float(frame.time_s[-1])
                 # Even without a wait: the event loop must get its turn between two reads.
-                await self._sleep(pace.wait_s(frame.time_s))
+                await self._sleep(pace.wait_s(min(max(step_s, 0.0), LONGEST_STEP_S)))
                 if not self._rows.is_open():
                     return
                 yield frame
@@ -115,7 +116,10 @@ class ReplayDriver:
             reader, first = await self._rows.run(first_rows)
         except TraceError as error:
             raise DriverMisconfiguredError("path", str(error)) from None
-        return Probe(f"recording {self._config.path.name}", reader.channels, _rate_hz(first.time_s))
+        steps_s = np.diff(first.time_s)
+        steps_s = steps_s[steps_s > 0.0]
+        rate_hz = float(1.0 / np.median(steps_s)) if steps_s.size else None
+        return Probe(f"recording {self._config.path.name}", reader.channels, rate_hz)
 
     async def close(self) -> None:
         """Close the trace, once a read that is under way has ended; safe twice."""
@@ -152,37 +156,6 @@ class ReplayDriver:
             await self.close()
             self._finished["restarts"] += 1
             await self.open()
-
-
-class _Pace:
-    """Schedule of the frames against one fixed start, so that nothing drifts."""
-
-    def __init__(self, speed: float, clock: Callable[[], float]) -> None:
-        self._speed = speed
-        self._clock = clock
-        self._start_s: float | None = None
-        self._played_s = 0.0
-        self._newest_s = 0.0
-
-    def wait_s(self, time_s: Floats) -> float:
-        """Real time to wait until the last sample of a frame is due; its times, shape (n,)."""
-        if self._speed == 0.0:
-            return 0.0
-        if self._start_s is None:
-            self._start_s, self._newest_s = self._clock(), float(time_s[0])
-        step_s = float(time_s[-1]) - self._newest_s
-        self._newest_s = float(time_s[-1])
-        self._played_s += min(max(step_s, 0.0), LONGEST_STEP_S)
-        wait_s = self._start_s + self._played_s / self._speed - self._clock()
-        if wait_s < -GREATEST_LAG_S:
-            self._start_s -= wait_s
-        return max(wait_s, 0.0)
-
-
-def _rate_hz(time_s: Floats) -> float | None:
-    steps_s = np.diff(time_s)
-    steps_s = steps_s[steps_s > 0.0]
-    return float(1.0 / np.median(steps_s)) if steps_s.size else None
 
 
 def _total(finished: dict[str, int], reader: TraceReader) -> dict[str, int]:

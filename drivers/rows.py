@@ -1,7 +1,7 @@
 """Rows as sample frames: put together one by one, or cut out of a recording."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +9,10 @@ import numpy as np
 from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
 
+FRAME_S = 0.1
+"""Axis time of a frame."""
+GREATEST_LAG_S = 1.0
+"""Further behind real time than this, a driver lets the missed time go instead of bursting."""
 LARGEST_FRAME = 4096
 """Rows of a frame, where the recorded clock stands still."""
 LOOK_AHEAD_S = 0.0045
@@ -64,12 +68,14 @@ class QualityCounts:
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
 
-    def count(self, values: Values) -> None:
-        """Count the cells of one row."""
-        for _, code in values.values():
-            if code is not Quality.GOOD:
-                name = f"{code.level}_{code.name.lower()}"
-                self.counts[name] = self.counts.get(name, 0) + 1
+    def count(self, frame: SampleFrame) -> SampleFrame:
+        """Count the cells of a frame; returns it."""
+        for codes in frame.quality.values():
+            for code, count in zip(*np.unique(codes, return_counts=True), strict=True):
+                if code != Quality.GOOD:
+                    name = f"{Quality(code).level}_{Quality(code).name.lower()}"
+                    self.counts[name] = self.counts.get(name, 0) + int(count)
+        return frame
 
 
 class FrameCutter:
@@ -81,29 +87,55 @@ class FrameCutter:
 
     def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
         """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
-        rows = block if self._rest is None else _join(self._rest, block)
+        rows = block
+        if self._rest is not None:
+            channels = {
+                name: np.concatenate([values, block.channels[name]])
+                for name, values in self._rest.channels.items()
+            }
+            rows = SampleFrame(np.concatenate([self._rest.time_s, block.time_s]), channels)
         with np.errstate(over="ignore", invalid="ignore"):
             number = np.floor((rows.time_s - LOOK_AHEAD_S) / self._frame_s)
         edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
         for start, end in pairwise(edges):
             cuts = range(start, end, LARGEST_FRAME)
             for cut in cuts[:-1] if end == len(rows) else cuts:
-                yield _rows(rows, cut, min(cut + LARGEST_FRAME, end))
-        self._rest = _rows(rows, cuts[-1], len(rows))
+                yield piece(rows, cut, min(cut + LARGEST_FRAME, end))
+        self._rest = piece(rows, cuts[-1])
 
     def rest(self) -> SampleFrame | None:
         """The rows kept at the end."""
         return self._rest
 
 
-def _rows(frame: SampleFrame, start: int, end: int) -> SampleFrame:
-    channels = {name: values[start:end] for name, values in frame.channels.items()}
-    return SampleFrame(frame.time_s[start:end], channels)
+class Pace:
+    """Schedule of what is played, against one fixed start, so that nothing drifts.
+
+    Args:
+        speed: axis time over real time; 0 is as fast as possible.
+        clock: real time, s.
+    """
+
+    def __init__(self, speed: float, clock: Callable[[], float]) -> None:
+        self._speed, self._clock = speed, clock
+        self._start_s, self._played_s = clock(), 0.0
+
+    def wait_s(self, step_s: float) -> float:
+        """Real time to wait until a further `step_s` of axis time is due."""
+        if self._speed == 0.0:
+            return 0.0
+        self._played_s += step_s
+        wait_s = self._start_s + self._played_s / self._speed - self._clock()
+        if wait_s < -GREATEST_LAG_S:
+            self._start_s -= wait_s
+        return max(wait_s, 0.0)
 
 
-def _join(first: SampleFrame, second: SampleFrame) -> SampleFrame:
-    channels = {
-        name: np.concatenate([values, second.channels[name]])
-        for name, values in first.channels.items()
-    }
-    return SampleFrame(np.concatenate([first.time_s, second.time_s]), channels)
+def piece(frame: SampleFrame, start: int, end: int | None = None) -> SampleFrame:
+    """Rows [start, end) of a frame."""
+    part = slice(start, end)
+    return SampleFrame(
+        frame.time_s[part],
+        {name: values[part] for name, values in frame.channels.items()},
+        {name: codes[part] for name, codes in frame.quality.items() if codes[part].any()},
+    )

@@ -1,23 +1,24 @@
 """The simulated feed drive: production motion, wear, and everything a real drive reports."""
 
 import asyncio
+import tomllib
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from edge_service.messages.channels import ANGLE, CHANNELS
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
-from edge_service.models.plant.encoders import Sensors
-from edge_service.models.screw.wear import RUN_IN_SHARE, SCENARIOS, Wear
+from edge_service.models.screw.wear import SCENARIOS
 from edge_service.threads import Threads
 
 from .base import (
@@ -27,14 +28,9 @@ from .base import (
     DriverUnavailableError,
     Probe,
 )
-from .rows import LOOK_AHEAD_S
+from .rows import FRAME_S, LOOK_AHEAD_S, Pace
 
-SECONDS_PER_HOUR = 3600.0
-GREATEST_LAG_S = 1.0
-"""Further behind real time than this, the driver lets the missed time go instead of bursting."""
-
-_SENSORS = Sensors()
-_ACCELEROMETER = AccelerometerSettings()
+_FROM = "from_s="
 
 
 class SimulatedConfig(DriverConfig):
@@ -42,51 +38,41 @@ class SimulatedConfig(DriverConfig):
 
     Attributes:
         scenario: how the preload is lost; `healthy` keeps the machine file's fresh preload.
-        life_h: wear time from start to end of the scenario, h.
-        acceleration: seconds of wear per second of axis time.
         start_percent: preload at first, instead of the scenario's.
         end_percent: preload at last, instead of the scenario's.
-        run_in_loss: share of the loss in the first tenth of the life; 0.1 is a straight line.
+        life_s: axis time from start to end of the scenario, s.
         hold_s: axis time before the wear begins, s.
         repeat: start anew, with the hold, when the life is over; else the end value stays.
         motion: name of the commanded motion.
         seed: of motion and noise; the same seed gives the same bytes.
         rate_hz: rate of control and samples.
-        frame_s: axis time per frame, s.
         speed: axis time over real time; 0 is as fast as possible.
-        guide_force_n: guide friction; the machine file's unless given.
-        bearing_drag_nm: drag of the screw's bearings; the machine file's unless given.
-        effects: what the axis has beyond the machine file, each as NAME[:key=value,...].
-        effects_from_s: axis time from which on it has them, s.
-        accelerometer_rate_hz: of an accelerometer on the nut; 0 is none.
-        ball_pass_order: balls that pass a point of the nut per revolution of the screw; the machine
-            file's unless given, that of the test bench where it does not know the balls.
-        raceway_damage: what the accelerometer sees when a ball strikes a pit, m/s^2; 0 is sound.
+        truth: machine file of the axis that is simulated, where it is another than the one that
+            the service knows.
+        effects: what the axis has beyond its machine file, each as NAME[:key=value,...]; with
+            `from_s` among the keys, from that axis time on.
+        noise: of torque and encoders, times the usual one.
+        accelerometer_hz: rate of an accelerometer on the nut; 0 is none.
+        raceway_damage: what it sees when a ball strikes a pit, m/s^2; 0 is sound.
+        force: external force on the table, N, positive along the travel.
     """
 
     scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
-    life_h: float = Field(10_000.0, gt=0.0)
-    acceleration: float = Field(120_000.0, gt=0.0)
     start_percent: float | None = Field(None, ge=0.0, le=100.0)
     end_percent: float | None = Field(None, ge=0.0, le=100.0)
-    run_in_loss: float = Field(RUN_IN_SHARE, ge=0.0, le=1.0)
+    life_s: float = Field(300.0, gt=0.0)
     hold_s: float = Field(20.0, ge=0.0)
     repeat: bool = False
     motion: str = "production"
     seed: int = Field(1, ge=0)
     rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)
-    frame_s: float = Field(0.1, ge=0.001, le=1.0)
     speed: float = Field(1.0, ge=0.0, le=1000.0)
-    guide_force_n: float | None = Field(None, ge=0.0)
-    bearing_drag_nm: float | None = Field(None, ge=0.0)
+    truth: Path | None = None
     effects: list[str] = []
-    effects_from_s: float = Field(0.0, ge=0.0)
-    torque_noise_nm: float = Field(_SENSORS.torque_noise_nm, ge=0.0)
-    angle_noise_rad: float = Field(_SENSORS.angle_noise_rad, ge=0.0)
-    table_noise_m: float = Field(_SENSORS.table_noise_m, ge=0.0)
-    accelerometer_rate_hz: float = Field(0.0, ge=0.0, le=100_000.0)
-    ball_pass_order: float | None = Field(None, gt=0.0, le=1000.0)
+    noise: float = Field(1.0, ge=0.0, le=1000.0)
+    accelerometer_hz: float = Field(0.0, ge=0.0, le=100_000.0)
     raceway_damage: float = Field(0.0, ge=0.0)
+    force: float = 0.0
 
 
 class _SimulatedAxis:
@@ -94,115 +80,112 @@ class _SimulatedAxis:
 
     def __init__(self, config: SimulatedConfig, context: DriverContext) -> None:
         self._config = config
-        self._wear = _wear(config, context)
+        machine = context.machine if config.truth is None else _machine(config.truth)
+        missing = machine.missing_for_percent()
+        whose = "machine" if config.truth is None else "truth"
+        if missing is not None:
+            raise DriverMisconfiguredError(
+                whose, f"{missing}: the machine file lacks it, simulated preload needs it"
+            )
+        scenario = SCENARIOS[config.scenario]
+        fresh = machine.fresh_preload_percent
+        if config.scenario == "healthy" and fresh is not None:
+            scenario = replace(scenario, start_percent=fresh, end_percent=fresh)
+        start, end = config.start_percent, config.end_percent
+        if config.scenario == "healthy" and end is None:
+            end = start
+        self._wear = replace(
+            scenario,
+            start_percent=scenario.start_percent if start is None else start,
+            end_percent=scenario.end_percent if end is None else end,
+        )
+        self.preload_percent = self._wear.start_percent
         if config.motion not in MOTIONS:
             known = ", ".join(sorted(MOTIONS))
             raise DriverMisconfiguredError("motion", f"{config.motion!r} is not one of {known}")
         try:
-            limits = motion_limits(context.machine)
+            limits = motion_limits(machine)
             segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))
         except MotionError as error:
             raise DriverMisconfiguredError("motion", str(error)) from error
         self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
-        self.preload_percent = self._wear.start_percent
-        settings = _settings(config, context)
-        self._later = _later(config)
         try:
-            both = replace(settings, effects=(*settings.effects, *self._later))
-            FeedDrive(both, limits.low_m, self.preload_percent, config.seed)
-            self._drive = FeedDrive(settings, limits.low_m, self.preload_percent, config.seed)
+            settings = FeedDriveSettings.of_machine(machine, config.rate_hz)
+        except ValueError as error:
+            raise DriverMisconfiguredError(whose, str(error)) from error
+        noises = {
+            name: config.noise * getattr(settings.sensors, name)
+            for name in ("torque_noise_nm", "angle_noise_rad", "table_noise_m")
+        }
+        settings = replace(settings, sensors=settings.sensors._replace(**noises))
+        try:
+            effects = [_effect(text) for text in config.effects]
+            present = tuple(effect for from_s, effect in effects if from_s <= 0.0)
+            self._later = [(from_s, effect) for from_s, effect in effects if from_s > 0.0]
+            for each in (tuple(effect for _, effect in effects), present):
+                settings_now = replace(settings, effects=(*settings.effects, *each))
+                self._drive = FeedDrive(
+                    settings_now, limits.low_m, self.preload_percent, config.seed
+                )
         except ValueError as error:
             raise DriverMisconfiguredError("effects", str(error)) from error
         self._sample = 0
-        self._accelerometer = _accelerometer(config, context.machine)
+        self._accelerometer: Accelerometer | None = None
+        if config.accelerometer_hz > 0.0:
+            sensor = AccelerometerSettings(
+                rate_hz=config.accelerometer_hz, damage=config.raceway_damage
+            )
+            if machine.ball_pass_orders is not None:
+                sensor = replace(sensor, ball_pass_order=machine.ball_pass_orders.on_nut)
+            self._accelerometer = Accelerometer(sensor, config.seed)
 
     def advance(self, count: int) -> SampleFrame:
-        """The next `count` samples."""
-        time_s = np.arange(self._sample, self._sample + count) / self._config.rate_hz
-        if self._later and self._sample >= self._config.effects_from_s * self._config.rate_hz:
-            self._drive.take_on(self._later)
-            self._later = ()
+        """The next `count` samples, one at least."""
+        config = self._config
+        time_s = np.arange(self._sample, self._sample + count) / config.rate_hz
+        begun = [effect for from_s, effect in self._later if from_s <= time_s[0]]
+        if begun:
+            self._drive.take_on(begun)
+            self._later = [each for each in self._later if each[0] > time_s[0]]
         self._sample += count
-        preload_percent = self._preload_percent(time_s)
-        if count:
-            self.preload_percent = float(preload_percent[-1])
-        frame = self._drive.advance(self._setpoints.take(count), preload_percent)
-        if self._accelerometer is None or not count:
+        if config.repeat:
+            time_s = np.fmod(time_s, config.hold_s + config.life_s)
+        preload_percent = self._wear.preload_percent(time_s - config.hold_s, config.life_s)
+        self.preload_percent = float(preload_percent[-1])
+        frame = self._drive.advance(
+            self._setpoints.take(count),
+            preload_percent,
+            external_force_n=np.full(count, config.force) if config.force else None,
+        )
+        if self._accelerometer is None:
             return frame
         wave = self._accelerometer.follow(frame.time_s, frame.channels[ANGLE])
         return replace(frame, waveforms=(wave,) if len(wave) else ())
 
-    def _preload_percent(self, time_s: Floats) -> Floats:
-        config = self._config
-        life_s = config.life_h * SECONDS_PER_HOUR
-        if config.repeat:
-            time_s = np.fmod(time_s, config.hold_s + life_s / config.acceleration)
-        return self._wear.preload_percent((time_s - config.hold_s) * config.acceleration, life_s)
 
-
-def _later(config: SimulatedConfig) -> tuple[ActiveEffect, ...]:
-    """Effects that the axis does not have from the beginning."""
-    return tuple(_effects(config)) if config.effects_from_s > 0.0 else ()
-
-
-def _effects(config: SimulatedConfig) -> list[ActiveEffect]:
+def _machine(path: Path) -> Machine:
+    """The machine file that is the truth. Raises DriverMisconfiguredError."""
     try:
-        return [parse_effect(text) for text in config.effects]
-    except ValueError as error:
-        raise DriverMisconfiguredError("effects", str(error)) from error
+        return Machine.model_validate(tomllib.loads(path.read_text("utf-8")))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise DriverMisconfiguredError("truth", f"{path}: {place}: {first['msg']}") from None
+    except (OSError, ValueError) as error:
+        raise DriverMisconfiguredError("truth", f"{path}: {error}") from None
 
 
-def _accelerometer(config: SimulatedConfig, machine: Machine) -> Accelerometer | None:
-    if config.accelerometer_rate_hz == 0.0:
-        return None
-    balls = machine.ball_pass_orders
-    known = _ACCELEROMETER.ball_pass_order if balls is None else balls.on_nut
-    settings = AccelerometerSettings(
-        rate_hz=config.accelerometer_rate_hz,
-        ball_pass_order=config.ball_pass_order or known,
-        damage=config.raceway_damage,
-    )
-    return Accelerometer(settings, config.seed)
-
-
-def _wear(config: SimulatedConfig, context: DriverContext) -> Wear:
-    scenario = SCENARIOS[config.scenario]
-    fresh = context.machine.fresh_preload_percent
-    if config.scenario == "healthy" and fresh is not None:
-        scenario = replace(scenario, start_percent=fresh, end_percent=fresh)
-    start, end = config.start_percent, config.end_percent
-    if config.scenario == "healthy" and end is None:
-        end = start
-    return replace(
-        scenario,
-        start_percent=scenario.start_percent if start is None else start,
-        end_percent=scenario.end_percent if end is None else end,
-        run_in_loss=config.run_in_loss,
-    )
-
-
-def _settings(config: SimulatedConfig, context: DriverContext) -> FeedDriveSettings:
-    missing = context.machine.missing_for_percent()
-    if missing is not None:
-        raise DriverMisconfiguredError(
-            "machine", f"{missing}: the machine file lacks it, simulated preload needs it"
-        )
-    effects = [] if config.effects_from_s > 0.0 else _effects(config)
+def _effect(text: str) -> tuple[float, ActiveEffect]:
+    """An effect, and the axis time from which on it is there, s. Raises ValueError."""
+    name, _, rest = text.partition(":")
+    parts = [part.strip() for part in rest.split(",")]
+    times = [part.removeprefix(_FROM) for part in parts if part.startswith(_FROM)]
+    others = ",".join(part for part in parts if not part.startswith(_FROM))
     try:
-        settings = FeedDriveSettings.of_machine(context.machine, config.rate_hz, effects)
-    except ValueError as error:
-        raise DriverMisconfiguredError("machine", str(error)) from error
-    plant = settings.plant
-    if config.guide_force_n is not None:
-        plant = plant._replace(guide_force_n=config.guide_force_n)
-    if config.bearing_drag_nm is not None:
-        plant = plant._replace(bearing_drag_nm=config.bearing_drag_nm)
-    sensors = settings.sensors._replace(
-        torque_noise_nm=config.torque_noise_nm,
-        angle_noise_rad=config.angle_noise_rad,
-        table_noise_m=config.table_noise_m,
-    )
-    return replace(settings, plant=plant, sensors=sensors)
+        from_s = float(times[-1]) if times else 0.0
+    except ValueError:
+        raise ValueError(f"effect {name}: from_s: expected seconds, got {times[-1]!r}") from None
+    return from_s, parse_effect(f"{name}:{others}")
 
 
 class SimulatedDriver:
@@ -210,7 +193,7 @@ class SimulatedDriver:
 
     With `speed` above 0 a frame is yielded when its last sample has been taken, against a fixed
     start on the event loop's clock, so that nothing drifts. Axis time never jumps: after a delay
-    of more than GREATEST_LAG_S the axis goes on from where it was, and real time has moved on.
+    of more than a second the axis goes on from where it was, and real time has moved on.
     """
 
     config_model: ClassVar[type[DriverConfig]] = SimulatedConfig
@@ -230,13 +213,15 @@ class SimulatedDriver:
         self._running: _SimulatedAxis | None = None
         self._truth: float | None = None
         self.paced = config.speed > 0.0
+        self.frame_s = FRAME_S
 
     async def open(self) -> None:
         """Put the axis at home; the first time, compile the plant in a thread."""
         if self._running is None:
             work = Threads("simulated")
             axis = await work.run(_SimulatedAxis, self._config, self._context)
-            await work.run(self._compile)
+            compiled = await work.run(_SimulatedAxis, self._config, self._context)
+            await work.run(compiled.advance, 1)
             self._running = axis
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
@@ -248,20 +233,14 @@ class SimulatedDriver:
         if axis is None:
             raise DriverUnavailableError("the simulated drive is not open")
         config = self._config
-        count = max(round(config.frame_s * config.rate_hz), 1)
-        clock = self._clock or asyncio.get_running_loop().time
-        start_s, taken = clock(), 0
+        count = max(round(self.frame_s * config.rate_hz), 1)
+        pace = Pace(config.speed, self._clock or asyncio.get_running_loop().time)
+        rows = count + int(LOOK_AHEAD_S * config.rate_hz) + 1
         while self._running is axis:
-            rows = count if taken else count + int(LOOK_AHEAD_S * config.rate_hz) + 1
             frame = axis.advance(rows)
-            taken += rows
-            wait_s = 0.0
-            if self.paced:
-                due_s = start_s + taken / config.rate_hz / config.speed
-                wait_s = due_s - clock()
-                if wait_s < -GREATEST_LAG_S:
-                    start_s -= wait_s
-            await self._sleep(max(wait_s, 0.0))
+            wait_s = pace.wait_s(rows / config.rate_hz)
+            rows = count
+            await self._sleep(wait_s)
             if self._running is axis:
                 self._truth = axis.preload_percent
                 yield frame
@@ -293,6 +272,3 @@ class SimulatedDriver:
     def truth(self) -> float | None:
         """True preload in percent at the latest sample handed out, or None before the first."""
         return self._truth
-
-    def _compile(self) -> None:
-        _SimulatedAxis(self._config, self._context).advance(1)

@@ -4,12 +4,11 @@ A stub is found by the name of its protocol in the entry-point group `edge_servi
 """
 
 import asyncio
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
 from enum import IntEnum
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any, Protocol, cast
 
 from edge_service.messages.samples import SampleFrame
@@ -76,18 +75,14 @@ class StubAxis:
     async def follow(self) -> None:
         """Keep `latest` up to date until the source ends."""
         try:
-            await self._follow()
+            async with aclosing(self.source) as frames:
+                async for frame in frames:
+                    if len(frame):
+                        self.latest = {name: float(v[-1]) for name, v in frame.channels.items()}
+                        self.samples += len(frame)
+                        self.begun.set()
         finally:
             self.begun.set()  # a source without samples must not keep anybody waiting
-
-    async def _follow(self) -> None:
-        async with aclosing(self.source) as frames:
-            async for frame in frames:
-                if len(frame) == 0:
-                    continue
-                self.latest = {name: float(v[-1]) for name, v in frame.channels.items()}
-                self.samples += len(frame)
-                self.begun.set()
 
 
 class Stub(Protocol):
@@ -95,7 +90,7 @@ class Stub(Protocol):
 
     fault: Fault
 
-    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None: ...
+    def __init__(self, axes: Sequence[StubAxis]) -> None: ...
 
     async def start(self) -> str:
         """Listen; returns the address. Raises DriverMisconfiguredError."""
@@ -120,9 +115,20 @@ def load_stub(name: str) -> type[Stub]:
 
 
 class Following:
-    """The tasks that keep the axes of a stub up to date."""
+    """The tasks that keep the axes of a stub, which share an address, up to date.
 
-    def __init__(self, axes: Sequence[StubAxis]) -> None:
+    Args:
+        axes: of the stub.
+        address: of a configuration. Raises DriverMisconfiguredError where they differ.
+    """
+
+    def __init__(self, axes: Sequence[StubAxis], address: Callable[[Any], object]) -> None:
+        for axis in axes:
+            if address(axis.config) != address(axes[0].config):
+                raise DriverMisconfiguredError(
+                    "url",
+                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
+                )
         self._axes = axes
         self._tasks: list[asyncio.Task[None]] = []
 

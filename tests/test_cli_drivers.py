@@ -131,7 +131,7 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
     config = load_config(DEFAULT_CONFIG.parent / "drivers" / f"{protocol}.toml")
     axes = [axis.model_copy(update={"machine": DEFAULT_MACHINE}) for axis in config.axes]
     changed = config.model_copy(update={"axes": tuple(axes)})
-    stub = make_stub(protocol, changed, None, "healthy", None, None, port)
+    stub = make_stub(protocol, changed, None, "healthy", None, port)
     try:
         assert (await stub.start()).endswith(f":{port}")
         reader, writer = await asyncio.open_connection("127.0.0.1", port)

@@ -1,1 +1,1 @@
-"""A watched folder: every trace that a controller leaves there, once."""
+"""A watched folder of traces."""

@@ -1,36 +1,40 @@
 """A watched folder: every complete trace that a controller leaves there is read once."""
 
 import asyncio
+import hashlib
+import json
 import logging
 import math
 import os
-from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 
+from edge_service.atomic import replaced_file, set_aside
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..recorded import RecordedRows
-from ..rows import FrameCutter
-from .ledger import Entry, Ledger
+from ..rows import FRAME_S, FrameCutter, piece
 
 log = logging.getLogger(__name__)
 SETTLE_S = 2.0
 """A file that has not changed for so long, and has its proper end, is complete."""
 POLL_S = 1.0
 """Time between two looks into the folder."""
-FRAME_S = 0.1
 BETWEEN_S = 1.0
 """Axis time between two traces: the axis may be anywhere when the next begins."""
 SAVE_ROWS = 20_000
 """After so many rows the ledger is written; more than these are never read twice."""
+MOST_BEGINNINGS = 16
+"""Kept shorter contents of one file that grows."""
+_CHUNK_BYTES = 1 << 20
 _TAIL_BYTES = 4096
 _PARQUET_MAGIC = b"PAR1"
 
@@ -47,28 +51,13 @@ class FolderConfig(DriverConfig):
     pattern: str = Field("*", min_length=1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """Size and time of change of a file, and since when it has had them on the watcher's clock."""
-
-    size: int
-    changed_ns: int
-    since_s: float
-
-
 class Arrivals:
-    """Watches a folder. A file is complete when it rests and has its proper end.
-
-    Args:
-        folder: the folder.
-        pattern: of the names.
-        settle_s: how long a file must rest.
-    """
+    """Watches a folder. A file is complete when it rests for `settle_s` and has its proper end."""
 
     def __init__(self, folder: Path, pattern: str, settle_s: float) -> None:
         self._folder, self._pattern, self._settle_s = folder, pattern, settle_s
-        self._looks: dict[Path, _Look] = {}
-        self._told: dict[Path, _Look] = {}
+        self._since: dict[tuple[Path, int, int], float] = {}
+        self._told: set[tuple[Path, int, int]] = set()
 
     def complete(self, now_s: float) -> list[Path]:
         """Files that have become complete since the last call, the oldest first.
@@ -76,35 +65,26 @@ class Arrivals:
         Raises:
             DriverUnavailableError: the folder cannot be looked into.
         """
-        found = {path: self._look(path, *state, now_s) for path, state in self._states()}
-        self._looks = found
-        self._told = {path: look for path, look in self._told.items() if path in found}
-        ready = [
-            (look.changed_ns, path)
-            for path, look in found.items()
-            if now_s - look.since_s >= self._settle_s
-            and self._told.get(path) != look
-            and has_proper_end(path)
-        ]
-        self._told |= {path: found[path] for _, path in ready}
-        return [path for _, path in sorted(ready)]
-
-    def _states(self) -> Iterator[tuple[Path, tuple[int, int]]]:
         try:
             if not self._folder.is_dir():
                 raise DriverUnavailableError(f"{self._folder}: no such folder")
-            for path in self._folder.glob(self._pattern):
-                if not path.name.startswith(".") and path.is_file():
-                    state = path.stat()
-                    yield path, (state.st_size, state.st_mtime_ns)
+            found = {
+                (path, path.stat().st_size, path.stat().st_mtime_ns)
+                for path in self._folder.glob(self._pattern)
+                if not path.name.startswith(".") and path.is_file()
+            }
         except OSError as error:
             raise DriverUnavailableError(f"{self._folder}: {error.strerror}") from None
-
-    def _look(self, path: Path, size: int, changed_ns: int, now_s: float) -> _Look:
-        before = self._looks.get(path)
-        if before is not None and (before.size, before.changed_ns) == (size, changed_ns):
-            return before
-        return _Look(size, changed_ns, now_s)
+        self._since = {state: self._since.get(state, now_s) for state in found}
+        ready = {
+            state
+            for state, since_s in self._since.items()
+            if now_s - since_s >= self._settle_s
+            and state not in self._told
+            and has_proper_end(state[0])
+        }
+        self._told = (self._told & found) | ready
+        return [path for path, _, _ in sorted(ready, key=lambda state: (state[2], state[0]))]
 
 
 def has_proper_end(path: Path) -> bool:
@@ -123,12 +103,104 @@ def has_proper_end(path: Path) -> bool:
     return tail.endswith((b"\n", b"\r"))
 
 
+@dataclass(slots=True)
+class Entry:
+    """One trace, known by its content: neither another name nor another date makes it new.
+
+    Attributes:
+        digest: SHA-256 of the content.
+        name: of the file when it was first seen.
+        size: of the content, bytes.
+        rows: handed out so far.
+        done: nothing is left to read.
+        grown: the file has grown since; a later entry says more.
+    """
+
+    digest: str
+    name: str
+    size: int
+    rows: int = 0
+    done: bool = False
+    grown: bool = False
+
+
+_ENTRY = TypeAdapter(Entry)
+
+
+class Ledger:
+    """Record of what has been read: a small file with a line of JSON for each trace.
+
+    Of a damaged one the lines that can be read stand; it is set aside. One that cannot be written
+    is told once; what is read meanwhile is written as soon as that can be.
+
+    Attributes:
+        unsaved: times in a row that the file could not be written.
+
+    Raises:
+        DriverUnavailableError: it cannot be read now.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.unsaved = 0
+        self._entries: dict[str, Entry] = {}
+        try:
+            lines = path.read_bytes().splitlines() if path.exists() else []
+            for line in lines:
+                try:
+                    entry = _ENTRY.validate_json(line, strict=True)
+                except ValueError:
+                    continue
+                self._entries[entry.digest] = entry
+            if len(self._entries) < len(lines):
+                aside, known = set_aside(path), len(self._entries)
+                log.warning("%s: damaged; set aside as %s, %d traces known", path, aside, known)
+        except OSError as error:
+            raise DriverUnavailableError(f"{path}: cannot be read ({error.strerror})") from None
+
+    def entry_of(self, path: Path) -> Entry:
+        """The entry of a trace; a new one where it has not been seen. Raises OSError.
+
+        One that begins with what was read of a file of its name goes on behind that.
+        """
+        size = path.stat().st_size
+        shorter = [e for e in self._entries.values() if e.name == path.name and 0 < e.size < size]
+        digests, hasher, position = dict[int, str](), hashlib.sha256(), 0
+        with path.open("rb") as file:
+            for end in sorted({size, *(each.size for each in shorter)}):
+                while chunk := file.read(min(_CHUNK_BYTES, end - position)):
+                    hasher.update(chunk)
+                    position += len(chunk)
+                digests[end] = hasher.hexdigest()
+        entry = self._entries.setdefault(digests[size], Entry(digests[size], path.name, size))
+        if entry.rows == 0 and not entry.done:
+            beginnings = [each for each in shorter if digests[each.size] == each.digest]
+            entry.rows = max((each.rows for each in beginnings), default=0)
+            for each in beginnings:
+                each.grown = True
+            for each in [each for each in beginnings if each.grown][:-MOST_BEGINNINGS]:
+                del self._entries[each.digest]
+        return entry
+
+    def save(self) -> None:
+        """Write all entries, if that can be."""
+        try:
+            with replaced_file(self._path) as file:
+                file.writelines(f"{json.dumps(asdict(each))}\n" for each in self._entries.values())
+        except OSError as error:
+            if not self.unsaved:
+                log.warning("%s: cannot be written (%s)", self._path, error.strerror)
+            self.unsaved += 1
+        else:
+            self.unsaved = 0
+
+
 class FolderDriver:
     """Yields the rows of every complete trace in the folder, then waits for the next.
 
     The recorded clocks follow each other, with a gap between. A trace that cannot be read is told
-    in the log and in the ledger, and is no reason to stop; neither is a ledger that cannot be
-    written. The ledger lies in $STATE_DIRECTORY, or in the folder where there is none.
+    in the log, and is no reason to stop; neither is a ledger that cannot be written. The ledger
+    lies in $STATE_DIRECTORY, or in the folder where there is none.
     """
 
     config_model: ClassVar[type[DriverConfig]] = FolderConfig
@@ -147,9 +219,9 @@ class FolderDriver:
     ) -> None:
         self._config, self._sleep, self._settle_s = config, sleep, settle_s
         state = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-        kept = Path(state) / f"folder-{context.axis}.json"
-        beside = config.folder / f".edge-service-{context.axis}.json"
-        self._ledger_path = ledger or (kept if state else beside)
+        kept = Path(state) / f"folder-{context.axis}.jsonl"
+        beside = config.folder / f".edge-service-{context.axis}.jsonl"
+        self.ledger_path = ledger or (kept if state else beside)
         self._rows = RecordedRows(f"folder {context.axis}", context.machine)
         self._ledger: Ledger | None = None
         self._last_ledger: Ledger | None = None
@@ -169,8 +241,15 @@ class FolderDriver:
 
     async def open(self) -> None:
         """Look into folder and ledger. Raises like all drivers."""
+
+        def opened() -> Ledger:
+            Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
+            if self._last_ledger is None or not self._last_ledger.unsaved:
+                self._last_ledger = Ledger(self.ledger_path)
+            return self._last_ledger
+
         if self._ledger is None:
-            self._ledger = await self._rows.run(self._open)
+            self._ledger = await self._rows.run(opened)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of one trace after the other, until `close` or the folder is gone."""
@@ -195,31 +274,24 @@ class FolderDriver:
                 await self._sleep(POLL_S)
 
     async def probe(self) -> Probe:
-        """Describe what the folder holds. Raises like `open`."""
-        return await self._rows.run(self._probe)
+        """Channels of the first trace that can be read; none while there is none."""
+
+        def channels() -> tuple[str, ...]:
+            for path in Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0):
+                try:
+                    with self._rows.open_now(path) as reader:
+                        return reader.channels
+                except TraceError:
+                    continue
+            return ()
+
+        found = await self._rows.run(channels)
+        return Probe(f"traces in {self._config.folder}", found, None)
 
     async def close(self) -> None:
         """End `frames`; safe twice."""
         self._ledger = None
         await self._rows.close()
-
-    def _open(self) -> Ledger:
-        Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
-        if self._last_ledger is None or not self._last_ledger.unsaved:
-            self._last_ledger = Ledger(self._ledger_path)
-        return self._last_ledger
-
-    def _probe(self) -> Probe:
-        """Channels of the first trace that can be read; none while there is none."""
-        channels: tuple[str, ...] = ()
-        for path in Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0):
-            try:
-                with self._rows.open_now(path) as reader:
-                    channels = reader.channels
-                    break
-            except TraceError:
-                continue
-        return Probe(f"traces in {self._config.folder}", channels, None)
 
     async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
         """The rows of a trace that were not read before; what was read is written down."""
@@ -267,8 +339,7 @@ class FolderDriver:
                 skip, skipped = max(skip - len(block), 0), min(skip, len(block))
                 if skipped == len(block):
                     continue
-                channels = {name: values[skipped:] for name, values in block.channels.items()}
-                for frame in cutter.cut(SampleFrame(block.time_s[skipped:], channels)):
+                for frame in cutter.cut(piece(block, skipped)):
                     await self._sleep(0.0)  # the event loop must get its turn between two reads
                     if self._ledger is not ledger:
                         return
@@ -281,6 +352,5 @@ class FolderDriver:
             self._counts["files"] += 1
         except TraceError as error:
             log.warning("%s", error)
-            entry.problem = str(error)
             self._counts["bad_files"] += 1
         entry.done = True

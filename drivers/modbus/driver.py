@@ -12,7 +12,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..rows import QualityCounts, RowBlock, Values
+from ..rows import FRAME_S, QualityCounts, RowBlock, Values
 from ..signals import Scaling
 from .link import ModbusLink, Reply
 from .registers import ModbusConfig, ReadRequest, RegisterConfig, decode_number, plan_requests
@@ -21,8 +21,6 @@ ANSWERED = (Quality.GOOD, Quality.DEVICE_EXCEPTION)
 """Qualities of a reply from a device that is present."""
 LATE_SHARE = 0.5
 """A read that takes longer than this share of its period says too little of when it was."""
-FRAME_S = 0.1
-"""Rows of so much time are published together."""
 CONSTANT_TOLERANCE = 1e-6
 """Relative difference by which a constant may be off: float32 has seven digits."""
 
@@ -87,7 +85,13 @@ class RegisterReader:
                     if register.channel is not None:
                         values[register.channel] = (math.nan, reply.quality)
                     continue
-                number = self._number(register, request, reply)
+                first = register.address - request.address
+                number = decode_number(
+                    reply.words[first : first + register.words],
+                    register.type,
+                    register.word_order or self._config.word_order,
+                    self._config.byte_order,
+                )
                 if register.channel is not None:
                     values[register.channel] = self._scalings[register.channel].si(number)
                 else:
@@ -99,17 +103,6 @@ class RegisterReader:
     def forget(self) -> None:
         """Forget heartbeats: the device may have started anew."""
         self._beats.clear()
-
-    def _number(self, register: RegisterConfig, request: ReadRequest, reply: Reply) -> float:
-        first = register.address - request.address
-        words = reply.words[first : first + register.words]
-        config = self._config
-        return decode_number(
-            words,
-            register.type,
-            register.word_order or config.word_order,
-            config.byte_order,
-        )
 
     def _guard(self, register: RegisterConfig, number: float, now_s: float) -> Quality:
         """Quality that a constant or a heartbeat implies for the values beside it."""
@@ -153,7 +146,7 @@ class ModbusDriver:
         self._qualities = QualityCounts()
         self._counts = {"polls": 0, "failed_polls": 0, "missed_polls": 0, "connections": 0}
         self._problem = ""
-        self._valid_s: float | None = None
+        self._valid_s = 0.0
         self._span_s = 0.0
         self._epoch = 0
 
@@ -175,7 +168,10 @@ class ModbusDriver:
         try:
             await self._link.connect()
             self._counts["connections"] += 1
-            await self._hear()
+            request = PollGroup.all_of(self._config, 0.0)[0].requests[0]
+            reply = await self._link.read(request)
+            if reply.quality not in ANSWERED:  # it only takes connections
+                raise DriverUnavailableError(f"{self._config.address}: {reply.problem}")
         except BaseException:
             self._link.close()
             raise
@@ -198,8 +194,13 @@ class ModbusDriver:
                 return
             block.add(time_s, values)
             if block.span_s + groups[0].period_s >= FRAME_S:
-                yield block.take()
-            self._check_alive(loop.time())
+                yield self._qualities.count(block.take())
+            silent_s = loop.time() - self._valid_s
+            if silent_s > self._config.lost_after_s:
+                self._link.close()
+                raise DriverUnavailableError(
+                    f"{self._config.address}: no valid reply for {silent_s:.1f} s ({self._problem})"
+                )
 
     async def probe(self) -> Probe:
         """Channels and rate, once the device has answered every request. Raises like `open`."""
@@ -208,7 +209,14 @@ class ModbusDriver:
             await link.connect()
             for group in PollGroup.all_of(self._config, 0.0):
                 for request in group.requests:
-                    await self._try(link, request)
+                    reply = await link.read(request)
+                    if reply.quality is not Quality.GOOD:
+                        key = self._config.key_of(request.registers[0])
+                        last = request.address + request.count - 1
+                        raise DriverUnavailableError(
+                            f"{self._config.address}: {key}: registers {request.address} to "
+                            f"{last}: {reply.problem}"
+                        )
         finally:
             link.close()
         fastest_s = self._config.poll_groups[self._config.fastest_group]
@@ -219,23 +227,6 @@ class ModbusDriver:
         self._epoch += 1
         self._link.close()
 
-    async def _hear(self) -> None:
-        """One read of the fastest group: a device that only takes connections is not there."""
-        request = PollGroup.all_of(self._config, 0.0)[0].requests[0]
-        reply = await self._link.read(request)
-        if reply.quality not in ANSWERED:
-            raise DriverUnavailableError(f"{self._config.address}: {reply.problem}")
-
-    async def _try(self, link: ModbusLink, request: ReadRequest) -> None:
-        reply = await link.read(request)
-        if reply.quality is not Quality.GOOD:
-            key = self._config.key_of(request.registers[0])
-            last = request.address + request.count - 1
-            raise DriverUnavailableError(
-                f"{self._config.address}: {key}: registers {request.address} to {last}: "
-                f"{reply.problem}"
-            )
-
     async def _poll(self, groups: list[PollGroup], now_s: float) -> tuple[float, Values]:
         """Time and values of one row: the fastest group, and the slower ones that are due."""
         fastest, *slower = groups
@@ -245,12 +236,14 @@ class ModbusDriver:
         self._span_s = last.received_s - first.sent_s
         values = self._reader.values(exchanges)
         if self._span_s > LATE_SHARE * fastest.period_s:
-            values = _doubted(values)
+            values = {
+                channel: (value, Quality.LATE_READ if code is Quality.GOOD else code)
+                for channel, (value, code) in values.items()
+            }
         for group in slower:
             if group.due_s <= now_s:
                 group.step(now_s)
                 values = {**values, **self._reader.values(await self._exchange(group.requests))}
-        self._qualities.count(values)
         return 0.5 * (first.sent_s + last.received_s), values
 
     async def _exchange(self, requests: tuple[ReadRequest, ...]) -> list[tuple[ReadRequest, Reply]]:
@@ -259,42 +252,20 @@ class ModbusDriver:
         failed: Reply | None = None
         for request in requests:
             if failed is None and not self._link.connected:
-                await self._connect_again()
+                epoch = self._epoch
+                await self._link.connect()
+                if self._epoch == epoch:
+                    self._counts["connections"] += 1
+                    self._reader.forget()
+                else:  # closed meanwhile
+                    self._link.close()
             reply = failed or await self._link.read(request)
-            self._note(reply)
+            self._counts["polls"] += 1
+            if reply.quality in ANSWERED:
+                self._valid_s = reply.received_s
+            if reply.quality is not Quality.GOOD:
+                self._counts["failed_polls"] += 1
+                self._problem = reply.problem
             failed = None if reply.quality in ANSWERED else reply
             exchanges.append((request, reply))
         return exchanges
-
-    async def _connect_again(self) -> None:
-        epoch = self._epoch
-        await self._link.connect()
-        if self._epoch != epoch:  # closed meanwhile
-            self._link.close()
-            return
-        self._counts["connections"] += 1
-        self._reader.forget()
-
-    def _note(self, reply: Reply) -> None:
-        self._counts["polls"] += 1
-        if reply.quality in ANSWERED:
-            self._valid_s = reply.received_s
-        if reply.quality is not Quality.GOOD:
-            self._counts["failed_polls"] += 1
-            self._problem = reply.problem
-
-    def _check_alive(self, now_s: float) -> None:
-        """Raise DriverUnavailableError where nothing valid has been heard for too long."""
-        if self._valid_s is not None and now_s - self._valid_s > self._config.lost_after_s:
-            self._link.close()
-            raise DriverUnavailableError(
-                f"{self._config.address}: no valid reply for {now_s - self._valid_s:.1f} s "
-                f"({self._problem})"
-            )
-
-
-def _doubted(values: Values) -> Values:
-    return {
-        channel: (value, Quality.LATE_READ if code is Quality.GOOD else code)
-        for channel, (value, code) in values.items()
-    }

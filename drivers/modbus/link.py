@@ -10,11 +10,9 @@ import asyncio
 import logging
 import struct
 from dataclasses import dataclass
-from enum import Enum
 
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
-from pymodbus.pdu import ModbusPDU
 
 from edge_service.cancellation import heed_cancellation
 from edge_service.messages.quality import Quality
@@ -30,78 +28,49 @@ _LONGEST = 254
 """Unit and longest protocol data unit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """Read request that was sent: transaction id, unit, function code, number of registers."""
+class WrongReplyError(ModbusException):
+    """Bytes that are no reply to the request; the text says why."""
 
-    transaction: int
-    unit: int
-    function: int
-    count: int
-
-    @classmethod
-    def of_packet(cls, packet: bytes) -> "Asked":
-        """Question in the bytes of a read request."""
-        transaction, _, _, unit, function = _HEADER.unpack_from(packet)
-        return cls(transaction, unit, function, int.from_bytes(packet[10:12], "big"))
+    def __str__(self) -> str:
+        return self.string
 
 
-class Verdict(Enum):
-    """Verdict on the bytes received so far."""
-
-    INCOMPLETE = "incomplete"
-    REPLY = "reply"
-    WRONG = "wrong"
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """A verdict, in words what is wrong, and the bytes of the reply alone."""
-
-    verdict: Verdict
-    problem: str = ""
-    reply: bytes = b""
-
-
-def vet(received: bytes, asked: Asked) -> Judgement:
-    """Judge the bytes received since the request.
+def vet(received: bytes, asked: bytes) -> bytes:
+    """The reply in the bytes received since a read request was sent; empty while it is not whole.
 
     Whole frames of other transactions are passed over: an earlier request may be answered late.
+
+    Args:
+        asked: bytes of the request.
+
+    Raises:
+        WrongReplyError: what has come contradicts the request.
     """
+    wanted, _, _, to_unit, to_function = _HEADER.unpack_from(asked)
+    count = int.from_bytes(asked[10:12], "big")
     start = 0
     while len(received) - start >= _HEADER.size:
         transaction, protocol, length, unit, function = _HEADER.unpack_from(received, start)
         if protocol != 0 or not 3 <= length <= _LONGEST:
-            return Judgement(
-                Verdict.WRONG, f"no Modbus frame: protocol {protocol}, length {length}"
-            )
+            raise WrongReplyError(f"no Modbus frame: protocol {protocol}, length {length}")
         end = start + _BEFORE_LENGTH + length
-        if transaction == asked.transaction:
-            problem = _contradiction(asked, unit, function, length)
-            if problem:
-                return Judgement(Verdict.WRONG, problem)
+        if transaction == wanted:
+            refused = function == to_function | 0x80
+            if unit != to_unit:
+                raise WrongReplyError(f"a reply of unit {unit} to a request to unit {to_unit}")
+            if function != to_function and not refused:
+                raise WrongReplyError(f"a reply with function {function} to {to_function}")
+            if length != (3 if refused else 3 + 2 * count):
+                raise WrongReplyError(f"a reply of length {length} to {count} registers")
             if len(received) >= end:
                 announced = received[start + _HEADER.size]
-                if function == asked.function and announced != 2 * asked.count:
-                    problem = f"{announced} bytes announced for {asked.count} registers"
-                    return Judgement(Verdict.WRONG, problem)
-                return Judgement(Verdict.REPLY, reply=received[start:end])
+                if not refused and announced != 2 * count:
+                    raise WrongReplyError(f"{announced} bytes announced for {count} registers")
+                return received[start:end]
         if len(received) < end:
             break
         start = end
-    return Judgement(Verdict.INCOMPLETE)
-
-
-def _contradiction(asked: Asked, unit: int, function: int, length: int) -> str:
-    if unit != asked.unit:
-        return f"a reply of unit {unit} to a request to unit {asked.unit}"
-    if function == asked.function | 0x80:
-        return "" if length == 3 else f"an exception of length {length}"
-    if function != asked.function:
-        return f"a reply with function {function} to a request with function {asked.function}"
-    if length != 3 + 2 * asked.count:
-        return f"a reply of length {length} to a request for {asked.count} registers"
-    return ""
+    return b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +108,7 @@ class ModbusLink:
         self._device_id = device_id
         self._timeout_s = timeout_s
         self._client: AsyncModbusTcpClient | None = None
-        self._asked: Asked | None = None
+        self._asked: bytes | None = None
 
     @property
     def connected(self) -> bool:
@@ -181,11 +150,16 @@ class ModbusLink:
         client = self._client
         if client is None:
             return Reply([], Quality.NO_REPLY, "not connected", sent_s, sent_s)
+        read = (
+            client.read_holding_registers
+            if request.function == FUNCTION_OF["holding"]
+            else client.read_input_registers
+        )
         try:
-            response = await self._ask(client, request)
+            response = await read(request.address, count=request.count, device_id=self._device_id)
             heed_cancellation()
         except (ModbusException, OSError) as error:
-            malformed = isinstance(error, _WrongReplyError)
+            malformed = isinstance(error, WrongReplyError)
             quality = Quality.MALFORMED if malformed else Quality.NO_REPLY
             problem = str(error) if malformed else "no reply"
             self._let_go(client)
@@ -204,27 +178,21 @@ class ModbusLink:
         if self._client is not None:
             self._let_go(self._client)
 
-    async def _ask(self, client: AsyncModbusTcpClient, request: ReadRequest) -> ModbusPDU:
-        read = (
-            client.read_holding_registers
-            if request.function == FUNCTION_OF["holding"]
-            else client.read_input_registers
-        )
-        return await read(request.address, count=request.count, device_id=self._device_id)
-
     def _vet(self, sending: bool, packet: bytes) -> bytes:
         """Bytes that the library may see: a whole reply to the request, or nothing yet."""
         if sending:
-            self._asked = Asked.of_packet(packet)
+            self._asked = packet
             return packet
         if self._asked is None:
             return b""
-        judgement = vet(packet, self._asked)
-        if judgement.verdict is Verdict.WRONG:
-            self._fail(_WrongReplyError(judgement.problem))
-        if judgement.verdict is not Verdict.INCOMPLETE:
+        try:
+            reply = vet(packet, self._asked)
+        except WrongReplyError as error:
+            self._fail(error)
+            return b""
+        if reply:
             self._asked = None
-        return judgement.reply
+        return reply
 
     def _note_connection(self, connected: bool) -> None:
         if not connected:
@@ -244,14 +212,3 @@ class ModbusLink:
         client.close()
         if self._client is client:
             self._client = None
-
-
-class _WrongReplyError(ModbusException):
-    """Bytes that are no reply to the request."""
-
-    def __init__(self, problem: str) -> None:
-        super().__init__(problem)
-        self.problem = problem
-
-    def __str__(self) -> str:
-        return self.problem

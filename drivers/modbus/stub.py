@@ -4,7 +4,6 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
@@ -28,13 +27,11 @@ class ModbusStub:
     the axis does not have is NaN (0 in integers).
     """
 
-    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
-        if nodesets is not None:
-            raise DriverMisconfiguredError("nodesets", "Modbus has no companion specifications")
+    def __init__(self, axes: Sequence[StubAxis]) -> None:
         self.fault = Fault()
         self._axes = axes
         self._config: ModbusConfig = axes[0].config
-        self._following = Following(axes)
+        self._following = Following(axes, lambda config: config.endpoint[:2])
         self._server: ModbusTcpServer | None = None
         self._released = asyncio.Event()
         self._scalings = {
@@ -45,12 +42,6 @@ class ModbusStub:
             for register in axis.config.registers
             if register.channel is not None
         }
-        for axis in axes[1:]:
-            if axis.config.endpoint[:2] != self._config.endpoint[:2]:
-                raise DriverMisconfiguredError(
-                    "url",
-                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
-                )
 
     async def start(self) -> str:
         """Listen; returns the address. Raises DriverMisconfiguredError."""
@@ -102,6 +93,7 @@ class ModbusStub:
         return refusal
 
     async def _misbehave(self) -> ExcCodes | None:
+        """Do what the fault asks for; a refusal if it is one."""
         fault = self.fault
         match fault.kind:
             case FaultKind.DELAY:
@@ -111,15 +103,12 @@ class ModbusStub:
             case FaultKind.EXCEPTION:
                 return ExcCodes(int(fault.amount))
             case FaultKind.DROP:
-                self._hang_up()
+                if self._server is not None:
+                    for connection in list(self._server.active_connections.values()):
+                        connection.close()
             case _:
                 pass
         return None
-
-    def _hang_up(self) -> None:
-        if self._server is not None:
-            for connection in list(self._server.active_connections.values()):
-                connection.close()
 
     def _obey(self, registers: list[int], start: int) -> None:
         """Take the fault that somebody wrote into the registers."""

@@ -3,18 +3,17 @@
 import asyncio
 import logging
 import socket
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator
 from contextlib import suppress
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from edge_service.messages.quality import Quality
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..rows import LARGEST_FRAME
+from ..rows import LARGEST_FRAME, QualityCounts, piece
 from .link import MqttLink, MqttSourceConfig
 from .streams import EdgeStream, MappedStream, MessageError, decode_object
 
@@ -44,13 +43,13 @@ class MqttDriver:
         self._counts = dict.fromkeys(
             ("messages", "malformed_messages", "oversized_messages", "connections"), 0
         )
-        self._bad: dict[str, int] = {}
+        self._qualities = QualityCounts()
         self._told: set[str] = set()
 
     @property
     def counters(self) -> dict[str, int]:
         """Messages; samples lost, repeated, late; samples that were not good, by reason."""
-        return self._counts | self._stream.counters | self._bad
+        return self._counts | self._stream.counters | self._qualities.counts
 
     @property
     def readings(self) -> dict[str, float]:
@@ -83,8 +82,18 @@ class MqttDriver:
             message = await link.next()
             if message is None or self._link is not link:
                 return
-            for frame in self._read(self._stream, message.payload):
-                yield frame
+            self._counts["messages"] += 1
+            if len(message.payload or b"") > LARGEST_BYTES:
+                self._counts["oversized_messages"] += 1
+                continue
+            try:
+                frames = self._stream.frames(decode_object(message.payload))
+            except MessageError as error:
+                self._skip(str(error))
+                continue
+            for frame in map(self._qualities.count, frames):
+                for start in range(0, len(frame), LARGEST_FRAME):
+                    yield piece(frame, start, start + LARGEST_FRAME)
 
     async def probe(self) -> Probe:
         """Listen until two samples are heard. Raises like `open`, and says what came instead."""
@@ -97,13 +106,21 @@ class MqttDriver:
             with suppress(TimeoutError):
                 async with asyncio.timeout(LISTEN_S):
                     while len(times_s) < 2 and (message := await link.next()) is not None:
-                        problem = _heard(stream, message.payload, times_s)
+                        problem = ""
+                        try:
+                            for frame in stream.frames(decode_object(message.payload)):
+                                times_s += frame.time_s.tolist()
+                        except MessageError as error:
+                            problem = str(error)
                         if len(topics) < MOST_TOPICS:
                             topics[str(message.topic)[:80]] = problem
         finally:
             await link.close()
         if not times_s:
-            raise DriverUnavailableError(f"{self._config.address}: {_said(topics)}")
+            each = [f"{topic} ({problem or 'no samples'})" for topic, problem in topics.items()]
+            heard = f"heard, but nothing that can be read: {', '.join(each)}"[:600]
+            nothing = f"nothing was heard in {LISTEN_S:g} s"
+            raise DriverUnavailableError(f"{self._config.address}: {heard if each else nothing}")
         steps_s = np.diff(times_s)
         rate_hz = float(1.0 / np.median(steps_s)) if (steps_s > 0.0).any() else None
         described = f"MQTT {self._config.address}, samples on {', '.join(topics)}"
@@ -121,20 +138,6 @@ class MqttDriver:
         axis = ControllerAxis(machine.axis.number, machine.axis.lead_m)
         return EdgeStream(config.address, machine.columns, axis)
 
-    def _read(self, stream: EdgeStream | MappedStream, payload: Any) -> Iterator[SampleFrame]:
-        self._counts["messages"] += 1
-        if len(payload or b"") > LARGEST_BYTES:
-            self._counts["oversized_messages"] += 1
-            return
-        try:
-            frames = stream.frames(decode_object(payload))
-        except MessageError as error:
-            self._skip(str(error))
-            return
-        for frame in frames:
-            self._count_bad(frame)
-            yield from _parts(frame)
-
     def _skip(self, problem: str) -> None:
         """Count a message that says nothing; each kind of trouble is logged once."""
         self._counts["malformed_messages"] += 1
@@ -144,42 +147,7 @@ class MqttDriver:
             line = " ".join(problem.split())[:_LONGEST_LINE]
             log.warning("%s: a message is skipped: %s", self._config.address, line)
 
-    def _count_bad(self, frame: SampleFrame) -> None:
-        for codes in frame.quality.values():
-            for code, count in zip(*np.unique(codes, return_counts=True), strict=True):
-                if code != Quality.GOOD:
-                    name = f"{Quality(code).level}_{Quality(code).name.lower()}"
-                    self._bad[name] = self._bad.get(name, 0) + int(count)
-
     async def _leave(self) -> None:
         link, self._link = self._link, None
         if link is not None:
             await link.close()
-
-
-def _parts(frame: SampleFrame) -> Iterator[SampleFrame]:
-    """A frame in pieces that the bus carries."""
-    for start in range(0, len(frame), LARGEST_FRAME):
-        part = slice(start, start + LARGEST_FRAME)
-        yield SampleFrame(
-            frame.time_s[part],
-            {name: values[part] for name, values in frame.channels.items()},
-            {name: codes[part] for name, codes in frame.quality.items() if codes[part].any()},
-        )
-
-
-def _heard(stream: EdgeStream | MappedStream, payload: Any, times_s: list[float]) -> str:
-    """Add the times of a message's samples; what is wrong with it, or ""."""
-    try:
-        for frame in stream.frames(decode_object(payload)):
-            times_s += frame.time_s.tolist()
-    except MessageError as error:
-        return str(error)
-    return ""
-
-
-def _said(topics: dict[str, str]) -> str:
-    if not topics:
-        return f"nothing was heard in {LISTEN_S:g} s"
-    each = [f"{topic} ({problem or 'no samples'})" for topic, problem in topics.items()]
-    return f"heard, but nothing that can be read: {', '.join(each)}"[:600]

@@ -17,7 +17,7 @@ from edge_service.messages.quality import Quality
 from edge_service.messages.samples import Booleans, Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
-from edge_service.recordings.reader import TraceReader, read_source
+from edge_service.recordings.reader import read_source
 from edge_service.recordings.sinumerik.edge import (
     HEADER,
     PAYLOAD,
@@ -124,28 +124,14 @@ class Order:
 
 
 class LiveRows(Source):
-    """Rows as they come, one block at a time, where a file would be."""
+    """Rows of the run that one `Header` has begun, as they come, where a file would be.
 
-    def __init__(self, path: Path, rows: EdgeRows, context: EdgeContext) -> None:
-        super().__init__(path, io.BytesIO())
-        self.names, self.context = rows.names, context
-        self._rows = rows
-        self._block: Block | None = None
+    Attributes:
+        rows, clock, reader: of the run.
 
-    def put(self, samples: Floats) -> None:
-        """Take rows, (n, signals), to be read next."""
-        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
-        self._block = Block(values, np.arange(float(len(samples))), self._rows.take_text())
-
-    def read_block(self) -> Block | None:
-        """The rows that were put in, once."""
-        self.ragged_rows = self._rows.ragged_rows
-        block, self._block = self._block, None
-        return block
-
-
-class _Capture:
-    """Rows, clock and reader of the run that one `Header` has begun."""
+    Raises:
+        TraceError: a header, or first rows, that cannot be read.
+    """
 
     def __init__(
         self,
@@ -155,19 +141,33 @@ class _Capture:
         columns: Mapping[str, ColumnLike],
         axis: ControllerAxis,
     ) -> None:
-        context = EdgeContext()
+        super().__init__(path, io.BytesIO())
+        self.context = EdgeContext()
         try:
-            self.rows = EdgeRows(header, first, context)
+            self.rows = EdgeRows(header, first, self.context)
         except ValueError as error:
             raise TraceError(f"{path}: {error}") from None
-        if EDGE_CYCLE not in self.rows.names:
+        self.names = self.rows.names
+        if EDGE_CYCLE not in self.names:
             raise TraceError(f"{path}: no {EDGE_CYCLE}, and nothing else tells what was lost")
-        self.live = LiveRows(path, self.rows, context)
-        source = edge_recording(path, self.live, columns)
+        self._block: Block | None = None
+        source = edge_recording(path, self, columns)
         if not isinstance(source, EdgeSource):
             raise TraceError(f"{path}: no signal is known by its name, such as TORQUE|1")
         self.clock = source.clock
-        self.reader: TraceReader = read_source(path, source, columns, axis)
+        self.reader = read_source(path, source, columns, axis)
+
+    def read(self, samples: Floats) -> SampleFrame | None:
+        """Frame of further rows, (n, signals). Raises TraceError."""
+        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
+        self._block = Block(values, np.arange(float(len(samples))), self.rows.take_text())
+        return next(self.reader, None)
+
+    def read_block(self) -> Block | None:
+        """The rows that were put in, once."""
+        self.ragged_rows = self.rows.ragged_rows
+        block, self._block = self._block, None
+        return block
 
 
 class EdgeStream:
@@ -191,7 +191,7 @@ class EdgeStream:
         }
         self._order = Order()
         self._header: Any = None
-        self._capture: _Capture | None = None
+        self._live: LiveRows | None = None
         self._ended = {"lost_samples": 0, "gaps": 0, "ragged_rows": 0, "restarts": 0}
         self._shift_s, self._newest_s = 0.0, -np.inf
         self._delivered = 0
@@ -209,7 +209,7 @@ class EdgeStream:
         """Time from one sample to the next, and percent of the samples that were lost."""
         lost = self._sums()["lost_samples"]
         told = {"lost_percent": 100.0 * lost / (lost + self._delivered)} if self._delivered else {}
-        step_s = None if self._capture is None else self._capture.clock.step_s
+        step_s = None if self._live is None else self._live.clock.step_s
         return told if step_s is None else told | {"sample_s": step_s}
 
     def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
@@ -228,51 +228,45 @@ class EdgeStream:
             raise MessageError(f"{SAMPLES} that is no list of rows")
         if header is not None and _signals(header) != _signals(self._header):
             self._header = header
-            self._end_capture()
+            self._ended, self._live = self._sums(), None
+            self._order.forget()
         rows = [row for block in blocks for row in block]
         if not rows:
             return []
         if self._header is None:
             raise MessageError(f"{SAMPLES} before a {HEADER} that names its signals")
-        capture = self._capture or self._begin(rows)
-        frame = self._read(capture, rows)
-        return [] if frame is None else [frame]
+        live = self._live or self._begin(rows)
+        samples, _ = live.rows.numbers(rows)
+        counts = samples[:, live.names.index(EDGE_CYCLE)]
+        counts[~(np.abs(counts) < LARGEST_COUNT)] = np.nan
+        kept = self._order.keep(counts, samples)
+        try:
+            frame = live.read(samples[kept]) if kept.any() else None
+        except TraceError as error:
+            raise MessageError(str(error)) from None
+        return [] if frame is None else [self._judged(live, frame)]
 
-    def _begin(self, rows: list[Any]) -> _Capture:
+    def _begin(self, rows: list[Any]) -> LiveRows:
         header, self._header = self._header, None
         try:
-            capture = _Capture(self._path, header, rows, self._columns, self._axis)
+            live = LiveRows(self._path, header, rows, self._columns, self._axis)
         except TraceError as error:
             if isinstance(error, AxisError) and not self._delivered:
                 raise DriverMisconfiguredError("topic", str(error)) from None
             raise MessageError(str(error)) from None
-        self._header, self._capture = header, capture
+        self._header, self._live = header, live
         if self._delivered:
             self._shift_s = self._newest_s + RESTART_GAP_S
-        before, self.channels = self.channels, capture.reader.channels
+        before, self.channels = self.channels, live.reader.channels
         if before and before != self.channels:
             raise DriverUnavailableError(f"{self._path}: the capture has other channels now")
-        return capture
+        return live
 
-    def _read(self, capture: _Capture, rows: list[Any]) -> SampleFrame | None:
-        samples, _ = capture.rows.numbers(rows)
-        counts = samples[:, capture.rows.names.index(EDGE_CYCLE)]
-        counts[~(np.abs(counts) < LARGEST_COUNT)] = np.nan
-        kept = self._order.keep(counts, samples)
-        if not kept.any():
-            return None
-        capture.live.put(samples[kept])
-        try:
-            frame = next(capture.reader, None)
-        except TraceError as error:
-            raise MessageError(str(error)) from None
-        return None if frame is None else self._judged(capture, frame)
-
-    def _judged(self, capture: _Capture, frame: SampleFrame) -> SampleFrame:
+    def _judged(self, live: LiveRows, frame: SampleFrame) -> SampleFrame:
         """The frame on the clock of all runs, with the quality of each sample."""
         time_s = frame.time_s + self._shift_s
         steps_s = np.diff(time_s, prepend=self._newest_s if self._delivered else time_s[0])
-        after_gap = steps_s > WIDE * (capture.clock.step_s or np.inf)
+        after_gap = steps_s > WIDE * (live.clock.step_s or np.inf)
         quality = {}
         for name, values in frame.channels.items():
             codes = np.where(after_gap, Quality.OVERFLOW, Quality.GOOD).astype(np.uint8)
@@ -285,16 +279,12 @@ class EdgeStream:
     def _sums(self) -> dict[str, int]:
         """Counts of all captures; the order sees a restart before their clocks do."""
         sums = dict(self._ended)
-        if self._capture is not None:
-            sums["lost_samples"] += round(self._capture.clock.lost)
-            sums["gaps"] += self._capture.clock.gaps
-            sums["ragged_rows"] += self._capture.rows.ragged_rows
-            sums["restarts"] += self._capture.clock.restarts
+        if self._live is not None:
+            sums["lost_samples"] += round(self._live.clock.lost)
+            sums["gaps"] += self._live.clock.gaps
+            sums["ragged_rows"] += self._live.rows.ragged_rows
+            sums["restarts"] += self._live.clock.restarts
         return sums
-
-    def _end_capture(self) -> None:
-        self._ended, self._capture = self._sums(), None
-        self._order.forget()
 
 
 def _signals(header: Any) -> Any:

@@ -2,9 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import AsyncGenerator, Sequence
-from contextlib import aclosing
-from pathlib import Path
+from collections.abc import Sequence
+from contextlib import aclosing, suppress
 from typing import Any
 
 import numpy as np
@@ -24,9 +23,8 @@ from .link import MqttLink, MqttSourceConfig
 
 BLOCK_ROWS = 25
 FIRST_COUNT = 5000
-MOST_STEP_S = 0.05
-"""Step over which nothing is interpolated, until the source's own is known from `STEPS`."""
-STEPS, HOLE = 5, 1.5
+MOST_STEP_S = 0.25
+"""Step over which nothing is interpolated: a hole."""
 AGAIN_S = 0.2
 """Between two tries to reach the broker."""
 
@@ -38,9 +36,7 @@ class MqttStub:
     out every second block; `hang` sends nothing.
     """
 
-    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
-        if nodesets is not None:
-            raise DriverMisconfiguredError("nodesets", "MQTT has no companion specifications")
+    def __init__(self, axes: Sequence[StubAxis]) -> None:
         topics: set[str] = set()
         for axis in axes:
             config: MqttSourceConfig = axis.config
@@ -79,40 +75,41 @@ class MqttStub:
             await link.close()
 
     async def _send(self, axis: StubAxis, link: MqttLink) -> None:
+        """Send an axis' samples, and what is left of a block at the source's end."""
         writer = EdgeWriter(axis)
+        number = 0
         try:
-            async with aclosing(_blocks(writer, axis.source)) as blocks:
-                async for number, block in blocks:
-                    for payload in self._spoiled(writer, number, block):
-                        link = await self._publish(axis.config, link, payload)
+            async with aclosing(axis.source) as frames:
+                async for frame in frames:
+                    for block in writer.blocks(frame):
+                        number += 1
+                        link = await self._publish(axis, link, writer, block, number)
+            for block in writer.rest():
+                link = await self._publish(axis, link, writer, block, number + 1)
         finally:
             await link.close()
 
-    def _spoiled(self, writer: "EdgeWriter", number: int, block: Floats) -> list[bytes]:
-        """Messages that go out in place of one block."""
-        payload = writer.message(block, numbers=self.fault.kind is not FaultKind.EXCEPTION)
-        match self.fault.kind:
-            case FaultKind.STALE:
-                return [payload, payload]
-            case FaultKind.HANG:
-                return []
-            case FaultKind.DROP:
-                return [payload] if number % 2 else []
-        return [payload]
+    async def _publish(
+        self, axis: StubAxis, link: MqttLink, writer: "EdgeWriter", block: Floats, number: int
+    ) -> MqttLink:
+        """Send a block as the fault wants it, or lose it as a capture does; the link that is left.
 
-    async def _publish(self, config: MqttSourceConfig, link: MqttLink, payload: bytes) -> MqttLink:
-        """Send, or lose it as a capture does; the link that is left."""
-        if self.fault.kind is FaultKind.DELAY:
+        Args:
+            number: of the block, from 1.
+        """
+        fault = self.fault.kind
+        payload = writer.message(block, numbers=fault is not FaultKind.EXCEPTION)
+        times = {FaultKind.STALE: 2, FaultKind.HANG: 0, FaultKind.DROP: number % 2}.get(fault, 1)
+        if fault is FaultKind.DELAY:
             await asyncio.sleep(self.fault.amount)
         try:
-            await link.publish(config.topic, payload)
+            for _ in range(times):
+                await link.publish(axis.config.topic, payload)
         except DriverUnavailableError:
             await link.close()
             await asyncio.sleep(AGAIN_S)
-            try:
-                return await _reached(config)
-            except DriverUnavailableError:
-                pass
+            with suppress(DriverUnavailableError):
+                return await _reached(axis.config)
         return link
 
 
@@ -134,11 +131,9 @@ class EdgeWriter:
         self._header = {"SignalListHFData": signals, "CycleTimeMs": 1e3 * PERIOD_S}
         self._rows: list[list[float]] = []
         self._last = np.empty((0, 1 + len(self._factors)))
-        self._steps_s: list[float] = []
-        self._number = 0
 
-    def blocks(self, frame: SampleFrame) -> list[tuple[int, Floats]]:
-        """Blocks that have become whole, each with its number.
+    def blocks(self, frame: SampleFrame) -> list[Floats]:
+        """Blocks that have become whole.
 
         The capture counts instants: between the samples of another rate it is interpolated, over
         a hole there is nothing.
@@ -152,24 +147,17 @@ class EdgeWriter:
         latest = np.maximum.accumulate(rows[:, 0])
         rows = rows[np.append(True, rows[1:, 0] > latest[:-1])] if len(rows) else rows
         found = []
-        if len(self._steps_s) < STEPS:
-            self._steps_s += np.diff(rows[:, 0]).tolist()
-        known = len(self._steps_s) >= STEPS
-        most_s = HOLE * float(np.median(self._steps_s)) if known else MOST_STEP_S
-        for row in _at_counts(rows, most_s, first=len(self._last) == 0):
+        for row in _at_counts(rows, first=len(self._last) == 0):
             self._rows.append(row)
             if len(self._rows) == BLOCK_ROWS:
                 found += self.rest()
         self._last = rows[-1:]
         return found
 
-    def rest(self) -> list[tuple[int, Floats]]:
+    def rest(self) -> list[Floats]:
         """The block that is not whole yet, if there is one."""
-        if not self._rows:
-            return []
-        self._number += 1
-        block, self._rows = np.array(self._rows), []
-        return [(self._number, block)]
+        rows, self._rows = self._rows, []
+        return [np.array(rows)] if rows else []
 
     def message(self, block: Floats, *, numbers: bool) -> bytes:
         """JSON of a block; without numbers its values are `null`."""
@@ -180,11 +168,10 @@ class EdgeWriter:
         return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
 
 
-def _at_counts(rows: Floats, most_s: float, *, first: bool) -> list[list[float]]:
+def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
     """Rows [time in s, values] at the instants of the capture, each with its count for the time.
 
     Args:
-        most_s: over a longer step there is nothing in between.
         first: whether the first row was not there before.
     """
     if not len(rows):
@@ -194,7 +181,7 @@ def _at_counts(rows: Floats, most_s: float, *, first: bool) -> list[list[float]]
     counts = counts if first else counts[counts > at[0]]
     after = np.searchsorted(at, counts)
     before = np.maximum(after - (at[after] > counts), 0)
-    near = rows[after, 0] - rows[before, 0] <= most_s
+    near = rows[after, 0] - rows[before, 0] <= MOST_STEP_S
     counts, after = counts[near], after[near]
     on_row = at[after] == counts  # beside a missing value there may be one
     values = [
@@ -202,18 +189,6 @@ def _at_counts(rows: Floats, most_s: float, *, first: bool) -> list[list[float]]
     ]
     found: list[list[float]] = np.column_stack([FIRST_COUNT + counts, *values]).tolist()
     return found
-
-
-async def _blocks(
-    writer: EdgeWriter, source: AsyncGenerator[SampleFrame, None]
-) -> AsyncGenerator[tuple[int, Floats], None]:
-    """Whole blocks, each with its number, and what is left at the source's end."""
-    async with aclosing(source) as frames:
-        async for frame in frames:
-            for each in writer.blocks(frame):
-                yield each
-    for each in writer.rest():
-        yield each
 
 
 async def _reached(config: MqttSourceConfig) -> MqttLink:

@@ -5,7 +5,7 @@ import logging
 import math
 import time
 from collections.abc import AsyncGenerator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any, ClassVar
 
@@ -142,16 +142,14 @@ class RowMaker:
         if isinstance(change.value, bool) or not isinstance(change.value, int | float):
             return math.nan, Quality.NOT_A_NUMBER
         value, quality = self._scalings[channel].si(float(change.value))
-        return value, quality if quality is not Quality.GOOD else self._doubt(change)
-
-    def _doubt(self, change: Change) -> Quality:
-        if change.status & _SEVERITY == _UNCERTAIN:
-            return Quality.SOURCE_UNCERTAIN
+        if quality is not Quality.GOOD:
+            return value, quality
+        if severity == _UNCERTAIN:
+            return value, Quality.SOURCE_UNCERTAIN
         if change.status & _OVERFLOW == _OVERFLOW:
-            return Quality.OVERFLOW
-        if change.source_s is None or not 0.0 < change.source_s < WILDEST_TIME_S:
-            return Quality.NO_SOURCE_TIME
-        return Quality.GOOD
+            return value, Quality.OVERFLOW
+        has_time = change.source_s is not None and 0.0 < change.source_s < WILDEST_TIME_S
+        return value, Quality.GOOD if has_time else Quality.NO_SOURCE_TIME
 
 
 class OpcuaDriver:
@@ -186,8 +184,9 @@ class OpcuaDriver:
 
     @property
     def readings(self) -> dict[str, float]:
-        """Parameters that the server granted on request: intervals, queue, limits."""
-        return {} if self._granted is None else self._granted.as_readings()
+        """Parameters that the server granted on request: intervals and queue."""
+        granted = {} if self._granted is None else asdict(self._granted)
+        return {name: float(value) for name, value in granted.items()}
 
     async def open(self) -> None:
         """Connect and subscribe. Raises DriverUnavailableError or DriverMisconfiguredError."""
@@ -198,10 +197,9 @@ class OpcuaDriver:
         session, waiting = self._session, self._waiting
         try:
             await session.connect()
-            limits = await session.limits()
             nodes = await session.find(self._config.signals)
             self._granted = await session.subscribe(
-                nodes, limits, lambda result: self._receive(waiting, result)
+                nodes, lambda result: self._receive(waiting, result)
             )
         except DriverMisconfiguredError as error:
             await session.close()
@@ -241,20 +239,17 @@ class OpcuaDriver:
             if result is None or self._session is not session:
                 return
             for time_s, values in self._rows(maker, result, granted):
-                self._qualities.count(values)
                 block.add(time_s, values)
             if len(block):
-                yield block.take()
+                yield self._qualities.count(block.take())
 
     async def probe(self) -> Probe:
         """Channels and rate, once all variables have been found. Raises like `open`."""
         session = OpcuaSession(self._config)
         try:
             await session.connect()
-            limits = await session.limits()
-            granted = await session.subscribe(
-                await session.find(self._config.signals), limits, lambda _: None
-            )
+            nodes = await session.find(self._config.signals)
+            granted = await session.subscribe(nodes, lambda _: None)
         finally:
             await session.close()
         rate_hz = 1.0 / granted.sampling_s if granted.sampling_s > 0.0 else None
@@ -311,7 +306,16 @@ class OpcuaDriver:
         changes: list[Change] = []
         for data in result.NotificationMessage.NotificationData or ():
             if isinstance(data, ua.DataChangeNotification):
-                changes += [self._change(item) for item in data.MonitoredItems]
+                changes += [
+                    Change(
+                        self._config.signals[item.ClientHandle].channel,
+                        item.Value.Value.Value if item.Value.Value is not None else None,
+                        0 if item.Value.StatusCode is None else int(item.Value.StatusCode.value),
+                        _unix_s(item.Value.SourceTimestamp),
+                        _unix_s(item.Value.ServerTimestamp),
+                    )
+                    for item in data.MonitoredItems
+                ]
             elif isinstance(data, ua.StatusChangeNotification) and not data.Status.is_good():
                 raise DriverUnavailableError(
                     f"{self._config.url}: the subscription ended, {data.Status.name}"
@@ -320,16 +324,6 @@ class OpcuaDriver:
         if changes:
             return maker.rows(changes, now_s)
         return maker.unchanged(now_s, granted.publishing_s)
-
-    def _change(self, item: Any) -> Change:
-        data = item.Value
-        return Change(
-            channel=self._config.signals[item.ClientHandle].channel,
-            value=data.Value.Value if data.Value is not None else None,
-            status=0 if data.StatusCode is None else int(data.StatusCode.value),
-            source_s=_unix_s(data.SourceTimestamp),
-            server_s=_unix_s(data.ServerTimestamp),
-        )
 
 
 def _push(waiting: "asyncio.Queue[ua.PublishResult | None]", result: Any) -> bool:

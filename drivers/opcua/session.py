@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -39,6 +38,9 @@ GOODBYE_S = 1.0
 APPLICATION_URI = "urn:edge-service:client"
 """Ours, where no certificate of ours says another."""
 ANSWER_S = LOST_AFTER_S = 2.0
+MOST_ITEMS = ua.NodeId(
+    ua.Int32(ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall)
+)
 QUEUE_SIZE = 20
 """Values that the server keeps for us between two publications."""
 FAILURES = (OSError, TimeoutError, UaError)
@@ -90,31 +92,11 @@ def say(error: Exception) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """Granted parameters: intervals in s, values that the server queues, limits that it names."""
+    """Granted parameters: intervals in s, and values that the server queues."""
 
     publishing_s: float
     sampling_s: float
     queue_size: int
-    limits: dict[str, float]
-
-    def as_readings(self) -> dict[str, float]:
-        """Granted values by name."""
-        return {
-            "publishing_s": self.publishing_s,
-            "sampling_s": self.sampling_s,
-            "queue_size": float(self.queue_size),
-        } | self.limits
-
-
-LIMITS = {
-    "min_supported_sample_s": (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e-3),
-    "max_sessions": (ObjectIds.Server_ServerCapabilities_MaxSessions, 1.0),
-    "max_monitored_items_per_call": (
-        ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall,
-        1.0,
-    ),
-}
-"""Name -> variable of the server and its factor to SI; servers may lack them."""
 
 
 class OpcuaSession:
@@ -163,22 +145,6 @@ class OpcuaSession:
         if client is not None:
             await _leave(client)
 
-    async def limits(self) -> dict[str, float]:
-        """Limits that the server states, as far as it states any."""
-        nodes = {
-            name: (ua.NodeId(ua.Int32(which)), factor) for name, (which, factor) in LIMITS.items()
-        }
-        async with translated(self._config.url):
-            found = await self._require().uaclient.session.read_attributes(
-                [node for node, _ in nodes.values()], AttributeIds.Value
-            )
-        limits = {}
-        for (name, (_, factor)), data in zip(nodes.items(), found, strict=True):
-            value = data.Value.Value if data.Value is not None else None
-            if isinstance(value, int | float) and math.isfinite(value) and value > 0:
-                limits[name] = factor * float(value)
-        return limits
-
     async def find(self, signals: Sequence[NodeConfig]) -> list[Node]:
         """The variables. Raises DriverMisconfiguredError for one that is not there."""
         client = self._require()
@@ -192,9 +158,7 @@ class OpcuaSession:
             nodes.append(node)
         return nodes
 
-    async def subscribe(
-        self, nodes: Sequence[Node], limits: dict[str, float], callback: Callable[[Any], None]
-    ) -> Granted:
+    async def subscribe(self, nodes: Sequence[Node], callback: Callable[[Any], None]) -> Granted:
         """Subscribe to all nodes; the client handle of a node is its number.
 
         Args:
@@ -211,9 +175,22 @@ class OpcuaSession:
             PublishingEnabled=True,
             Priority=0,
         )
-        items = [self._item(number, node) for number, node in enumerate(nodes)]
-        at_once = int(limits.get("max_monitored_items_per_call", 0)) or len(items)
+        items = [
+            ua.MonitoredItemCreateRequest(
+                ItemToMonitor=ua.ReadValueId(NodeId=node.nodeid, AttributeId=AttributeIds.Value),
+                MonitoringMode=ua.MonitoringMode.Reporting,
+                RequestedParameters=ua.MonitoringParameters(
+                    ClientHandle=number,
+                    SamplingInterval=asked_ms,
+                    QueueSize=QUEUE_SIZE,
+                    DiscardOldest=True,
+                ),
+            )
+            for number, node in enumerate(nodes)
+        ]
         async with translated(self._config.url):
+            (most,) = await session.read_attributes([MOST_ITEMS], AttributeIds.Value)
+            at_once = (most.Value.Value if most.Value is not None else 0) or len(items)
             created = await session.create_subscription(parameters, callback)
             results = []
             for start in range(0, len(items), at_once):
@@ -233,19 +210,6 @@ class OpcuaSession:
             1e-3 * created.RevisedPublishingInterval,
             1e-3 * max(result.RevisedSamplingInterval for result in results),
             min(int(result.RevisedQueueSize) for result in results),
-            limits,
-        )
-
-    def _item(self, number: int, node: Node) -> ua.MonitoredItemCreateRequest:
-        return ua.MonitoredItemCreateRequest(
-            ItemToMonitor=ua.ReadValueId(NodeId=node.nodeid, AttributeId=AttributeIds.Value),
-            MonitoringMode=ua.MonitoringMode.Reporting,
-            RequestedParameters=ua.MonitoringParameters(
-                ClientHandle=number,
-                SamplingInterval=1e3 * self._config.sampling_s,
-                QueueSize=QUEUE_SIZE,
-                DiscardOldest=True,
-            ),
         )
 
     async def _secure(self, client: Client) -> None:

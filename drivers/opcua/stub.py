@@ -1,18 +1,15 @@
 """An OPC UA server that serves axes by the variables that the driver's configuration names.
 
-Like the server of a SINUMERIK it samples and publishes every 100 ms at best, and takes ten sessions
-and no more: enough for features, not for 1 kHz.
+Like the server of a SINUMERIK it has new values every 100 ms at best.
 """
 
 import asyncio
 import logging
 import math
-import re
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC
-from pathlib import Path
 from typing import Any
 
 from asyncua import ua
@@ -21,10 +18,7 @@ from asyncua.common.utils import ServiceError
 from asyncua.crypto import uacrypto
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession
 from asyncua.server.server import Server
-from asyncua.server.subscription_service import SubscriptionService
-from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaStatusCodeError
 
@@ -46,13 +40,8 @@ _FAULT_STATUS = {
     FaultKind.NONE: StatusCodes.Good,
     FaultKind.EXCEPTION: StatusCodes.BadDeviceFailure,
 }
-NODESETS = ("Di", "IA", "Machinery", "MachineTool")
-"""In the order in which one needs another; files `Opc.Ua.NAME.NodeSet2.xml`."""
-MACHINE_TOOL = "http://opcfoundation.org/UA/MachineTool/"
 OWN = "urn:edge-service:feed-drive"
 LEAST_INTERVAL_S = 0.1
-MOST_SESSIONS = 10
-_NOBODY = User(role=UserRole.Anonymous)
 
 
 class OpcuaStub:
@@ -61,28 +50,22 @@ class OpcuaStub:
     The variable `FeedDrive/Fault` below Objects takes faults by name, e.g. `delay:0.3`.
     """
 
-    def __init__(self, axes: Sequence[StubAxis], nodesets: Path | None = None) -> None:
+    def __init__(self, axes: Sequence[StubAxis]) -> None:
         self._axes = axes
-        self._nodesets = nodesets
         self._config: OpcuaConfig = axes[0].config
-        self._following = Following(axes)
+        self._following = Following(axes, lambda config: config.url)
         self._server: Server | None = None
         self._task: asyncio.Task[None] | None = None
         self._points: list[tuple[StubAxis, NodeConfig, Scaling | None, Node]] = []
         self._fault_node: Node | None = None
         self._wanted = "none"
         self.fault = Fault()
-        for axis in axes[1:]:
-            if axis.config.url != self._config.url:
-                raise DriverMisconfiguredError(
-                    "url",
-                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
-                )
 
     async def start(self) -> str:
         """Listen; returns the address. Raises DriverMisconfiguredError."""
         await self._following.start()
-        iserver = LimitedServer(_Users(self._config.user, self._config.plain_password))
+        users: Any = _Users(self._config.user, self._config.plain_password)
+        iserver = InternalServer(users)
         server = Server(iserver)
         await server.init()
         server.disable_clock()
@@ -125,14 +108,14 @@ class OpcuaStub:
             server.set_security_policy([ua.SecurityPolicyType[kind]])
             await server.load_certificate(config.server_certificate)
             await server.load_private_key(key)
-            server.set_certificate_validator(_Trust(await _der(config.certificate)).check)
+            certificate = await uacrypto.load_certificate(config.certificate)
+            ours = bytes(uacrypto.der_from_x509(certificate))
+            server.set_certificate_validator(_Trust(ours).check)
         if config.user is not None:
             server.set_identity_tokens([ua.UserNameIdentityToken])
 
     async def _fill(self, server: Server) -> None:
         await server.register_namespace(OWN)
-        if self._nodesets is not None:
-            await load_nodesets(server, self._nodesets)
         self._points = []
         for axis in self._axes:
             for number, signal in enumerate(axis.config.signals):
@@ -144,15 +127,6 @@ class OpcuaStub:
         folder = await server.nodes.objects.add_object(2, "FeedDrive")
         self._fault_node = await folder.add_variable(2, "Fault", "none")
         await self._fault_node.set_writable()
-        for which, value in (
-            (ObjectIds.Server_ServerCapabilities_MinSupportedSampleRate, 1e3 * LEAST_INTERVAL_S),
-            (ObjectIds.Server_ServerCapabilities_MaxSessions, ua.UInt32(MOST_SESSIONS)),
-        ):
-            with suppress(ua.uaerrors.UaStatusCodeError):
-                kind = ua.VariantType.Double if isinstance(value, float) else ua.VariantType.UInt32
-                await server.get_node(ua.NodeId(ua.Int32(which))).write_value(
-                    ua.Variant(value, kind)
-                )
 
     async def _serve(self, server: Server) -> None:
         """Write a sample of every variable, on a fixed grid of time."""
@@ -229,111 +203,37 @@ class _Trust:
             raise ServiceError(StatusCodes.BadCertificateUntrusted)
 
 
-async def _der(path: Path) -> bytes:
-    return bytes(uacrypto.der_from_x509(await uacrypto.load_certificate(path)))
-
-
-class LimitedServer(InternalServer):
-    """Gives clients longer intervals than they ask for, and refuses sessions beyond the last."""
-
-    def __init__(self, user_manager: Any) -> None:
-        super().__init__(user_manager)
-        self.subscription_service = _LimitedSubscriptions(self.aspace, iserver=self)
-
-    def create_session(
-        self, name: str, user: User = _NOBODY, external: bool = False
-    ) -> InternalSession:
-        """A session, unless there are too many. Raises ServiceError."""
-        if external and len(self._external_sessions) >= MOST_SESSIONS:
-            raise ServiceError(StatusCodes.BadTooManySessions)
-        return super().create_session(name, user, external)
-
-
-class _LimitedSubscriptions(SubscriptionService):
-    async def create_subscription(
-        self, params: ua.CreateSubscriptionParameters, *args: Any, **kwargs: Any
-    ) -> ua.CreateSubscriptionResult:
-        """A subscription at the interval asked for, or at the shortest there is."""
-        params.RequestedPublishingInterval = max(
-            params.RequestedPublishingInterval, 1e3 * LEAST_INTERVAL_S
-        )
-        return await super().create_subscription(params, *args, **kwargs)
-
-
-async def load_nodesets(server: Server, folder: Path) -> None:
-    """Load the companion specifications. Raises DriverMisconfiguredError.
-
-    Parts that rest on specifications beyond these (jobs and their control) are left out.
-    """
-    for name in NODESETS:
-        path = folder / f"Opc.Ua.{name}.NodeSet2.xml"
-        if not path.is_file():
-            raise DriverMisconfiguredError("nodesets", f"{path}: no such file")
-        text = path.read_text(encoding="utf-8-sig")
-        known = [str(uri) for uri in await server.get_namespace_array()]
-        await server.import_xml(xmlstring=_without_missing(text, known), strict_mode=False)
-
-
-def _without_missing(text: str, known: list[str]) -> str:
-    """A nodeset that no longer demands the models that are not there."""
-
-    def keep(element: re.Match[str]) -> str:
-        return element[0] if element[1] in known else ""
-
-    return re.sub(r'<RequiredModel ModelUri="([^"]+)"[^>]*/>', keep, text)
-
-
 async def add_signal(server: Server, axis: str, signal: NodeConfig) -> Node:
     """The variable that a signal names. Raises DriverMisconfiguredError."""
+    uris = [part.partition("}")[0] for part in signal.node.split("{")[1:]]
+    if signal.node.startswith("nsu="):
+        uris.append(signal.node.removeprefix("nsu=").partition(";")[0])
     try:
-        namespaces = await _namespaces(server, signal.node)
-        if is_path(signal.node):
-            return await _add_at_path(server, browse_path(signal.node, namespaces), signal)
-        folder = await _child(server.nodes.objects, f"2:{axis}", server)
-        name = ua.QualifiedName(signal.channel or "heartbeat", ua.UInt16(2))
-        return await _add_variable(folder, node_id(signal.node, namespaces), name, signal)
+        for uri in uris:
+            await server.register_namespace(uri)
+        namespaces = [str(uri) for uri in await server.get_namespace_array()]
+        if not is_path(signal.node):
+            folder = await _child(server.nodes.objects, f"2:{axis}")
+            name = ua.QualifiedName(signal.channel or "heartbeat", ua.UInt16(2))
+            return await _add_variable(folder, node_id(signal.node, namespaces), name, signal)
+        *path, last = browse_path(signal.node, namespaces)
+        parent = server.nodes.objects
+        for step in path:
+            parent = await _child(parent, step)
+        name = ua.QualifiedName.from_string(last)
+        place = ua.NodeId(ua.Int32(0), name.NamespaceIndex)
+        return await _add_variable(parent, place, name, signal)
     except (ValueError, UaStatusCodeError) as error:
         raise DriverMisconfiguredError("signals", f"{signal.node!r}: {error}") from None
 
 
-async def _namespaces(server: Server, name: str) -> list[str]:
-    """All namespaces, with those that a name brings along."""
-    uris = [part.partition("}")[0] for part in name.split("{")[1:]]
-    if name.startswith("nsu="):
-        uris.append(name.removeprefix("nsu=").partition(";")[0])
-    for uri in uris:
-        await server.register_namespace(uri)
-    return [str(uri) for uri in await server.get_namespace_array()]
-
-
-async def _add_at_path(server: Server, path: list[str], signal: NodeConfig) -> Node:
-    parent = server.nodes.objects
-    for step in path[:-1]:
-        parent = await _child(parent, step, server)
-    name = ua.QualifiedName.from_string(path[-1])
-    return await _add_variable(parent, ua.NodeId(ua.Int32(0), name.NamespaceIndex), name, signal)
-
-
-async def _child(parent: Node, step: str, server: Server) -> Node:
+async def _child(parent: Node, step: str) -> Node:
     """The object of that browse name; added where it is not there."""
     try:
         return await parent.get_child(step)
     except UaStatusCodeError:
         name = ua.QualifiedName.from_string(step)
-    kind = await _machine_type(parent, server)
-    new = ua.NodeId(ua.Int32(0), name.NamespaceIndex)
-    return await parent.add_object(new, name, objecttype=kind, instantiate_optional=False)
-
-
-async def _machine_type(parent: Node, server: Server) -> ua.NodeId | None:
-    """MachineToolType for a child of Machines, else nothing."""
-    namespaces = await server.get_namespace_array()
-    name = await parent.read_browse_name()
-    if name.Name != "Machines" or MACHINE_TOOL not in namespaces:
-        return None
-    index = namespaces.index(MACHINE_TOOL)
-    kind = await server.nodes.base_object_type.get_child(f"{index}:MachineToolType")
-    return kind.nodeid
+    return await parent.add_object(ua.NodeId(ua.Int32(0), name.NamespaceIndex), name)
 
 
 async def _add_variable(
@@ -345,15 +245,11 @@ async def _add_variable(
     if signal.channel is not None:
         unit = signal.declared_unit if signal.scale == 1.0 else ""
         if unit:
+            text = ua.LocalizedText(unit)
+            stated = ua.EUInformation(NAMESPACE, ua.Int32(code_of_unit(unit)), text, text)
             await variable.add_property(
                 ua.NodeId(ua.Int32(0), name.NamespaceIndex),
                 ua.QualifiedName("EngineeringUnits", ua.UInt16(0)),
-                _engineering_unit(unit),
+                ua.Variant(stated, ua.VariantType.ExtensionObject),
             )
     return variable
-
-
-def _engineering_unit(unit: str) -> ua.Variant:
-    text = ua.LocalizedText(unit)
-    information = ua.EUInformation(NAMESPACE, ua.Int32(code_of_unit(unit)), text, text)
-    return ua.Variant(information, ua.VariantType.ExtensionObject)

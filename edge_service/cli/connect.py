@@ -333,4 +333,4 @@ def stub(
     except ValueError as error:
         raise InputError(f"--fault: {error}") from None
     settings = configured(config)
-    asyncio.run(run_stub(protocol, settings, axis, scenario, None, wanted, announce, trace, port))
+    asyncio.run(run_stub(protocol, settings, axis, scenario, wanted, announce, trace, port))

@@ -61,7 +61,7 @@ GONE: dict[str, str] = {
     "simulate --external-force": "now --effect external_force:force_n=500",
     "simulate --format": "gone; a folder gets Parquet",
     "stub --recording": "now --trace",
-    "stub --nodesets": "gone; nodesets are installed",
+    "stub --nodesets": "gone; the stub serves what the configuration names",
     "restore --config": "now edge-service restore ARCHIVE CONFIG",
     "restore --history": "gone; history goes where the configuration keeps it",
     "fleet --plant": "gone; edge-service fleet tcp/ROUTER",

@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
 BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
 _OF_SECURITY = ("certificate", "private_key", "server_certificate")
-FILE_KEYS = ("path", "folder", *_OF_SECURITY, *BROKER_FILES)
+FILE_KEYS = ("path", "folder", "truth", *_OF_SECURITY, *BROKER_FILES)
 """Keys of drivers that name files or folders."""
 _Model = TypeVar("_Model", bound=BaseModel)
 _DEEP = re.compile(rb"(?:[\[{]\s*){100}")

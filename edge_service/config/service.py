@@ -120,11 +120,22 @@ class AxisConfig(Table):
     fault_percent: float | None = Field(None, gt=0.0, le=100.0)
     settings: dict[str, Any] = {}
     _file: Path | None = PrivateAttr(None)
+    _number: int | None = PrivateAttr(None)
 
     @field_validator("name")
     @classmethod
     def _key_part(cls, value: str) -> str:
         return check_part(value)
+
+    @property
+    def number(self) -> int | None:
+        """The controller's number of the axis, in place of the machine file's."""
+        return self._number
+
+    def numbered(self, number: int | None) -> "AxisConfig":
+        """The same axis under another number of the controller."""
+        self._number = number
+        return self
 
     def of_file(self, path: Path) -> "AxisConfig":
         """The same axis, which knows where it was read."""

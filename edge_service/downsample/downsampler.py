@@ -16,9 +16,14 @@ from ..messages.quality import is_uncertain
 from ..messages.row_faults import T
 from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Stored
-from .interval_rows import IntervalRows
 from .rows import RowScreen, Screened, table_of
-from .statistics import MotionHistory, PlausibilitySettings, absent_block, summarise
+from .statistics import (
+    IntervalRows,
+    MotionHistory,
+    PlausibilitySettings,
+    absent_block,
+    summarise,
+)
 
 _SNAPSHOT_SCHEMA = "downsampler/2"
 _SCREEN: Stored[RowScreen | None] = Stored(RowScreen | None)

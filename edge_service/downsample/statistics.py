@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.live.channel_check import ChannelCheck
-from ..messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+from ..messages.features import FEATURE_FIELDS, PHASES, Fault, FeatureBlock, Phase
 from ..messages.row_faults import (
     LIMIT_SHARE,
     MOVED_ANGLE_RAD,
@@ -21,8 +21,59 @@ from ..messages.row_faults import (
 )
 from ..messages.samples import Floats
 from . import interval_kernels as kernels
-from .interval_rows import IntervalRows
-from .phases import PhaseSettings, steady_phases
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntervalRows:
+    """Rows of one interval, with those before and after it that its differences need.
+
+    Attributes:
+        segment: (n, 8) contiguous rows.
+        first, end: row indices; row `end` is the first of the next interval.
+        reach: half width in rows of the differences that give direction and acceleration.
+    """
+
+    segment: Floats
+    first: int
+    end: int
+    reach: int
+
+    @property
+    def inside(self) -> Floats:
+        """Rows of the interval and the first of the next, which ends it."""
+        return self.segment[self.first : self.end + 1]
+
+    @property
+    def ahead(self) -> Floats:
+        """Rows after the interval, as many as a difference reaches."""
+        return self.segment[self.end + 1 : self.end + 1 + self.reach]
+
+    @property
+    def around(self) -> Floats:
+        """Rows of the interval with one more on either side."""
+        return self.segment[max(self.first - 1, 0) : self.end + 2]
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSettings:
+    """Criteria for rows of steady motion.
+
+    Attributes:
+        gate_s: time after a reversal or a start that is left out (presliding, wind-up).
+        min_speed_rad_s: slower rows are left out (Stribeck friction, creeping jogs).
+        cruise_rad_s2: up to this acceleration the axis cruises.
+        even_share: rows whose window is less even than this are left out (a hole in it).
+    """
+
+    gate_s: float = 0.05
+    min_speed_rad_s: float = 2.0
+    cruise_rad_s2: float = 30.0
+    even_share: float = 0.2
+
+    @property
+    def limits(self) -> Floats:
+        """The criteria as the arithmetic takes them, (4,)."""
+        return np.array([self.gate_s, self.min_speed_rad_s, self.cruise_rad_s2, self.even_share])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +134,7 @@ def summarise(
     Returns:
         The block, and the motion history at its end.
     """
-    inside = interval.inside
+    inside, torque = interval.inside, interval.inside[:-1, U]
     edges = np.ascontiguousarray(inside[:, T])
     direction = kernels.directions(
         interval.segment,
@@ -95,17 +146,30 @@ def summarise(
     reversal_count, known = kernels.reversals(direction, history.direction)
     since_s = kernels.moving_since(direction, edges, history.direction, history.moving_since_s)
     verdict = channels.check(inside, interval.ahead)
-    table_fault, table = _table_statistics(inside, verdict.has_table)
-    fault |= _faults(interval, settings, channels) | table_fault | verdict.fault
+    found = _plausibility(inside, settings)
+    if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):
+        found |= Fault.STUCK | Fault.TORQUE_STUCK
+    fault |= found | verdict.fault
+    if kernels.fastest_step(interval.around) > settings.max_speed_rad_s:
+        fault |= Fault.IMPLAUSIBLE  # faster than any axis, in or beside the interval
+    table = kernels.table(inside).tolist() if verdict.has_table else _UNKNOWN
+    has_table = not math.isnan(table[2])
+    if not has_table:  # missing, holed or not believed
+        fault, table = fault | Fault.NO_TABLE, _UNKNOWN
     since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
     temperature_c, external_force_n = kernels.surroundings(inside)
+    motion = dict(zip(_OF_MOTION, kernels.motion(inside, direction).tolist(), strict=True))
     block = FeatureBlock(
         time_s=float(edges[-1]),
         duration_s=float(edges[-1] - edges[0]),
         sample_count=interval.end - interval.first,
         fault=fault,
-        **_torque_statistics(inside),
-        **_motion_statistics(interval, direction),
+        **dict(zip(_OF_TORQUE, kernels.torque(inside).tolist(), strict=True)),
+        angle_start_rad=float(inside[0, THETA]),
+        angle_end_rad=float(inside[-1, THETA]),
+        speed_start_rad_s=_speed_at(interval.segment, interval.first),
+        speed_end_rad_s=_speed_at(interval.segment, interval.end),
+        **motion,
         reversal_count=reversal_count,
         since_reversal_s=max(0.0, float(since)),
         table_start_m=table[0],
@@ -113,43 +177,33 @@ def summarise(
         table_mean_m=table[2],
         temperature_c=temperature_c,
         external_force_n=external_force_n,
-        **steady_phases(
-            interval,
-            since_s=since_s,
-            has_table=not table_fault and verdict.has_stretch,
-            settings=settings.phases,
-        ),
+        **_steady_phases(interval, since_s, has_table and verdict.has_stretch, settings.phases),
     )
     if direction[-1] == 0.0:
         return block, MotionHistory(known)
     return block, MotionHistory(known, float(since_s[-1]))
 
 
-def _faults(
-    interval: IntervalRows, settings: PlausibilitySettings, channels: ChannelCheck
-) -> Fault:
-    """Faults of torque and angle in an interval."""
-    inside = interval.inside
-    found = _plausibility(inside, settings)
-    if channels.torque_stays(inside[:-1, U], Fault.TORQUE_STUCK in found):
-        found |= Fault.STUCK | Fault.TORQUE_STUCK
-    return found | _wild_steps(interval.around, settings.max_speed_rad_s)
+def _steady_phases(
+    interval: IntervalRows, since_s: Floats, has_table: bool, settings: PhaseSettings
+) -> dict[str, Any]:
+    """Direction and phases of an interval, as fields of FeatureBlock.
 
-
-def _torque_statistics(inside: Floats) -> dict[str, Any]:
-    """Statistics of the torque, held from row to row, as fields of FeatureBlock."""
-    return dict(zip(_OF_TORQUE, kernels.torque(inside).tolist(), strict=True))
-
-
-def _motion_statistics(interval: IntervalRows, direction: Floats) -> dict[str, Any]:
-    """Statistics of angle, speed and direction, (end - first,), as fields of FeatureBlock."""
-    inside = interval.inside
-    return {
-        "angle_start_rad": float(inside[0, THETA]),
-        "angle_end_rad": float(inside[-1, THETA]),
-        "speed_start_rad_s": _speed_at(interval.segment, interval.first),
-        "speed_end_rad_s": _speed_at(interval.segment, interval.end),
-    } | dict(zip(_OF_MOTION, kernels.motion(inside, direction).tolist(), strict=True))
+    Args:
+        interval: its rows.
+        since_s: (end - first,), when the motion of each row began, s; inf at standstill.
+        has_table: the linear encoder may be read.
+        settings: criteria of steady motion.
+    """
+    direction, found = kernels.phases(
+        interval.segment, interval.first, interval.end, interval.reach, since_s, settings.limits
+    )
+    if direction == 0.0:
+        return {}
+    if not has_table:
+        found[:, -1] = math.nan
+    rows = zip(PHASES, found.tolist(), strict=True)
+    return {"steady_direction": direction} | {name: Phase(*row) for name, row in rows if row[0]}
 
 
 def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
@@ -168,19 +222,6 @@ def _speed_at(segment: Floats, row: int) -> float:
     )
 
 
-def _table_statistics(inside: Floats, believed: bool) -> tuple[Fault, tuple[float, float, float]]:
-    """Linear encoder at start and end and its mean, m; NaN if missing, holed or not believed."""
-    start, end, mean = kernels.table(inside).tolist() if believed else _UNKNOWN
-    if math.isnan(mean):
-        return Fault.NO_TABLE, _UNKNOWN
-    return Fault.NONE, (start, end, mean)
-
-
-def _wild_steps(rows: Floats, max_speed_rad_s: float) -> Fault:
-    """Fault if the angle steps faster than any axis, in or beside the interval."""
-    return Fault.IMPLAUSIBLE if kernels.fastest_step(rows) > max_speed_rad_s else Fault.NONE
-
-
 def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     fault = Fault.NONE
     time_s, torque, theta = inside[:, T], inside[:, U], inside[:, THETA]
@@ -196,17 +237,14 @@ def _plausibility(inside: Floats, settings: PlausibilitySettings) -> Fault:
     if torque_nm > 1.5 * limit_nm:
         fault |= Fault.IMPLAUSIBLE
     stood_s, start, stop = kernels.longest_run(theta, time_s)
-    if stood_s >= settings.stuck_s and _others_moved(inside[start:stop], settings):
-        fault |= Fault.STUCK | Fault.ANGLE_STUCK
+    if stood_s >= settings.stuck_s:  # the linear encoder is asked elsewhere
+        stood = inside[start:stop]
+        with np.errstate(invalid="ignore"):
+            setpoint_moved = np.ptp(stood[:, SET]) > MOVED_SETPOINT_M
+            speed_rad_s = np.abs(np.mean(stood[:, OMEGA]))
+        if setpoint_moved or speed_rad_s > 10.0 * settings.standstill_speed_rad_s:
+            fault |= Fault.STUCK | Fault.ANGLE_STUCK
     torque_stuck = kernels.longest_run(torque, time_s)[0] >= settings.stuck_s and not saturated
     if torque_stuck and way_rad > MOVED_ANGLE_RAD:
         fault |= Fault.STUCK | Fault.TORQUE_STUCK
     return fault
-
-
-def _others_moved(inside: Floats, settings: PlausibilitySettings) -> bool:
-    """True if setpoint or speed say that the axis moved; the linear encoder is asked elsewhere."""
-    with np.errstate(invalid="ignore"):
-        setpoint = np.ptp(inside[:, SET]) > MOVED_SETPOINT_M
-        speed = np.abs(np.mean(inside[:, OMEGA])) > 10.0 * settings.standstill_speed_rad_s
-    return bool(setpoint or speed)

@@ -39,7 +39,7 @@ def make_driver(axis: AxisConfig) -> Driver:
         raise ConfigError(f"{axis.place}.driver: {error}") from None
     settings = check_settings(driver.config_model, axis.settings, f"{axis.place}.settings")
     try:
-        return driver(settings, DriverContext(axis.name, load_machine(axis.machine)))
+        return driver(settings, DriverContext(axis.name, load_machine(axis.machine, axis.number)))
     except DriverMisconfiguredError as error:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 from ..bus.publisher import Publisher
 from ..bus.reception import Refusal
 from ..config import AxisConfig, EdgeConfig
-from ..downsample.gathering import Gathering
-from ..downsample.vibration import AxisVibration, VibrationSettings, orders_of
+from ..downsample.rows import Gathering
+from ..downsample.vibration import AxisVibration, orders_of
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import ComponentStatus
@@ -32,9 +32,7 @@ class AxisDownsampling:
         self, config: EdgeConfig, machine: Machine, publisher: Publisher[FeatureBlock]
     ) -> None:
         self.downsampler = make_downsampler(machine)
-        self.vibration = AxisVibration(
-            VibrationSettings(bands_hz=config.vibration.bands_hz, orders=orders_of(machine))
-        )
+        self.vibration = AxisVibration(orders_of(machine), config.vibration.bands_hz)
         self._gathering = Gathering()
         self._publisher = publisher
 

@@ -14,8 +14,7 @@ from ..config import (
     load_machine,
 )
 from ..downsample import Downsampler, DownsampleSettings
-from ..downsample.phases import PhaseSettings
-from ..downsample.statistics import PlausibilitySettings
+from ..downsample.statistics import PhaseSettings, PlausibilitySettings
 from ..estimate import registry
 from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE

@@ -26,7 +26,6 @@ async def run_stub(
     config: EdgeConfig,
     axis: str | None,
     scenario: str,
-    nodesets: Path | None,
     fault: Fault,
     announce: Callable[[str], None],
     recording: Path | None = None,
@@ -41,7 +40,7 @@ async def run_stub(
     Raises:
         ConfigError: no such axis, wrong settings, or an address that cannot be taken.
     """
-    stub = make_stub(name, config, axis, scenario, nodesets, recording, port)
+    stub = make_stub(name, config, axis, scenario, recording, port)
     stub.fault = fault
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -61,7 +60,6 @@ def make_stub(
     config: EdgeConfig,
     axis: str | None,
     scenario: str,
-    nodesets: Path | None,
     recording: Path | None = None,
     port: int | None = None,
 ) -> Stub:
@@ -76,7 +74,7 @@ def make_stub(
         raise ConfigError(f"--recording {recording}: no such file")
     try:
         axes = [_stub_axis(each, scenario, recording, port) for each in chosen]
-        return load_stub(name)(axes, nodesets)
+        return load_stub(name)(axes)
     except DriverMisconfiguredError as error:
         raise ConfigError(f"stub {name}: {error}") from None
 

@@ -42,9 +42,8 @@ async def replay_trace(
     """
     name = load_machine(machine).axis.name
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": False}
-    if axis_number is not None:
-        settings["axis_number"] = axis_number
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
+    axis = axis.numbered(axis_number)
     config = config.model_copy(update={"axes": (axis,)})
     await check_service(config)
     place = config.bus

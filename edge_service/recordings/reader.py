@@ -143,11 +143,10 @@ class TraceReader:
         time_s = self._values(TIME, block)
         channels = {name: self._values(name, block) for name in self.channels}
         timed = ~np.isnan(time_s)
-        if timed.all():
-            return SampleFrame(time_s, channels)
-        return SampleFrame(
-            time_s[timed], {name: values[timed] for name, values in channels.items()}
-        )
+        if not timed.all():
+            time_s = time_s[timed]
+            channels = {name: values[timed] for name, values in channels.items()}
+        return SampleFrame(time_s, channels)
 
     def _values(self, channel: str, block: Block) -> Floats:
         column = self._columns[channel]
@@ -176,12 +175,12 @@ class TraceReader:
             elif name in block.text:
                 self._only_text.setdefault(name, block.text[name])
                 if self.rows_read == 0 and block.text[name].count == len(block):
-                    self._refuse_text(name)
+                    raise self._no_number(name, self._only_text[name])
 
     def _check_whole(self) -> None:
         """At the end: a trace has rows, and every column with content has a number."""
-        for name in self._only_text:
-            self._refuse_text(name)
+        for name, text in self._only_text.items():
+            raise self._no_number(name, text)
         if self.rows_read:
             return
         untimed = self.bad_cells[TIME]
@@ -194,9 +193,9 @@ class TraceReader:
         problem = f"none of {untimed} rows holds a time" if untimed else "a header but no rows"
         raise TraceError(f"{self.path}: {problem}; expected rows of numbers")
 
-    def _refuse_text(self, name: str) -> None:
-        first = self._only_text[name].first
-        raise TraceError(f"{self.path}: column {name!r} holds {first!r} and no number at all")
+    def _no_number(self, name: str, text: Text) -> TraceError:
+        said = f"column {name!r} holds {text.first!r} and no number at all"
+        return TraceError(f"{self.path}: {said}")
 
 
 def open_trace(

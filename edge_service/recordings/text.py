@@ -241,15 +241,12 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _all_numbers(cells: list[str]) -> bool:
-    return all(_is_number(cell) for cell in cells if cell)
-
-
-def _is_number(cell: str) -> bool:
     try:
-        float(cell.replace(",", "."))
+        for cell in filter(None, cells):
+            float(cell.replace(",", "."))
     except ValueError:
         return False
-    return cell.lower() not in {"nan", "inf"}
+    return not any(cell.lower() in {"nan", "inf"} for cell in cells)
 
 
 def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:

@@ -156,19 +156,7 @@ def test_nothing_that_a_sound_axis_does_is_a_fault(name: str) -> None:
     assert faults_of(blocks) == set()
 
 
-@pytest.mark.parametrize("lead_m", [0.005, 0.02])
-def test_jogs_rests_and_quick_growth_are_no_faults(lead_m: float) -> None:
-    axis = Axis(lead_m=lead_m, rate_hz=100, play_m=40e-6, growth_m=50e-6)
-    jog = [30e-6 / 0.1] * 3
-    day = np.tile(np.concatenate([moves(axis, [0.05]), moves(axis, jog, 0.1)]), 60)
-    assert 200.0 < len(day) / TRUE_HZ < 400.0  # an hour's growth within minutes
-    blocks = blocks_of(axis, recording(axis, day))
-    assert faults_of(blocks) == set()
-
-
 SLOW_AND_FAST = [0.02, 0.3, 0.02, 0.02, 0.02, 0.02, 0.02]
-FAST_FROM_S = 5.2
-"""The fast move to and fro begins about here, the next slow one at 8."""
 
 
 def damaged(
@@ -259,16 +247,6 @@ def test_a_leap_is_reported_at_once_and_the_new_level_too(axis: Axis, by_m: floa
     assert Fault.NO_TABLE not in blocks[-1].fault
 
 
-@pytest.mark.parametrize("axis", KINDS)
-def test_a_small_leap_is_reported_while_the_nut_pushes(axis: Axis) -> None:
-    by_m = 0.004 * axis.lead_m + 20e-6
-    start_s = 0.93
-    _, broken = damaged(axis, start_s, 99.0, shifted(by_m))
-    assert Fault.TABLE_DISAGREES in faults_of(
-        between(blocks_of(axis, broken), start_s, start_s + 0.2)
-    )
-
-
 def scaled(_: Floats, table_m: Floats) -> Floats:
     return table_m[0] + 1.02 * (table_m - table_m[0])
 
@@ -278,18 +256,6 @@ def test_another_scale_is_reported(axis: Axis) -> None:
     _, broken = damaged(axis, 0.5, 99.0, scaled)
     blocks = blocks_of(axis, broken)
     assert Fault.TABLE_DISAGREES in faults_of(between(blocks, 0.5, 1.0))
-
-
-@pytest.mark.parametrize("axis", KINDS)
-@pytest.mark.parametrize(("lag_s", "found"), [(0.008, True), (0.0015, False)])
-def test_a_lag_is_reported_when_it_is_more_than_a_skew(
-    axis: Axis, lag_s: float, found: bool
-) -> None:
-    sound = recording(axis, moves(axis, SLOW_AND_FAST))
-    time_s = sound["time_s"]
-    late = np.interp(time_s - lag_s, time_s, sound[TABLE_POSITION])
-    blocks = blocks_of(axis, {**sound, TABLE_POSITION: late})
-    assert (Fault.TABLE_DISAGREES in faults_of(blocks)) == found
 
 
 def test_a_torque_that_stands_is_reported_until_it_moves_again() -> None:
@@ -303,54 +269,6 @@ def test_a_torque_that_stands_is_reported_until_it_moves_again() -> None:
     assert not any(Fault.NO_TABLE in block.fault for block in blocks)
 
 
-def test_an_angle_that_stands_is_not_held_against_the_linear_encoder() -> None:
-    axis = Axis()
-    columns = recording(axis, moves(axis, SLOW_AND_FAST))
-    bad = (columns["time_s"] >= 0.55) & (columns["time_s"] < 0.93)
-    angle = columns[ANGLE].copy()
-    angle[bad] = angle[bad][0]
-    columns = {name: values for name, values in columns.items() if name != ANGLE} | {ANGLE: angle}
-    blocks = between(blocks_of(axis, columns), 0.6, 0.9)
-    assert Fault.ANGLE_STUCK in faults_of(blocks)
-    assert Fault.TABLE_STUCK not in faults_of(blocks)
-
-
-def test_a_channel_that_was_away_for_long_goes_on_trial() -> None:
-    axis = Axis()
-    _, broken = damaged(axis, 0.5, 2.0, lambda _, table_m: table_m * np.nan)
-    blocks = blocks_of(axis, broken)
-    assert Fault.TABLE_DOUBTED in between(blocks, 2.1, 2.2)[0].fault
-    _, holed = damaged(axis, 0.5, 0.51, lambda _, table_m: table_m * np.nan)
-    assert faults_of(blocks_of(axis, holed)) == {Fault.NO_TABLE}
-    assert faults_of(between(blocks_of(axis, holed), 0.7, 99.0)) == set()
-
-
-@pytest.mark.parametrize("cut_s", [0.7, 1.2, 2.5])
-def test_a_restored_check_goes_on_as_if_nothing_had_happened(cut_s: float) -> None:
-    axis = Axis()
-    _, broken = damaged(axis, 0.95, 2.0, stands)
-    whole = Downsampler(DownsampleSettings(), axis.ratio)
-    expected = whole.push(frame_of(broken))
-    row = int(cut_s * axis.rate_hz)
-    first, second = (
-        frame_of({name: values[part] for name, values in broken.items()})
-        for part in (slice(row), slice(row, None))
-    )
-    before = Downsampler(DownsampleSettings(), axis.ratio)
-    blocks = before.push(first)
-    after = Downsampler(DownsampleSettings(), axis.ratio)
-    after.restore(before.snapshot())
-    blocks += after.push(second)
-    assert [repr(block) for block in blocks] == [repr(block) for block in expected]
-
-
-def test_one_encoder_lacks_nothing() -> None:
-    axis = Axis()
-    columns = recording(axis, moves(axis, [0.02, 0.3]))
-    del columns[TABLE_POSITION]
-    assert faults_of(blocks_of(axis, columns)) == set()
-
-
 def test_a_commissioned_machine_is_held_to_its_own_compliance() -> None:
     nominal = channel_limits(Axis().machine)
     # five times a steel screw of 20 mm and 1 m: E A / l with E = 206 GPa
@@ -359,29 +277,3 @@ def test_a_commissioned_machine_is_held_to_its_own_compliance() -> None:
     assert nominal.stretch_m(0.0) == 0.0
     wide = replace(nominal, compliance_m_per_n=2.0 * nominal.compliance_m_per_n)
     assert wide.stretch_m(1.0) == pytest.approx(2.0 * nominal.stretch_m(1.0), rel=1e-12)
-
-
-def test_a_coarse_angle_that_starts_late_in_an_interval_is_not_stuck() -> None:
-    axis = Axis()
-    columns = recording(axis, moves(axis, [0.3]))
-    coarse = 2.0 * np.pi / 1024
-    columns[ANGLE] = np.round(columns[ANGLE] / coarse) * coarse
-    columns["position_setpoint_m"] = np.cumsum(moves(axis, [0.3]))[::2] / TRUE_HZ
-    assert faults_of(blocks_of(axis, columns)) == set()
-
-
-@pytest.mark.parametrize("start_s", np.arange(1.205, 1.295, 0.01).tolist())
-def test_an_encoder_that_stops_while_the_axis_brakes_is_left_out_at_once(start_s: float) -> None:
-    """The rest of the way is less than play could hide: no fault yet, and nothing believed."""
-    axis = Axis(lead_m=0.01)
-    ramp = np.linspace(0.0, 0.02, 2 * TRUE_HZ // 5)
-    rest = np.zeros(TRUE_HZ // 5)
-    speed = np.concatenate([rest, ramp, np.full(TRUE_HZ // 2, 0.02), ramp[::-2], rest, -ramp, rest])
-    sound = recording(axis, speed)
-    time_s = sound["time_s"]
-    table = sound[TABLE_POSITION].copy()
-    table[time_s >= start_s] = table[time_s >= start_s][0]
-    good = blocks_of(axis, sound)
-    blocks = blocks_of(axis, {**sound, TABLE_POSITION: table})
-    assert believed_error_m(axis, good, blocks) < NEITHER_BELIEVED_NOR_FAR_OFF_M
-    assert Fault.TABLE_STUCK in faults_of(blocks)

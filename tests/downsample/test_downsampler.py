@@ -107,13 +107,6 @@ def test_blocks_fall_on_the_grid_and_cover_the_trace() -> None:
     assert {b.fault for b in blocks} == {Fault.NONE}
 
 
-def test_a_jittering_clock_does_not_move_the_grid() -> None:
-    columns = trace(2.0)
-    jitter = 2.4e-8 * np.random.default_rng(2).standard_normal(len(columns["time_s"]))
-    blocks = blocks_of(columns | {"time_s": columns["time_s"] + jitter})
-    assert [b.sample_count for b in blocks] == [100] * 19
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(1, 1999), max_size=30), st.sampled_from([0.005, 0.013, 0.1]))
 def test_blocks_do_not_depend_on_how_samples_were_parted(
@@ -171,14 +164,6 @@ def test_a_hole_is_bridged_and_a_longer_one_is_a_gap() -> None:
         assert {block.fault for block in blocks if block.fault} == {fault}
 
 
-def test_no_interval_spans_a_gap_and_none_is_invented_in_it() -> None:
-    columns = trace(4.0)
-    rows = np.concatenate([np.arange(0, 1050), np.arange(3050, 4000)])
-    blocks = blocks_of({name: values[rows] for name, values in columns.items()})
-    assert max(block.duration_s for block in blocks) < 0.101
-    assert not [block for block in blocks if 1.1 < block.time_s < 3.0]
-
-
 def test_a_clock_that_begins_anew_is_survived() -> None:
     columns = trace(4.0)
     restarted = columns | {
@@ -225,23 +210,6 @@ def test_rows_without_a_needed_value_are_reported_interval_by_interval(
     assert [round(b.time_s, 1) for b in blocks if b.usable] == [0.1, 0.2, 0.7, 0.8, 0.9]
 
 
-def test_bridged_rows_are_not_remembered_for_ever() -> None:
-    columns = trace(20.0)
-    columns[TORQUE][50::100] = np.nan
-    downsampler = Downsampler(DownsampleSettings(), RATIO)
-    for start in range(0, 20_000, 500):
-        downsampler.push(frame_of(columns, slice(start, start + 500)))
-    assert downsampler.faults == {"HOLE": 199}
-    assert len(downsampler._absent) <= 2
-
-
-def test_a_trace_that_never_has_a_position_says_so() -> None:
-    columns = trace(1.0)
-    blocks = blocks_of({"time_s": columns["time_s"], TORQUE: columns[TORQUE]})
-    assert len(blocks) == 9
-    assert all(b.fault == Fault.NO_POSITION for b in blocks)
-
-
 @pytest.mark.parametrize("channel", [ANGLE, TORQUE])
 def test_a_stuck_channel_never_passes_as_good(channel: str) -> None:
     def stick(columns: dict[str, Floats]) -> None:
@@ -252,16 +220,6 @@ def test_a_stuck_channel_never_passes_as_good(channel: str) -> None:
     assert Fault.STUCK in at(blocks, 0.6).fault
     assert at(blocks, 0.3).usable
     assert at(blocks, 0.9).usable
-
-
-def test_a_stuck_linear_encoder_costs_the_table_and_nothing_else() -> None:
-    def stick(columns: dict[str, Floats]) -> None:
-        columns[TABLE_POSITION][400:620] = columns[TABLE_POSITION][400]
-
-    block = at(damaged(stick), 0.5)
-    assert block.fault == Fault.NO_TABLE | Fault.TABLE_STUCK
-    assert block.usable
-    assert np.isnan(block.table_mean_m)
 
 
 def test_an_axis_at_rest_is_not_stuck() -> None:
@@ -280,42 +238,6 @@ def test_an_axis_at_rest_is_not_stuck() -> None:
     assert {block.moving_fraction for block in blocks} == {0.0}
 
 
-def test_encoder_noise_at_rest_is_no_motion() -> None:
-    rng = np.random.default_rng(4)
-    time_s = np.arange(1000) * 1e-3
-    theta = 2.0 + 5e-6 * rng.standard_normal(1000)
-    blocks = blocks_of({"time_s": time_s, TORQUE: rng.standard_normal(1000), ANGLE: theta})
-    assert {block.moving_fraction for block in blocks} == {0.0}
-    assert {block.reversal_count for block in blocks} == {0}
-
-
-def test_a_wild_step_is_implausible() -> None:
-    def jump(columns: dict[str, Floats]) -> None:
-        columns[ANGLE][555] += 500.0
-
-    blocks = damaged(jump)
-    assert Fault.IMPLAUSIBLE in at(blocks, 0.6).fault
-    assert not at(blocks, 0.6).usable
-    assert at(blocks, 0.8).usable
-
-
-def test_saturation_is_reported() -> None:
-    limits = PlausibilitySettings(max_torque_nm=1.0)
-    columns = trace(1.0)
-    columns[TORQUE] = np.clip(columns[TORQUE], -1.0, 1.0)
-    blocks = blocks_of(columns, limits=limits)
-    assert Fault.SATURATED in blocks[0].fault
-    assert blocks[0].uncertain
-
-
-def test_reversals_and_the_time_since_them() -> None:
-    blocks = blocks_of(trace(4.0))  # speed 60 cos(1.5 t): reversals at t = 1.047 and 3.142 s
-    assert [b.reversal_count for b in blocks if b.reversal_count] == [1, 1]
-    assert at(blocks, 1.1).reversal_count == 1
-    assert at(blocks, 1.2).since_reversal_s == pytest.approx(1.1 - np.pi / 3.0, abs=0.005)
-    assert at(blocks, 2.0).direction_mean == -1.0
-
-
 def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
     columns = trace(1.0)
     del columns[ANGLE], columns[MOTOR_SPEED]
@@ -324,14 +246,6 @@ def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
     assert block.angle_end_rad == pytest.approx(reference.angle_end_rad, abs=1e-3)
     assert block.fault == Fault.NONE
     assert np.isnan(block.table_mean_m)
-
-
-def test_without_torque_no_interval_is_usable() -> None:
-    columns = trace(1.0)
-    del columns[TORQUE]
-    blocks = blocks_of(columns)
-    assert blocks
-    assert all(Fault.NO_TORQUE in b.fault and not b.usable for b in blocks)
 
 
 garbage = st.tuples(

@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.downsample.gathering import MOST_FRAMES, Gathering
-from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.quality import Quality
+from edge_service.downsample.rows import MOST_FRAMES, Gathering
+from edge_service.messages.channels import TORQUE
 from edge_service.messages.samples import SampleFrame
 
 from .test_downsampler import RATIO, frame_of, trace
@@ -55,19 +54,6 @@ def test_faults_of_the_rows_are_told_alike(
     without = [block for blocks in told(frames, None) for block in blocks]
     assert with_wait == without[: len(with_wait)]
     assert len(without) - len(with_wait) <= 1  # the last one may wait for its next frame
-
-
-def test_what_cannot_be_put_together_waits_for_nothing() -> None:
-    one, two, three = (frame_of(trace(), slice(k, k + 10)) for k in (0, 10, 20))
-    fewer = SampleFrame(two.time_s, {ANGLE: two.channels[ANGLE]})
-    doubted = SampleFrame(
-        two.time_s, two.channels, {TORQUE: np.full(10, Quality.SOURCE_UNCERTAIN, dtype=np.uint8)}
-    )
-    for other in (fewer, doubted, one):
-        gathering = Gathering()
-        assert gathering.add(one, np.inf) == []
-        assert gathering.add(other, np.inf) == [one, other]
-        assert gathering.add(three, np.inf) == []
 
 
 def test_frames_that_complete_nothing_are_bounded() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.downsample.phases import PhaseSettings
+from edge_service.downsample.statistics import PhaseSettings
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import PHASES, FeatureBlock, Phase
 from edge_service.messages.samples import Floats, SampleFrame
@@ -78,40 +78,6 @@ def test_torque_less_inertia_torque_is_the_drag_exactly(
         assert balance == pytest.approx(direction * DRAG, abs=1e-8)
 
 
-def test_missing_rows_do_not_bend_the_acceleration() -> None:
-    """With a held torque the balance stays exact, whichever rows a recording lost."""
-    time_s = np.arange(1000) / 1e3
-    columns = pushed(time_s, np.full(1000, 0.06), 60.0)
-    kept = np.random.default_rng(2).random(1000) > 0.1
-    phases = phases_of(blocks_of({name: column[kept] for name, column in columns.items()}))
-    assert len(phases) > 5
-    for phase in phases:
-        assert phase.acceleration_rad_s2 == pytest.approx(0.06 / INERTIA, rel=1e-7)
-        assert phase.torque_nm == pytest.approx(0.06 + DRAG, rel=1e-9)
-
-
-def test_means_of_a_constant_speed_are_those_of_its_rows() -> None:
-    time_s = np.arange(1000) / 1e3
-    angle = 50.0 * time_s
-    columns = {
-        "time_s": time_s,
-        TORQUE: np.full(1000, 0.4),
-        ANGLE: angle,
-        TABLE_POSITION: 0.1 + RATIO * angle,
-    }
-    whole = [block for block in blocks_of(columns) if block.cruising.steady_s > 0.0995]
-    assert len(whole) >= 8
-    for block in whole:
-        phase, middle_s = block.cruising, block.time_s - 0.1 + 0.0495  # of 100 rows
-        assert phase.steady_s == pytest.approx(0.1)
-        assert phase.speed_rad_s == pytest.approx(50.0)
-        assert phase.torque_nm == pytest.approx(0.4)
-        assert phase.acceleration_rad_s2 == pytest.approx(0.0, abs=1e-6)
-        assert phase.angle_rad == pytest.approx(50.0 * middle_s)
-        assert phase.table_m == pytest.approx(0.1 + RATIO * 50.0 * middle_s)
-        assert (block.accelerating, block.braking) == (Phase(), Phase())
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 2999), max_size=8))
 def test_chunks_do_not_matter(cuts: list[int]) -> None:
@@ -171,13 +137,6 @@ def test_a_start_is_left_out_for_as_long_as_the_gate() -> None:
     assert gate_s - 2 * window_s <= left_out_s <= gate_s + 2 * window_s
 
 
-def test_creeping_and_rest_are_no_steady_motion() -> None:
-    time_s = np.arange(1000) / 1e3
-    for speed in (0.0, 0.9 * PhaseSettings().min_speed_rad_s):
-        columns = {"time_s": time_s, TORQUE: np.full(1000, 0.3), ANGLE: speed * time_s}
-        assert phases_of(blocks_of(columns)) == []
-
-
 def test_an_interval_that_turns_round_tells_of_one_direction_only() -> None:
     time_s = np.arange(2000) / 1e3
     angle = 50.0 * np.abs(((time_s + 0.03) % 0.4) - 0.2)  # turns inside intervals
@@ -187,12 +146,3 @@ def test_an_interval_that_turns_round_tells_of_one_direction_only() -> None:
     for block in turning:
         signs = {np.sign(phase.speed_rad_s) for phase in block.phases}
         assert signs == {block.steady_direction}
-
-
-def test_without_a_linear_encoder_the_table_is_missing() -> None:
-    columns = swing()
-    del columns[TABLE_POSITION]
-    phases = phases_of(blocks_of(columns))
-    assert phases
-    assert all(np.isnan(phase.table_m) for phase in phases)
-    assert all(np.isfinite(phase.torque_nm) for phase in phases)

@@ -49,17 +49,6 @@ def test_a_stuck_channel_is_still_found(rate_hz: float) -> None:
     assert times_s == pytest.approx(np.arange(11, 21) / 10.0, abs=0.11)
 
 
-@pytest.mark.parametrize("rate_hz", [10.0, 100.0, 1000.0])
-def test_a_gap_is_reported_at_every_rate(rate_hz: float) -> None:
-    before = frame(np.arange(int(3.0 * rate_hz)) / rate_hz)
-    after = frame(5.0 + np.arange(int(3.0 * rate_hz)) / rate_hz)
-    blocks = blocks_of(before, after)
-    gaps = [block for block in blocks if Fault.GAP in block.fault]
-    assert len(gaps) == 1
-    assert 2.8 < gaps[0].time_s < 5.3
-    assert not gaps[0].usable
-
-
 def test_samples_that_their_source_doubts_are_reported() -> None:
     whole = frame(np.arange(3000) / 1000.0)
     codes = np.zeros(3000, dtype=np.uint8)
@@ -68,14 +57,6 @@ def test_samples_that_their_source_doubts_are_reported() -> None:
     doubted = SampleFrame(whole.time_s, whole.channels, {TORQUE: codes})
     times_s = {round(b.time_s, 1) for b in blocks_of(doubted) if Fault.DOUBTED in b.fault}
     assert times_s == {1.1, 2.1}
-
-
-def test_a_doubt_about_a_channel_that_no_estimate_rests_on_is_none() -> None:
-    whole = frame(np.arange(1000) / 1000.0)
-    channels = {**whole.channels, "temperature_c": np.full(1000, 20.0)}
-    codes = np.full(1000, Quality.SOURCE_UNCERTAIN, dtype=np.uint8)
-    doubted = SampleFrame(whole.time_s, channels, {"temperature_c": codes})
-    assert all(block.fault is Fault.NONE for block in blocks_of(doubted))
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])

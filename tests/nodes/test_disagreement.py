@@ -33,8 +33,7 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(
     settings = {
         "scenario": "healthy",
         "speed": 20.0,
-        "effects": ["position_friction:excess_nm=0.15"],
-        "effects_from_s": CHANGES_S,
+        "effects": [f"position_friction:excess_nm=0.15,from_s={CHANGES_S}"],
     }
     config = config_of("simulated", settings, store=StoreConfig(folder=tmp_path / "history"))
     async with running(config) as service:

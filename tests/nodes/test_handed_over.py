@@ -14,8 +14,7 @@ from .conftest import config_of, running, until
 
 SUDDEN = {
     "scenario": "sudden",
-    "life_h": 4.0,
-    "acceleration": 1440.0,
+    "life_s": 10.0,
     "hold_s": 2.0,
     "speed": 10.0,
     "motion": "production",

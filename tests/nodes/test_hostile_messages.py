@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edge_service.config import EstimatorConfig, load_machine
-from edge_service.downsample.vibration import AxisVibration, VibrationSettings
+from edge_service.downsample.vibration import AxisVibration
 from edge_service.health.alarms.axis_alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.service_state import ServiceState
@@ -51,7 +51,7 @@ class Readers:
         self.monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
         self.downsampler = make_downsampler(MACHINE)
         self.axis = estimated(lambda: make_estimator(EstimatorConfig(), MACHINE))
-        self.vibration = AxisVibration(VibrationSettings())
+        self.vibration = AxisVibration({"screw": 1.0}, {"low": (10.0, 1000.0)})
         self.recorder = DisagreementRecorder(folder / "recordings", lambda *_: None)
         self.take: dict[str, Callable[[str, Header, Any], None]] = {
             "raw": self.on_samples,

@@ -37,7 +37,7 @@ async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> No
     settings = {
         "scenario": "healthy",
         "speed": 4.0,
-        "accelerometer_rate_hz": 10_000.0,
+        "accelerometer_hz": 10_000.0,
         "raceway_damage": 8.0,
     }
     config = config_of("simulated", settings)

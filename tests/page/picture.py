@@ -25,8 +25,7 @@ name = "{name}"
 driver = "simulated"
 [axes.settings]
 scenario = "{scenario}"
-life_h = 1.0
-acceleration = 180.0
+life_s = 20.0
 hold_s = 20.0
 """
 _WORN = "YC"

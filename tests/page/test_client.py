@@ -12,7 +12,7 @@ from ..documents import block
 @pytest.mark.slow
 def test_the_client_of_the_readme_hears_an_alarm(make_service: Any) -> None:
     source = block("guide", "python", "httpx.stream")
-    service = make_service(scenario="sudden", life_h=1.0, acceleration=240.0, hold_s=4.0)
+    service = make_service(scenario="sudden", life_s=15.0, hold_s=4.0)
     source = source.replace("http://127.0.0.1:8080/", service.address)
     with subprocess.Popen(
         [sys.executable, "-I", "-u", "-c", source], stdout=subprocess.PIPE, text=True

@@ -7,7 +7,7 @@ import pytest
 from .conftest import serious_faults
 
 HEALTHY = {"scenario": "healthy"}
-LOST = {"scenario": "sudden", "life_h": 8.0, "acceleration": 360.0, "hold_s": 2.0}
+LOST = {"scenario": "sudden", "life_s": 80.0, "hold_s": 2.0}
 AXES = {name: LOST if name in ("Y", "C") else HEALTHY for name in "XYZABCUV"}
 SIZES = [{"width": 1920, "height": 1080}, {"width": 360, "height": 740}]
 

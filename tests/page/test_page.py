@@ -13,7 +13,7 @@ from ..foreign_plant import axis_case, part_programme, simulate
 from .conftest import serious_faults, show_tab
 
 HEALTHY = {"scenario": "healthy"}
-SUDDEN = {"scenario": "sudden", "life_h": 4.0, "acceleration": 180.0, "hold_s": 4.0}
+SUDDEN = {"scenario": "sudden", "life_s": 80.0, "hold_s": 4.0}
 """New for 44 s, for 20 of which it must have moved, then without any preload."""
 BYTES_MOST = 300_000
 TABS = ("overview", "why", "history", "tests", "service")

@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.recordings.columns import ColumnMap, TraceError
 from edge_service.recordings.reader import open_trace, read_trace
-from edge_service.recordings.sinumerik.signals import ControllerAxis, sinumerik_signal
+from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
 RAD_PER_MM = 2.0 * math.pi / 10.0
@@ -19,27 +19,6 @@ EDGE = (
     "0.000,0.5,100.0,99.5,100.5,2.0,10,5.0,7.0\n"
     "0.002,0.6,101.0,100.5,101.5,2.5,11,5.0,8.0\n"
 )
-
-
-@pytest.mark.parametrize(
-    ("name", "units_type", "short", "axis", "unit"),
-    [
-        ("/Nck/!SD/nckServoDataActCurr32 [u1, 7]", "current", "ActCurr", 7, "A"),
-        ("/Nck/!SD/nckServoDataActVelMot32 [u1, 12]", "velo", "ActVelMot", 12, "mm/min"),
-        ("/Nck/!SD/nckServoDataActVelMot64 [u1, 4]", "veloRot", "ActVelMot", 4, "rev/min"),
-        ("/Nck/!SD/nckServoDataCmdTorque64 [u1, 1]", "611DTime1", "CmdTorque", 1, "N m"),
-        ("/Nck/!SD/nckServoDataCmdPos2ndEnc64 [u1, 7]", "posn", "CmdPos2ndEnc", 7, "mm"),
-        ("/Nck/!SEMA/measPos1 [u1, 7]", "posn", "measPos1", 7, "mm"),
-        ("/Channel/!SEMA/aaStat [u1, 7]", "none", "aaStat", 7, None),
-        ("measPos2[u1,3]", "", "measPos2", 3, None),
-    ],
-)
-def test_parts_of_a_name(
-    name: str, units_type: str, short: str, axis: int, unit: str | None
-) -> None:
-    found = sinumerik_signal(name, units_type)
-    assert found is not None
-    assert (found.short, found.axis, found.unit, found.column) == (short, axis, unit, name)
 
 
 def _write(folder: Path, suffix: str, text: str = EDGE) -> Path:
@@ -101,10 +80,3 @@ def test_a_current_is_a_torque_with_a_torque_constant_only(tmp_path: Path) -> No
         assert wish in reader.remarks
     axis = ControllerAxis(1, lead_m=0.01, torque_constant_nm_per_a=0.5)
     assert read_trace(path, axis=axis).channels["torque_command_nm"].tolist() == [1.0, 1.25]
-
-
-def test_without_a_lead_there_is_no_angle(tmp_path: Path) -> None:
-    with open_trace(_write(tmp_path, ".csv"), axis=ControllerAxis(number=1)) as reader:
-        assert "motor_angle_rad" not in reader.channels
-        assert "table_position_m" in reader.channels
-        assert "motor_angle_rad could be ENC1_POS, lacking: the lead of the screw" in reader.remarks

@@ -1,7 +1,5 @@
 """Reading CSV: kindness where a file is unambiguous, faults as data."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -68,17 +66,6 @@ def test_foreign_columns_are_scaled_to_si(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame.channels["table_position_m"], [0.26, 0.261])
 
 
-def test_canonical_column_stands_in_unscaled_for_an_absent_foreign_one(tmp_path: Path) -> None:
-    frame = _read(
-        tmp_path,
-        PLAIN,
-        time_s=ColumnMap("#row", scale=0.1),
-        torque_command_nm=ColumnMap("u_V", scale=0.5),
-    )
-    np.testing.assert_array_equal(frame.time_s, [0.0, 0.001])
-    np.testing.assert_array_equal(frame.channels["torque_command_nm"], [1.5, -2.5])
-
-
 def test_row_number_as_clock_counts_ragged_rows_and_goes_on_over_blocks(tmp_path: Path) -> None:
     rows = 2 * BLOCK_BYTES // len(b"0.125,x\n")
     lines = ["0.125,x"] * rows
@@ -141,11 +128,6 @@ def test_rows_stay_whole_over_the_blocks_of_a_large_file(tmp_path: Path) -> None
     np.testing.assert_array_equal(np.concatenate([frame.time_s for frame in frames]), time_s)
     values = np.concatenate([frame.channels["torque_command_nm"] for frame in frames])
     np.testing.assert_array_equal(values, torque)
-
-
-def test_the_live_service_does_not_pay_for_arrow() -> None:
-    program = "import sys, drivers.replay; sys.exit('pyarrow' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def test_a_machine_file_chooses_among_columns_that_differ_in_case(tmp_path: Path) -> None:

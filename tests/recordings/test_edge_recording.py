@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.cli.entry import main
-from edge_service.recordings.columns import ColumnMap, TraceError
-from edge_service.recordings.reader import open_trace, read_trace
+from edge_service.recordings.columns import TraceError
+from edge_service.recordings.reader import open_trace
 from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock, block_number
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
@@ -49,14 +49,6 @@ def test_gaps_and_restarts_of_the_count_are_said_and_time_goes_on(tmp_path: Path
     said = "\n".join(reader.remarks)
     assert "CYCLE: 1 gaps, 9 samples missing" in said
     assert "CYCLE starts over 1 times (at row 5): each is a new run" in said
-
-
-def test_a_period_of_the_machine_file_comes_first(tmp_path: Path) -> None:
-    path = _csv(tmp_path / "a.csv", [100, 101, 5])
-    (frame,), reader = _read(path, {"time_s": ColumnMap("CYCLE", 0.004)})
-    assert frame.time_s[1] == pytest.approx(0.004)
-    assert "as no header says it" not in "\n".join(reader.remarks)
-    assert "starts over" in "\n".join(reader.remarks)
 
 
 @settings(deadline=None)
@@ -183,11 +175,3 @@ def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:
     (frame,), _ = _read(path)
     assert frame.channels["torque_command_nm"].tolist() == [0.5] * 30
     assert len(frame) == 30
-
-
-def test_the_active_encoder_is_the_tables_where_no_encoder_is_recorded(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("CYCLE,ENC_POS|1,TORQUE|1\n1,5,0\n2,6,0\n")
-    assert read_trace(path, axis=AXIS).channels["table_position_m"].tolist() == [0.005, 0.006]
-    path.write_text("CYCLE,ENC_POS|1,ENC1_POS|1,TORQUE|1\n1,5,5,0\n2,6,6,0\n")
-    assert "table_position_m" not in read_trace(path, axis=AXIS).channels

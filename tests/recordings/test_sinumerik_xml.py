@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from edge_service.recordings.columns import ColumnMap, TraceError
 from edge_service.recordings.reader import TraceReader, open_trace, read_trace
-from edge_service.recordings.sinumerik.record_grid import BLOCK_ROWS
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 NAN = math.nan
@@ -317,38 +316,3 @@ def test_what_was_encoded_comes_back(
         scale = 1e-3 if name == "table_position_m" else 1.0
         values = np.concatenate([each.channels[name] for each in frames])
         np.testing.assert_array_equal(values, np.array(column) * scale)
-
-
-@pytest.mark.parametrize("interpolate", [False, True])
-def test_many_blocks_are_one_trace(tmp_path: Path, interpolate: bool) -> None:
-    """Rows come in blocks; where a block ends must not show."""
-    rows = 3 * BLOCK_ROWS + 77
-    rng = np.random.default_rng(5)
-    fast = np.cumsum(rng.integers(-1, 2, rows)) * 1e-3
-    slow = np.cumsum(rng.integers(0, 3, (rows + 1) // 2)) * 1e-3
-    records = []
-    for row in range(rows):
-        cells = f' a="{fast[row]:.6f}"' if row == 0 or fast[row] != fast[row - 1] else ""
-        tick, between = divmod(row, 2)
-        if not between and (tick == 0 or slow[tick] != slow[tick - 1]):
-            cells += f' b="{slow[tick]:.6f}"'
-        if cells and not (30_000 < row < 30_000 + BLOCK_ROWS // 2):
-            records.append(f'<rec time="{row * 0.002:.6f}"{cells}/>')
-        else:
-            fast[row], slow[tick] = fast[row - 1], slow[tick - 1] if not between else slow[tick]
-    signals = signal("a", POSITION, "0.002", rows) + signal("b", LINEAR, "0.004", len(slow))
-    path = write(tmp_path, session(frame("", signals, "".join(records))))
-    axis = ControllerAxis(lead_m=LEAD_M, interpolate_positions=interpolate)
-    read = read_trace(path, axis=axis)
-    number = np.arange(rows)
-    np.testing.assert_array_equal(read.time_s, np.round(number * 0.002, 9))
-    rad_per_m = 2.0 * math.pi / LEAD_M
-    np.testing.assert_allclose(
-        read.channels["motor_angle_rad"], fast * 1e-3 * rad_per_m, rtol=1e-12, atol=1e-15
-    )
-    held = slow[number // 2]
-    following = slow[np.minimum((number + 1) // 2, len(slow) - 1)]
-    expected = 0.5 * (held + following) if interpolate else held
-    np.testing.assert_allclose(
-        read.channels["table_position_m"], expected * 1e-3, rtol=1e-12, atol=1e-15
-    )

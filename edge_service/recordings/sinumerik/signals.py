@@ -245,25 +245,17 @@ def map_signals(
     found = ControllerColumns(aliases={each.short: each.column for each in of_axis.values()})
     for channel, names in meanings.items():
         for signal in (of_axis[name.lower()] for name in names if name.lower() in of_axis):
-            if _map_signal(found, channel, signal, axis):
-                break
+            scale = None if signal.unit is None else axis.scale(channel, signal.unit)
+            if signal.unit is None or scale is None:
+                what = "its unit" if signal.unit is None else axis.missing(channel, signal.unit)
+                found.lacking[channel] = f"{channel} could be {signal.short}, lacking: {what}"
+                continue
+            found.columns[channel] = ColumnMap(signal.column, scale)
+            link = axis.link(channel, signal.unit)
+            basis = f"{signal.unit}, with {link}" if link else signal.unit
+            found.used[channel] = f"{channel} = {scale:.6g} * {signal.short} ({basis})"
+            break
     return found
-
-
-def _map_signal(
-    found: ControllerColumns, channel: str, signal: ControllerSignal, axis: ControllerAxis
-) -> bool:
-    """Enter a signal as a channel, or what that lacks."""
-    scale = None if signal.unit is None else axis.scale(channel, signal.unit)
-    if signal.unit is None or scale is None:
-        what = "its unit" if signal.unit is None else axis.missing(channel, signal.unit)
-        found.lacking[channel] = f"{channel} could be {signal.short}, lacking: {what}"
-        return False
-    found.columns[channel] = ColumnMap(signal.column, scale)
-    link = axis.link(channel, signal.unit)
-    basis = f"{signal.unit}, with {link}" if link else signal.unit
-    found.used[channel] = f"{channel} = {scale:.6g} * {signal.short} ({basis})"
-    return True
 
 
 def _axis_number(

@@ -11,6 +11,7 @@ Ascii85. Layout of both: eliasrhoden/Trace-Tools.
 import base64
 import math
 import string
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -178,9 +179,10 @@ def _checked(
     stated: dict[str, float] = {}
     for each in root.iter():
         name = _STATED.get(each.get("name", ""))
-        value = _positive(each.text) if name else None
-        if name and value is not None:  # later ones belong to what was tuned from the first
-            stated.setdefault(name, value)
+        with suppress(ValueError):
+            value = float(each.text or "") if name else 0.0
+            if name and 0.0 < value < math.inf:  # later ones are of what was tuned from the first
+                stated.setdefault(name, value)
     names = [each.text or "" for each in root if each.get("name") == "m_szAxisName"]
     number = stated.get("axis")
     return MeasuredResponse(
@@ -192,14 +194,6 @@ def _checked(
         stated.get("averages", 1.0),
         {name: each for name, each in stated.items() if name.endswith("kg_m2")},
     )
-
-
-def _positive(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and value > 0.0 else None
 
 
 def _curve(response: Element) -> Curve:

@@ -29,8 +29,9 @@ def write_recording(path: Path, duration_s: float) -> None:
 
 async def _frames(duration_s: float, frame_s: float) -> AsyncGenerator[SampleFrame, None]:
     """Frames of the axis, as fast as it can, for `duration_s` of axis time."""
-    config = SimulatedConfig(scenario="healthy", speed=0.0, frame_s=frame_s)
+    config = SimulatedConfig(scenario="healthy", speed=0.0)
     driver = SimulatedDriver(config, DriverContext("X", load_machine(DEFAULT_MACHINE)))
+    driver.frame_s = frame_s
     await driver.open()
     try:
         async with aclosing(driver.frames()) as frames:

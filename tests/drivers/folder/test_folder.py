@@ -189,15 +189,8 @@ async def test_the_ledger_lies_in_the_state_folder_where_there_is_one(
     watch.write("a.csv", 1.0)
     assert len(torques(await watch.read(watch.driver()))) == 500
     assert await watch.read(watch.driver()) == []
-    assert (tmp_path / "state" / "folder-X.json").is_file()
+    assert (tmp_path / "state" / "folder-X.jsonl").is_file()
     assert [path.name for path in watch.folder.iterdir()] == ["a.csv"]
-
-
-async def test_only_names_of_the_pattern_are_read(watch: Watch) -> None:
-    watch.write("a.csv", 1.0)
-    watch.write("b.txt", 2.0)
-    watch.write(".hidden.csv", 3.0)
-    assert set(torques(await watch.read(watch.driver(pattern="*.csv")))) == {1.0}
 
 
 async def test_a_sinumerik_trace_is_read_for_its_axis(watch: Watch) -> None:

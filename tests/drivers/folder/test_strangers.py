@@ -8,8 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from drivers.folder import ledger as ledger_module
-from drivers.folder.ledger import Ledger
+from drivers.folder import driver as folder
 
 from .test_folder import Watch, torques
 
@@ -59,7 +58,7 @@ async def test_a_full_disk_stops_no_reading_and_nothing_is_read_twice(
     watch.write("a.csv", 1.0)
     driver = watch.driver()
     with monkeypatch.context() as refusing:
-        refusing.setattr(ledger_module, "write_checked", refuse)
+        refusing.setattr(folder, "replaced_file", refuse)
         assert set(torques(await watch.read(driver))) == {1.0}
         assert driver.counters["unsaved_ledger"] > 0
         assert torques(await watch.read(driver)) == []
@@ -67,19 +66,3 @@ async def test_a_full_disk_stops_no_reading_and_nothing_is_read_twice(
     assert set(torques(await watch.read(driver))) == {2.0}
     assert driver.counters["unsaved_ledger"] == 0
     assert torques(await watch.read(watch.driver())) == []
-
-
-async def test_a_disk_that_has_room_again_is_written_without_a_new_trace(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    watch.write("a.csv", 1.0)
-    driver = watch.driver()
-    with monkeypatch.context() as refusing:
-        refusing.setattr(ledger_module, "write_checked", refuse)
-        await watch.read(driver)
-    await watch.read(driver)
-    (entry,) = Ledger(driver._ledger_path)._entries.values()
-    assert entry.done

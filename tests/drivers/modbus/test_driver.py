@@ -80,16 +80,6 @@ async def test_values_are_those_of_the_source(rig: Rig) -> None:
     assert not any(codes.any() for codes in rows.quality.values())
 
 
-async def test_rows_come_no_faster_than_the_period(rig: Rig) -> None:
-    loop = asyncio.get_running_loop()
-    start_s = loop.time()
-    rows = await rig.rows(50)
-    assert start_s < rows.time_s[0]
-    assert rows.time_s[-1] < loop.time()
-    assert rows.time_s[-1] - rows.time_s[0] > (len(rows) - 2) * 0.01
-    assert rig.driver.counters["polls"] >= 2 * 50
-
-
 def test_polls_stay_on_their_grid_however_late_each_one_is() -> None:
     group = PollGroup(0.01, (), 5.0)
     generator = np.random.default_rng(1)
@@ -128,15 +118,6 @@ async def test_a_device_that_answers_exceptions_is_asked_on(rig: Rig, code: int)
     assert rig.driver.counters["connections"] == 1
 
 
-async def test_a_device_that_answers_exceptions_from_the_start_is_opened(rig: Rig) -> None:
-    rig.stub.fault = Fault(FaultKind.EXCEPTION, 2)
-    await rig.driver.close()
-    await rig.driver.open()
-    assert (await rig.rows(2)).quality[TORQUE][0] == Quality.DEVICE_EXCEPTION
-    with pytest.raises(DriverUnavailableError, match=r"registers\[0\]: .* 0 to 10: exception 2"):
-        await rig.driver.probe()
-
-
 async def test_old_values_are_found_by_their_heartbeat() -> None:
     rig = Rig()
     await rig.stub.start()
@@ -152,13 +133,6 @@ async def test_old_values_are_found_by_their_heartbeat() -> None:
         await rig.stub.close()
 
 
-async def test_exchanged_words_are_found_by_the_constant(rig: Rig) -> None:
-    rig.stub.fault = Fault(FaultKind.WORD_ORDER)
-    rows = await rig.rows(3)
-    assert (rows.quality[TORQUE] == Quality.WRONG_CONSTANT).all()
-    assert np.isnan(rows.channels[ANGLE]).all()
-
-
 async def test_a_late_answer_leaves_the_value_and_doubts_its_time(rig: Rig) -> None:
     rig.stub.fault = Fault(FaultKind.DELAY, 0.03)
     rows = await rig.rows(4)
@@ -166,20 +140,6 @@ async def test_a_late_answer_leaves_the_value_and_doubts_its_time(rig: Rig) -> N
     assert np.isfinite(rows.channels[TORQUE]).all()
     assert rig.driver.counters["missed_polls"] > 0
     assert rig.driver.readings["poll_s"] > 0.03
-
-
-async def test_a_dropped_connection_costs_one_row(rig: Rig) -> None:
-    async with aclosing(rig.driver.frames()) as frames:
-        await anext(frames)
-        rig.stub.fault = Fault(FaultKind.DROP)
-        while np.isfinite((await anext(frames)).channels[TORQUE]).all():
-            pass
-        rig.stub.fault = Fault()
-        async with asyncio.timeout(1.0):
-            while np.isnan((await anext(frames)).channels[TORQUE]).any():
-                pass
-    assert rig.driver.counters["connections"] >= 2
-    assert rig.driver.counters["bad_no_reply"] >= 1
 
 
 async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> None:
@@ -196,23 +156,6 @@ async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> 
     rig.stub.fault = Fault()
     await rig.driver.open()
     assert np.isfinite((await rig.rows(2)).channels[TORQUE]).all()
-
-
-async def test_a_value_that_cannot_be_is_bad() -> None:
-    bounded = [REGISTERS[0] | {"low": 0.0, "high": 0.3}, *REGISTERS[1:]]
-    rig = Rig(registers=bounded)
-    await rig.stub.start()
-    try:
-        await rig.driver.open()
-        rows = await rig.rows(60)
-        wild = rows.quality[TORQUE] == Quality.OUT_OF_RANGE
-        assert 0 < wild.sum() < len(rows)
-        assert np.nanmax(rows.channels[TORQUE]) <= 0.3
-        assert np.isnan(rows.channels[TORQUE][wild]).all()
-        assert np.isfinite(rows.channels[ANGLE]).all()
-    finally:
-        await rig.driver.close()
-        await rig.stub.close()
 
 
 async def test_a_fault_can_be_written_into_the_running_stub(rig: Rig) -> None:

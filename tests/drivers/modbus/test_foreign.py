@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import DriverUnavailableError
 from drivers.modbus.driver import ModbusDriver
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.quality import Quality
@@ -102,46 +101,6 @@ async def test_values_of_a_foreign_device(device: Device) -> None:
             assert (frame.channels[TEMPERATURE] == -100.0).all()
             for codes in frame.quality.values():
                 assert np.isin(codes, (Quality.GOOD, Quality.LATE_READ)).all(), frame.quality
-    await driver.close()
-
-
-async def test_as_many_registers_as_a_request_may_have(device: Device) -> None:
-    many = [
-        *REGISTERS,
-        *({"equals": 0, "address": address, "type": "uint16"} for address in range(5, 125)),
-    ]
-    driver = ModbusDriver(config_of(device.port, registers=many), CONTEXT)
-    await driver.open()
-    async with aclosing(driver.frames()) as frames:
-        assert ((await anext(frames)).channels[TORQUE] == 0.25).all()
-    await driver.close()
-
-
-async def test_a_register_that_a_foreign_device_lacks(device: Device) -> None:
-    beyond = [{"channel": TORQUE, "address": 129, "type": "float32"}]
-    driver = ModbusDriver(config_of(device.port, registers=beyond), CONTEXT)
-    with pytest.raises(DriverUnavailableError, match=r"registers\[0\].*exception 2"):
-        await driver.probe()
-    await driver.open()
-    async with aclosing(driver.frames()) as frames:
-        frame = await anext(frames)
-    assert (frame.quality[TORQUE] == Quality.DEVICE_EXCEPTION).all()
-    await driver.close()
-
-
-async def test_a_foreign_device_goes_and_comes_back(device: Device) -> None:
-    driver = ModbusDriver(config_of(device.port, registers=REGISTERS), CONTEXT)
-    await driver.open()
-    async with aclosing(driver.frames()) as frames:
-        await anext(frames)
-        await device.stop()
-        with pytest.raises(DriverUnavailableError):
-            while True:
-                await anext(frames)
-    await device.start()
-    await driver.open()
-    async with aclosing(driver.frames()) as frames:
-        assert np.isfinite((await anext(frames)).channels[TORQUE]).all()
     await driver.close()
 
 

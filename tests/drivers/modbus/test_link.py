@@ -4,7 +4,6 @@ The peer is in the same process: what it writes is received before the request h
 """
 
 import asyncio
-import random
 import struct
 from collections.abc import AsyncIterator, Callable, Sequence
 
@@ -12,7 +11,6 @@ import pytest
 from pymodbus.transport import CommParams, CommType, ModbusProtocol
 from pymodbus.transport.transport import NULLMODEM_HOST, NullModem
 
-from drivers.base import DriverUnavailableError
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.registers import ReadRequest, RegisterConfig
 from edge_service.messages.quality import Quality
@@ -155,56 +153,6 @@ async def test_what_still_holds_a_whole_reply_is_read(
         read = await link.read(REQUEST)
         assert read.words == WORDS
     assert peer.connections == 1
-
-
-@pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
-async def test_generated_replies_never_become_a_wrong_value(
-    count: int, peer: Peer, link: ModbusLink
-) -> None:
-    """A reply that is believed answers the request, byte by byte, with the values that it holds."""
-    dice = random.Random(11)
-    believed = 0
-    sent = right = b""
-
-    def answer(packet: bytes) -> list[bytes | None]:
-        nonlocal sent, right
-        right = good(packet)[0]
-        frame = bytearray(right)
-        if dice.random() < 0.3:
-            sent = bytes(frame[: dice.randrange(len(frame))])
-            return [sent, None]
-        for _ in range(dice.choice([0, 1, 1, 2])):
-            place = dice.randrange(9)
-            match dice.randrange(3):
-                case 0:
-                    frame[place] = dice.randrange(256)
-                case 1:
-                    frame[place:place] = dice.randbytes(dice.randrange(6))
-                case _:
-                    frame += dice.randbytes(dice.randrange(300))
-        cut, sent = dice.randrange(len(frame)), bytes(frame)
-        return [bytes(frame[:cut]), bytes(frame[cut:]), b"\x00\x01\x00", b"\xff" * 300, None]
-
-    for _ in range(count):
-        await link.connect()
-        peer.answer = answer
-        async with asyncio.timeout(1.0):
-            read = await link.read(REQUEST)
-        if read.quality is Quality.GOOD:
-            assert sent[:9] == right[:9]
-            assert read.words == list(struct.unpack(">2H", sent[9:13]))
-            believed += 1
-    assert 0.1 * count < believed < 0.9 * count
-    peer.answer = good
-    await link.connect()
-    assert (await link.read(REQUEST)).words == WORDS
-
-
-async def test_no_listener_is_no_connection() -> None:
-    link = ModbusLink(NULLMODEM_HOST, 4711, 1, 0.02)
-    with pytest.raises(DriverUnavailableError, match="no connection"):
-        await link.connect()
-    assert not link.connected
 
 
 async def test_close_ends_a_read_at_once(peer: Peer) -> None:

@@ -7,12 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from pymodbus.client.mixin import ModbusClientMixin
 
-from drivers.base import DriverMisconfiguredError
-from drivers.modbus.driver import RegisterReader
 from drivers.modbus.registers import (
-    FORMATS,
     MOST_REGISTERS,
     ModbusConfig,
     RegisterConfig,
@@ -21,9 +17,6 @@ from drivers.modbus.registers import (
     plan_requests,
 )
 from edge_service.config import explain
-
-from ..bench import MACHINE
-from .bench import config_of
 
 PI_WORDS = (0x4049, 0x0FDB)  # IEEE 754: sign 0, exponent 128, mantissa 0x490FDB
 
@@ -53,21 +46,6 @@ def test_numbers_in_every_order(
     assert tuple(encode_number(expected, kind, word_order, byte_order)) == tuple(words)
 
 
-@given(
-    value=st.floats(-1e6, 1e6),
-    kind=st.sampled_from(sorted(FORMATS)),
-    word_order=st.sampled_from(["big", "little"]),
-)
-def test_numbers_agree_with_the_library(value: float, kind: Any, word_order: Any) -> None:
-    if kind.startswith("uint"):
-        value = abs(value)
-    words = encode_number(value, kind, word_order)
-    library = ModbusClientMixin.convert_from_registers(
-        words, ModbusClientMixin.DATATYPE[kind.upper()], word_order
-    )
-    assert decode_number(words, kind, word_order) == library
-
-
 def register(address: int, kind: Any = "uint16", table: Any = "holding") -> RegisterConfig:
     return RegisterConfig(channel="torque_command_nm", address=address, type=kind, table=table)
 
@@ -80,14 +58,6 @@ def test_contiguous_registers_are_read_in_one_request() -> None:
     assert spans(register(4, "float64"), register(2, "int32"), register(0, "float32")) == [
         (3, 0, 8)
     ]
-
-
-def test_a_gap_parts_requests() -> None:
-    assert spans(register(0), register(3)) == [(3, 0, 1), (3, 3, 1)]
-
-
-def test_tables_are_never_mixed() -> None:
-    assert spans(register(0), register(1, table="input")) == [(3, 0, 1), (4, 1, 1)]
 
 
 def test_no_request_is_longer_than_allowed_and_no_value_is_split() -> None:
@@ -109,22 +79,6 @@ def test_every_plan_covers_each_register_once(addresses: list[int]) -> None:
     planned = [each.address for request in requests for each in request.registers]
     assert sorted(planned) == sorted(addresses)
     assert all(request.count <= MOST_REGISTERS for request in requests)
-
-
-def test_groups_are_planned_apart() -> None:
-    config = ModbusConfig.model_validate(
-        {
-            "url": "modbus://mill",
-            "poll_groups": {"slow": 1.0, "fast": 0.1},
-            "registers": [
-                {"channel": "torque_command_nm", "address": 0, "group": "fast"},
-                {"channel": "temperature_c", "address": 2},
-            ],
-        }
-    )
-    assert config.fastest_group == "fast"
-    assert [request.address for request in plan_requests(config.of_group("fast"))] == [0]
-    assert [request.address for request in plan_requests(config.of_group("slow"))] == [2]
 
 
 TORQUE = {"channel": "torque_command_nm", "address": 0}
@@ -190,9 +144,3 @@ def test_a_mistake_names_its_key(name: str) -> None:
     with pytest.raises(ValidationError) as caught:
         ModbusConfig.model_validate(settings)
     assert expected in explain(caught.value, ModbusConfig)[0]
-
-
-def test_a_unit_of_another_kind_names_its_key() -> None:
-    config = config_of(1, registers=[TORQUE | {"unit": "mm"}])
-    with pytest.raises(DriverMisconfiguredError, match=r"registers\[0\]\.unit: 'mm' is no unit of"):
-        RegisterReader(config, MACHINE)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.base import DriverMisconfiguredError
 from drivers.mqtt.streams import MappedStream, MessageError
 from edge_service.messages.quality import Quality
 
@@ -97,13 +96,6 @@ def test_a_strange_message_is_skipped(name: str) -> None:
         stream_of().frames(STRANGE[name])
 
 
-@pytest.mark.parametrize("value", [None, "x", True, [], {}, float("nan"), 10**400])
-def test_a_value_that_is_no_number_is_bad(value: Any) -> None:
-    (frame,) = stream_of().frames({"t": 1, "d": {"torque": value, "angle": 1}, "heat": 20})
-    assert frame.quality[TORQUE][0] in (Quality.NOT_A_NUMBER, Quality.NO_VALUE)
-    assert np.isnan(frame.channels[TORQUE][0])
-
-
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a place that is none": ({"signals": [{"channel": TORQUE, "member": "a..b"}]}, "member"),
     "a time without a map": ({"time": "t"}, "time: is for a map"),
@@ -124,8 +116,3 @@ def test_a_wrong_setting_names_its_key(name: str) -> None:
     changes, said = WRONG[name]
     with pytest.raises(ValidationError, match=said):
         config_of(1, **changes)
-
-
-def test_a_unit_of_another_kind_names_its_signal() -> None:
-    with pytest.raises(DriverMisconfiguredError, match=r"signals\[0\].unit"):
-        stream_of(signals=[{"channel": TORQUE, "member": "a", "unit": "degC"}])

@@ -32,7 +32,7 @@ def sent(time_s: np.ndarray, cuts: list[int]) -> np.ndarray:
     blocks = []
     for part in np.split(time_s, cuts):
         blocks += made.blocks(SampleFrame(part, {ANGLE: part.copy()}))
-    rows = np.vstack([block for _, block in blocks + made.rest()])
+    rows = np.vstack(blocks + made.rest())
     column = 1 + list(made._factors).index(ANGLE)
     rows[:, column] *= made._factors[ANGLE]
     return rows[:, [0, column]]
@@ -53,10 +53,3 @@ def test_over_a_gap_nothing_is_invented() -> None:
     time_s = np.concatenate([np.arange(0, 100), np.arange(400, 500)]) / 1000.0
     counts = sent(time_s, [100])[:, 0] - FIRST_COUNT
     assert counts.tolist() == [*range(50), *range(200, 250)]
-
-
-def test_times_that_come_again_are_left_out() -> None:
-    time_s = np.concatenate([np.arange(0, 100), np.arange(50, 150)]) / 1000.0
-    rows = sent(time_s, [100])
-    assert (rows[:, 0] - FIRST_COUNT).tolist() == [*range(75)]
-    np.testing.assert_allclose(rows[:, 1], np.arange(75) * 0.002, atol=1e-9)

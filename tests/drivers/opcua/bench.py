@@ -28,8 +28,8 @@ def config_of(port: int, **changes: Any) -> OpcuaConfig:
     return OpcuaConfig.model_validate(settings | changes)
 
 
-def stub_of(config: OpcuaConfig, nodesets: Path | None = None) -> OpcuaStub:
-    return OpcuaStub([StubAxis("X", config, CONTEXT, counting_source())], nodesets)
+def stub_of(config: OpcuaConfig) -> OpcuaStub:
+    return OpcuaStub([StubAxis("X", config, CONTEXT, counting_source())])
 
 
 def bench(_folder: Path) -> AbstractAsyncContextManager[DriverBench]:

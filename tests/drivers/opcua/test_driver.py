@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.opcua.driver import OpcuaDriver
-from drivers.opcua.stub import LEAST_INTERVAL_S, MOST_SESSIONS, OpcuaStub
+from drivers.opcua.stub import LEAST_INTERVAL_S, OpcuaStub
 from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
 from edge_service.config import explain
@@ -80,34 +80,6 @@ async def test_values_and_times_are_those_of_the_source(driver: OpcuaDriver) -> 
     assert np.median(steps) == pytest.approx(LEAST_INTERVAL_S, abs=0.03)
 
 
-async def test_the_server_gives_less_than_was_asked_for_and_the_driver_says_so(
-    config: OpcuaConfig, stub: OpcuaStub, caplog: pytest.LogCaptureFixture
-) -> None:
-    hasty = config.model_copy(update={"sampling_s": 0.001})
-    driver = OpcuaDriver(hasty, CONTEXT)
-    with caplog.at_level("INFO"):
-        await driver.open()
-    try:
-        assert driver.readings["publishing_s"] == pytest.approx(LEAST_INTERVAL_S)
-        assert driver.readings["sampling_s"] == pytest.approx(LEAST_INTERVAL_S)
-        assert driver.readings["min_supported_sample_s"] == pytest.approx(LEAST_INTERVAL_S)
-        assert driver.readings["max_sessions"] == MOST_SESSIONS
-        assert "got 0.1 s sampling and 0.1 s publishing" in caplog.text
-        frames = await take(driver, 5)
-        rows = sum(map(len, frames))
-        span_s = frames[-1].time_s[-1] - frames[0].time_s[0]
-        assert rows / max(span_s, 0.1) < 1.5 / LEAST_INTERVAL_S
-    finally:
-        await driver.close()
-
-
-async def test_a_bad_status_is_a_bad_value(driver: OpcuaDriver, stub: OpcuaStub) -> None:
-    stub.fault = Fault(FaultKind.EXCEPTION)
-    frame = await until(driver, lambda f: f.quality.get(TORQUE, np.zeros(1)).any())
-    assert (frame.quality[TORQUE] == Quality.SOURCE_BAD).any()
-    assert np.isnan(frame.channels[TORQUE][frame.quality[TORQUE] > 0]).all()
-
-
 async def test_old_values_are_found_by_their_heartbeat(
     driver: OpcuaDriver, stub: OpcuaStub
 ) -> None:
@@ -130,24 +102,6 @@ async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: Op
     assert time.monotonic() - start_s < 5.0
 
 
-async def test_a_server_that_hangs_up_is_lost_and_found_again(
-    driver: OpcuaDriver, stub: OpcuaStub
-) -> None:
-    await take(driver, 1)
-    stub.fault = Fault(FaultKind.DROP)
-    with pytest.raises(DriverUnavailableError):
-        await take(driver, 1000)
-    stub.fault = Fault()
-    async with asyncio.timeout(10.0):
-        while True:
-            try:
-                await driver.open()
-                break
-            except DriverUnavailableError:
-                await asyncio.sleep(0.05)
-    assert await take(driver, 2)
-
-
 async def test_a_fault_can_be_written_into_the_running_stub(
     config: OpcuaConfig, stub: OpcuaStub
 ) -> None:
@@ -161,25 +115,6 @@ async def test_a_fault_can_be_written_into_the_running_stub(
         async with asyncio.timeout(5.0):
             while stub.fault != Fault():
                 await asyncio.sleep(0.02)
-
-
-async def test_more_sessions_than_there_are_is_unavailable(
-    config: OpcuaConfig, stub: OpcuaStub
-) -> None:
-    opened: list[OpcuaDriver] = []
-    try:
-        with pytest.raises(DriverUnavailableError, match="BadTooManySessions"):
-            for _ in range(MOST_SESSIONS + 1):
-                driver = OpcuaDriver(config, CONTEXT)
-                await driver.open()
-                opened.append(driver)
-        assert 0 < len(opened) <= MOST_SESSIONS
-        await opened.pop().close()
-        opened.append(OpcuaDriver(config, CONTEXT))
-        await opened[-1].open()
-    finally:
-        for driver in opened:
-            await driver.close()
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {

@@ -45,15 +45,6 @@ def test_changes_sampled_together_are_one_row_at_the_source_time() -> None:
     assert values[TEMPERATURE][1] is Quality.NO_VALUE
 
 
-def test_what_does_not_change_is_as_it_was() -> None:
-    rows = maker()
-    rows.rows([change(TORQUE, 0.5, 0.0), change(ANGLE, 2.0, 0.0)], START_S)
-    ((time_s, values),) = rows.rows([change(ANGLE, 3.0, 0.1)], START_S + 0.1)
-    assert time_s == START_S + 0.1
-    assert values[TORQUE] == (0.5, Quality.GOOD)
-    assert values[ANGLE] == (3.0, Quality.GOOD)
-
-
 def test_a_queue_of_values_becomes_rows_in_order() -> None:
     changes = [
         change(ANGLE, 3.0, 0.3),
@@ -65,11 +56,6 @@ def test_a_queue_of_values_becomes_rows_in_order() -> None:
     assert [time_s - START_S for time_s, _ in rows] == pytest.approx([0.1, 0.2, 0.3])
     assert [values[ANGLE][0] for _, values in rows] == [1.0, 2.0, 3.0]
     assert [values[TORQUE][0] for _, values in rows] == [0.1, 0.1, 0.1]
-
-
-def test_one_variable_twice_within_the_interval_is_two_rows() -> None:
-    rows = maker().rows([change(ANGLE, 1.0, 0.0), change(ANGLE, 2.0, 0.01)], START_S)
-    assert [values[ANGLE][0] for _, values in rows] == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -90,13 +76,6 @@ def test_status_codes_become_quality(status: int, quality: Quality) -> None:
     value, found = values[TORQUE]
     assert found is quality
     assert math.isnan(value) == (quality is Quality.SOURCE_BAD)
-
-
-@pytest.mark.parametrize("value", [None, "0.5", True, [0.5], math.nan, math.inf])
-def test_what_is_no_number_is_bad(value: object) -> None:
-    ((_, values),) = maker().rows([change(TORQUE, value, 0.0)], START_S)
-    assert math.isnan(values[TORQUE][0])
-    assert values[TORQUE][1] is Quality.NOT_A_NUMBER
 
 
 def test_a_value_without_a_source_time_gets_that_of_its_arrival_and_a_doubt() -> None:
@@ -147,12 +126,6 @@ def test_node_ids_by_index_and_by_namespace() -> None:
     assert not is_path("ns=2;s=X.torque")
     assert node_id("nsu=http://a/b/;s=X.torque", NAMESPACES) == node_id("ns=2;s=X.torque", [])
     assert node_id("ns=2;i=77", []).Identifier == 77
-
-
-@pytest.mark.parametrize("name", ["{http://other/}Machines", "{urn:app", "nsu=urn:no;s=x"])
-def test_names_that_lead_nowhere(name: str) -> None:
-    with pytest.raises(ValueError, match=r"namespace|without"):
-        browse_path(name, NAMESPACES) if is_path(name) else node_id(name, NAMESPACES)
 
 
 @pytest.mark.parametrize(

@@ -135,16 +135,3 @@ async def test_a_server_with_another_certificate_is_not_talked_to(secured: Opcua
     config = OpcuaConfig.model_validate(secured.model_dump() | other)
     with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
         await OpcuaDriver(config, CONTEXT).open()
-
-
-async def test_a_policy_that_the_server_does_not_offer(secured: OpcuaConfig) -> None:
-    config = OpcuaConfig.model_validate(secured.model_dump() | {"security": "Aes256Sha256RsaPss"})
-    with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
-        await OpcuaDriver(config, CONTEXT).open()
-
-
-async def test_an_open_session_is_refused_by_a_secured_server(secured: OpcuaConfig) -> None:
-    files = dict.fromkeys(("certificate", "private_key", "server_certificate"))
-    config = OpcuaConfig.model_validate(secured.model_dump() | {"security": "None"} | files)
-    with pytest.raises((DriverMisconfiguredError, DriverUnavailableError)):
-        await OpcuaDriver(config, CONTEXT).open()

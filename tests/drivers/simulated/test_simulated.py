@@ -1,7 +1,6 @@
 import asyncio
 import tomllib
 from collections.abc import AsyncIterator
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.base import (
-    ENTRY_POINT_GROUP,
-    Driver,
     DriverContext,
     DriverMisconfiguredError,
-    DriverUnavailableError,
 )
 from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.messages.channels import CHANNELS, TORQUE
@@ -27,8 +23,11 @@ def context() -> DriverContext:
     return DriverContext("X", Machine.model_validate(tomllib.loads(BENCH.read_text())))
 
 
-def driver(**config: object) -> SimulatedDriver:
-    return SimulatedDriver(SimulatedConfig.model_validate({"speed": 0.0, **config}), context())
+def driver(frame_s: float = 0.1, **config: object) -> SimulatedDriver:
+    settings = SimulatedConfig.model_validate({"speed": 0.0, **config})
+    made = SimulatedDriver(settings, context())
+    made.frame_s = frame_s
+    return made
 
 
 async def take(frames: AsyncIterator[SampleFrame], count: int) -> list[SampleFrame]:
@@ -62,13 +61,9 @@ class FakeTime:
 
 def paced(time: FakeTime, **config: object) -> SimulatedDriver:
     settings = SimulatedConfig.model_validate(config)
-    return SimulatedDriver(settings, context(), clock=time.clock, sleep=time.sleep)
-
-
-def test_it_is_found_by_its_name() -> None:
-    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name="simulated")
-    source: Driver = entry.load()(SimulatedConfig(), context())
-    assert isinstance(source, SimulatedDriver)
+    made = SimulatedDriver(settings, context(), clock=time.clock, sleep=time.sleep)
+    made.frame_s = 0.02
+    return made
 
 
 async def test_frames_hold_every_channel_at_the_rate_without_a_hole() -> None:
@@ -86,74 +81,10 @@ async def test_frame_length_does_not_change_the_samples() -> None:
         assert values[0].tobytes() == values[1].tobytes()
 
 
-async def test_after_close_open_starts_afresh_from_home() -> None:
-    source = driver()
-    first = await opened_frames(source, 5)
-    second = await opened_frames(source, 5)
-    assert [f.channels[TORQUE].tobytes() for f in first] == [
-        f.channels[TORQUE].tobytes() for f in second
-    ]
-
-
-async def test_open_and_close_are_safe_twice_and_in_any_order() -> None:
-    source = driver()
-    await source.close()
-    await source.open()
-    frames = source.frames()
-    (first,) = await take(frames, 1)
-    await source.open()
-    (second,) = await take(frames, 1)
-    assert second.time_s[0] > first.time_s[-1]
-    await source.close()
-    await source.close()
-    with pytest.raises(StopAsyncIteration):
-        await anext(frames)
-
-
-async def test_frames_without_open_say_so() -> None:
-    with pytest.raises(DriverUnavailableError, match="not open"):
-        await anext(driver().frames())
-
-
-async def test_close_ends_a_reader_that_is_waiting() -> None:
-    reached, leave = asyncio.Event(), asyncio.Event()
-
-    async def sleep(_duration_s: float) -> None:
-        reached.set()
-        await leave.wait()
-
-    source = SimulatedDriver(SimulatedConfig(), context(), sleep=sleep)
-    await source.open()
-    reader = asyncio.create_task(anext(source.frames(), None))
-    await reached.wait()
-    await source.close()
-    leave.set()
-    assert await reader is None
-
-
-async def test_cancelling_a_reader_leaves_nothing_running() -> None:
-    reached = asyncio.Event()
-
-    async def sleep(_duration_s: float) -> None:
-        reached.set()
-        await asyncio.Event().wait()
-
-    source = SimulatedDriver(SimulatedConfig(), context(), sleep=sleep)
-    await source.open()
-    frames = source.frames()
-    reader = asyncio.create_task(anext(frames))
-    await reached.wait()
-    reader.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await reader
-    await source.close()
-    assert asyncio.all_tasks() == {asyncio.current_task()}
-
-
 @pytest.mark.parametrize("speed", [1.0, 10.0])
 async def test_pacing_follows_a_fixed_start_without_drift(speed: float) -> None:
     time = FakeTime()
-    source = paced(time, speed=speed, frame_s=0.02)
+    source = paced(time, speed=speed)
     assert source.paced
     await source.open()
     frames = source.frames()
@@ -167,7 +98,7 @@ async def test_pacing_follows_a_fixed_start_without_drift(speed: float) -> None:
 
 async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
     time = FakeTime()
-    source = paced(time, frame_s=0.02)
+    source = paced(time)
     await source.open()
     frames = source.frames()
     await take(frames, 1)
@@ -181,17 +112,8 @@ async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
     assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 + 0.004)
 
 
-async def test_flat_out_never_waits_but_lets_others_run() -> None:
-    time = FakeTime()
-    source = paced(time, speed=0.0)
-    assert not source.paced
-    await source.open()
-    await take(source.frames(), 20)
-    assert time.slept_s == [0.0] * 20
-
-
 async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
-    source = driver(scenario="gradual", life_h=1.0, acceleration=3600.0, hold_s=0.5, frame_s=0.1)
+    source = driver(scenario="gradual", life_s=1.0, hold_s=0.5, frame_s=0.1)
     assert source.truth() is None
     await source.open()
     frames = source.frames()
@@ -206,9 +128,7 @@ async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
 
 
 async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
-    source = driver(
-        scenario="sudden", life_h=1.0, acceleration=3600.0, hold_s=0.51, frame_s=0.25, repeat=True
-    )
+    source = driver(scenario="sudden", life_s=1.0, hold_s=0.51, frame_s=0.25, repeat=True)
     await source.open()
     frames = source.frames()
     truths = []
@@ -230,7 +150,7 @@ async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
 async def test_start_and_end_of_the_scenarios(
     config: dict[str, object], start: float, end: float
 ) -> None:
-    source = driver(**config, hold_s=0.0, life_h=1.0, acceleration=3600.0, frame_s=1.0)
+    source = driver(**config, hold_s=0.0, life_s=1.0, frame_s=1.0)
     await source.open()
     frames = source.frames()
     await take(frames, 1)
@@ -239,35 +159,32 @@ async def test_start_and_end_of_the_scenarios(
     assert source.truth() == pytest.approx(end)
 
 
-async def test_gradual_loss_takes_about_five_minutes_by_default() -> None:
-    config = SimulatedConfig()
-    assert config.life_h * 3600.0 / config.acceleration == pytest.approx(300.0)
-
-
-async def test_friction_overrides_reach_the_torque() -> None:
+async def test_the_true_machine_reaches_the_torque(tmp_path: Path) -> None:
+    truth = tmp_path / "true.toml"
+    friction = "[model]\nguide_force_n = 60.0\nbearing_drag_nm = 0.05"
+    truth.write_text(BENCH.read_text().replace("[model]", friction, 1))
     plain = await opened_frames(driver(scenario="healthy", frame_s=1.0), 8)
-    loaded = await opened_frames(
-        driver(scenario="healthy", frame_s=1.0, guide_force_n=60.0, bearing_drag_nm=0.05), 8
-    )
+    loaded = await opened_frames(driver(scenario="healthy", frame_s=1.0, truth=truth), 8)
     more = np.abs(np.concatenate([f.channels[TORQUE] for f in loaded])) - np.abs(
         np.concatenate([f.channels[TORQUE] for f in plain])
     )
     assert np.percentile(more, 75) == pytest.approx(60.0 * 0.02 / (2.0 * np.pi) + 0.05, abs=0.03)
 
 
-async def test_effects_reach_the_torque() -> None:
+async def test_a_force_stands_in_its_channel() -> None:
+    (frame,) = await opened_frames(driver(scenario="healthy", force=250.0), 1)
+    assert np.median(frame.channels["external_force_n"]) == pytest.approx(250.0, abs=1.0)
+
+
+async def test_an_effect_may_come_later() -> None:
+    tilt = "load_offset:constant_nm=0.3,from_s=2.0"
     plain = await opened_frames(driver(scenario="healthy", frame_s=1.0), 4)
-    tilted = await opened_frames(
-        driver(scenario="healthy", frame_s=1.0, effects=["load_offset:constant_nm=0.3"]), 4
-    )
-    more = [b.channels[TORQUE] - a.channels[TORQUE] for a, b in zip(plain, tilted, strict=True)]
-    assert np.median(np.concatenate(more)) == pytest.approx(0.3, abs=0.02)
-
-
-async def test_probe_tells_channels_and_rate_without_opening() -> None:
-    probe = await driver(rate_hz=2000.0).probe()
-    assert set(probe.channels) == set(CHANNELS)
-    assert probe.rate_hz == 2000.0
+    tilted = await opened_frames(driver(scenario="healthy", frame_s=1.0, effects=[tilt]), 4)
+    more = [
+        np.median(b.channels[TORQUE] - a.channels[TORQUE])
+        for a, b in zip(plain, tilted, strict=True)
+    ]
+    assert more == pytest.approx([0.0, 0.0, 0.3, 0.3], abs=0.05)
 
 
 async def test_a_wrong_configuration_names_its_key() -> None:
@@ -285,7 +202,7 @@ async def test_a_wrong_configuration_names_its_key() -> None:
         await source.open()
 
 
-@pytest.mark.parametrize("key", ["speed", "frame_s", "life_h", "rate_hz", "scenario", "colour"])
+@pytest.mark.parametrize("key", ["speed", "life_s", "rate_hz", "scenario", "colour"])
 def test_values_out_of_range_and_unknown_keys_are_refused(key: str) -> None:
     with pytest.raises(ValidationError, match=key):
         SimulatedConfig.model_validate({key: -1})
