@@ -167,7 +167,7 @@ MOST_LINES = {
     "config": 642,
     "diagnose": 5597,
     "downsample": 1341,
-    "drivers": 4415,
+    "drivers": 4384,
     "estimate": 5868,
     "fingerprint": 3524,
     "health": 5744,
@@ -175,12 +175,12 @@ MOST_LINES = {
     "messages": 2384,
     "models": 6255,
     "nodes": 2900,
-    "offline": 7026,
+    "offline": 7025,
     "outputs": 2181,
-    "recordings": 3616,
+    "recordings": 3598,
     "regression": 1198,
     "beside the rooms": 775,
-    "tests": 52268,
+    "tests": 52151,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 461
