@@ -17,8 +17,8 @@ from pydantic import BaseModel
 from drivers.registry import driver_names, load_driver
 from edge_service.config import EdgeConfig, load_config
 from edge_service.estimate.mixture import state
-from edge_service.estimate.mixture.filter.force import FORCED, OUTLIER
 from edge_service.estimate.mixture.model import CLEARANCE_M, MixtureSettings
+from edge_service.estimate.mixture.step import FORCED, OUTLIER
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect
 from edge_service.outputs.base import load_output, output_names

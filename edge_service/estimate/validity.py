@@ -10,31 +10,18 @@ from ..messages.estimate import EstimateStatus
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.stored import Stored
 
-_Verdict = tuple[EstimateStatus, tuple[str, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class ValiditySettings:
-    """Thresholds of the status.
-
-    Attributes:
-        learn_s: informative motion needed before the first number, s.
-        fault_s: without usable data for this long the estimate is invalid, s.
-        surprise_memory: informative intervals over which the surprise is averaged.
-        surprise_high: averaged surprise above which model and data disagree.
-        surprise_most: bound on the surprise of one interval; one alone proves nothing.
-        surprise_worst: the same while model and data disagree: a gross error is not mended by the
-            next quiet second.
-        surprise_low: averaged surprise below which they agree again.
-    """
-
-    learn_s: float = 1.0
-    fault_s: float = 2.0
-    surprise_memory: float = 10.0
-    surprise_high: float = 9.0
-    surprise_most: float = 40.0
-    surprise_worst: float = 40.0
-    surprise_low: float = 4.0
+HOLD_S = 10.0
+"""A number may stand for this long without informative motion."""
+LEARN_S = 1.0
+"""Informative motion needed before the first number."""
+FAULT_S = 2.0
+"""Without usable data for this long the estimate is invalid."""
+SURPRISE_MEMORY = 10.0
+"""Informative intervals over which the surprise is averaged."""
+SURPRISE_HIGH, SURPRISE_LOW = 9.0, 4.0
+"""Averaged surprise above which model and data disagree, and below which they agree again."""
+SURPRISE_MOST = 40.0
+"""Bound on the surprise of one interval; one alone proves nothing."""
 
 
 def _key(name: str) -> str:
@@ -74,13 +61,13 @@ class Validity:
     """Status of an estimate from excitation, data faults and surprise.
 
     Args:
-        settings: thresholds.
-        hold_s: a number may stand for this long without informative motion.
+        high: averaged surprise above which model and data disagree.
+        worst: bound on the surprise of one interval while they disagree: a gross error is not
+            mended by the next quiet second.
     """
 
-    def __init__(self, settings: ValiditySettings, hold_s: float) -> None:
-        self._settings = settings
-        self._hold_s = hold_s
+    def __init__(self, high: float = SURPRISE_HIGH, worst: float = SURPRISE_MOST) -> None:
+        self._high, self._worst = high, worst
         self._now = _State()
 
     @property
@@ -123,7 +110,13 @@ class Validity:
             self._now.informative_s += block.duration_s if used_s is None else used_s
             self._now.last_informative_s = block.time_s
             if surprise is not None:
-                self._follow_surprise(surprise)
+                most = self._worst if self._now.disagreeing else SURPRISE_MOST
+                share = 1.0 / SURPRISE_MEMORY
+                self._now.surprise += share * (min(surprise, most) - self._now.surprise)
+                if self._now.surprise > self._high:
+                    self._now.disagreeing = True
+                elif self._now.surprise < SURPRISE_LOW:
+                    self._now.disagreeing = False
 
     def interrupt(self) -> None:
         """Treat earlier data as of unknown age: no number stands on it until motion is seen."""
@@ -131,60 +124,37 @@ class Validity:
         self._now.last_usable_s = None
         self._now.first_s = None
 
-    def _follow_surprise(self, surprise: float) -> None:
-        share, most = 1.0 / self._settings.surprise_memory, self._settings.surprise_most
-        if self._now.disagreeing:
-            most = self._settings.surprise_worst
-        self._now.surprise += share * (min(surprise, most) - self._now.surprise)
-        if self._now.surprise > self._settings.surprise_high:
-            self._now.disagreeing = True
-        elif self._now.surprise < self._settings.surprise_low:
-            self._now.disagreeing = False
-
     def status(self) -> tuple[EstimateStatus, tuple[str, ...]]:
         """Status, with the reasons why it is not `estimated` and the caveats on channels."""
-        status, reasons = self._without_channels()
-        return status, (*reasons, *self._now.channels)
-
-    def _without_channels(self) -> _Verdict:
-        if self._now.time_s is None or self._now.first_s is None:
-            return EstimateStatus.UNESTIMATED, ("no_data: no sample has arrived yet",)
-        usable_since = (
-            self._now.first_s if self._now.last_usable_s is None else self._now.last_usable_s
-        )
-        if self._now.time_s - usable_since >= self._settings.fault_s:
-            return EstimateStatus.INVALID, (f"data_fault: {', '.join(self._now.fault_names)}",)
-        return (
-            self._missing_motion(self._now.time_s)
-            or self._disagreement()
-            or (EstimateStatus.ESTIMATED, ())
-        )
-
-    def _missing_motion(self, time_s: float) -> _Verdict | None:
-        if self._now.informative_s == 0.0:
-            reason = "no_motion: the axis has not moved steadily yet"
-            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
-        if self._now.last_informative_s is None:
-            reason = "no_motion: no steady motion since the data were interrupted"
-            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
-        rest_s = time_s - self._now.last_informative_s
-        if rest_s > self._hold_s:
-            reason = f"no_motion: no steady motion for {rest_s:.0f} s"
-            return EstimateStatus.INSUFFICIENT_EXCITATION, (reason,)
-        if self._now.informative_s < self._settings.learn_s:
-            return EstimateStatus.UNESTIMATED, (
-                f"learning: {self._now.informative_s:.1f} of {self._settings.learn_s:.1f} s "
-                "of steady motion seen",
+        now = self._now
+        status, reason = EstimateStatus.ESTIMATED, ""
+        if now.time_s is None or now.first_s is None:
+            status, reason = EstimateStatus.UNESTIMATED, "no_data: no sample has arrived yet"
+        elif (
+            now.time_s - (now.first_s if now.last_usable_s is None else now.last_usable_s)
+            >= FAULT_S
+        ):
+            status, reason = EstimateStatus.INVALID, f"data_fault: {', '.join(now.fault_names)}"
+        elif still := self._without_motion(now.time_s):
+            status, reason = EstimateStatus.INSUFFICIENT_EXCITATION, f"no_motion: {still}"
+        elif now.informative_s < LEARN_S:
+            status = EstimateStatus.UNESTIMATED
+            reason = f"learning: {now.informative_s:.1f} of {LEARN_S:.1f} s of steady motion seen"
+        elif now.disagreeing:
+            status = EstimateStatus.INVALID
+            reason = (
+                "model_mismatch: no level of the model explains the torque "
+                f"(normalised innovation squared {now.surprise:.0f}, expected about 1)"
             )
-        return None
+        return status, (*((reason,) if reason else ()), *now.channels)
 
-    def _disagreement(self) -> _Verdict | None:
-        if not self._now.disagreeing:
-            return None
-        return EstimateStatus.INVALID, (
-            "model_mismatch: no level of the model explains the torque "
-            f"(normalised innovation squared {self._now.surprise:.0f}, expected about 1)",
-        )
+    def _without_motion(self, time_s: float) -> str | None:
+        if self._now.informative_s == 0.0:
+            return "the axis has not moved steadily yet"
+        if self._now.last_informative_s is None:
+            return "no steady motion since the data were interrupted"
+        rest_s = time_s - self._now.last_informative_s
+        return f"no steady motion for {rest_s:.0f} s" if rest_s > HOLD_S else None
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values."""

@@ -8,9 +8,9 @@ import tomlkit
 from ..atomic import replaced_file
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..estimate.commissioning.fresh_screw import doubt_of_fresh_screw
-from ..estimate.commissioning.identification import CommissioningError, commissioned
-from ..estimate.commissioning.steady_phases import observed_limits
+from ..estimate.commissioning.identification import commissioned
+from ..estimate.commissioning.phases import CommissioningError, observed_limits
+from ..estimate.commissioning.shares import doubt_of_fresh_screw
 from ..messages.features import FeatureBlock
 from ..models.machine import Machine, Quantity
 from ..models.steady_limits import SteadyLimits, steady_limits

@@ -9,7 +9,7 @@ import pytest
 from edge_service.checks.live.reasons import channel_reasons
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
-from edge_service.estimate.validity import Validity, ValiditySettings
+from edge_service.estimate.validity import Validity
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault, FeatureBlock
@@ -80,10 +80,10 @@ def test_a_number_goes_on_and_says_which_channel_it_lacks() -> None:
 
 
 def test_the_reason_is_kept_over_a_restart_and_goes_with_the_fault() -> None:
-    validity = Validity(ValiditySettings(), hold_s=10.0)
+    validity = Validity()
     sound = replace(blocks()[15], time_s=1.6, external_force_n=math.nan)
     validity.update(replace(sound, fault=Fault.NO_TABLE | Fault.TABLE_STUCK), True, 1.0)
-    again = Validity(ValiditySettings(), hold_s=10.0)
+    again = Validity()
     again.restore(validity.snapshot())
     assert again.status() == validity.status()
     assert again.status()[1][-1].startswith("table_stuck: ")
@@ -92,9 +92,9 @@ def test_the_reason_is_kept_over_a_restart_and_goes_with_the_fault() -> None:
 
 
 def test_a_torque_that_stands_says_so_beside_the_data_fault() -> None:
-    validity = Validity(ValiditySettings(fault_s=0.2), hold_s=10.0)
+    validity = Validity()
     stuck = replace(blocks()[15], fault=Fault.STUCK | Fault.TORQUE_STUCK)
-    for step in range(5):
+    for step in range(25):
         validity.update(replace(stuck, time_s=1.6 + 0.1 * step), False, None)
     status, reasons = validity.status()
     assert status is EstimateStatus.INVALID

@@ -14,12 +14,10 @@ from ...messages.channels import TORQUE
 from ...messages.features import FeatureBlock
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
-from .assumed_shares import other_drag_nm
-from .fresh_screw import SIGMAS, guide_drag
-from .steady_phases import CommissioningError, SteadyPhases
+from .phases import CommissioningError, SteadyPhases
+from .shares import SIGMAS, guide_drag, other_drag_nm
+from .timing import torque_lag, wide_inertia
 from .torque_balance import TorqueBalance
-from .torque_lag import torque_lag
-from .wide_windows import WideInertia, wide_inertia
 
 WINDOW_FACTOR = 1.15
 """Factor within which windows of milliseconds and of tenths of a second give the inertia."""
@@ -51,16 +49,23 @@ def require_identified(
     Raises:
         CommissioningError: it is not; the text names the finding and its remedy.
     """
-    _require_following(phases)
-    _require_one_inertia(recordings, torque, machine)
+    lag = torque_lag(phases)
+    if lag is not None and abs(lag[0]) - SIGMAS * lag[1] > LONGEST_LAG_S:
+        way = "later" if lag[0] > 0.0 else "earlier"
+        raise CommissioningError(
+            f"torque is {1e3 * abs(lag[0]):.2g} ms {way} than the acceleration it causes "
+            f"(expected less than {1e3 * LONGEST_LAG_S:.2g}): needs columns.{TORQUE} unfiltered "
+            "and sampled with the position"
+        )
+    if not machine.effects:  # known effects are in the long windows still
+        _require_one_inertia(recordings, torque)
     _require_stated_inertia(torque, machine.model.inertia_kg_m2)
-    _require_explained(torque)
-    _require_one_friction(torque)
-    _require_sure(torque)
-
-
-def _require_one_friction(torque: TorqueBalance) -> None:
-    """Require the same friction in every move: a process force acts in some of them."""
+    if torque.unexplained > UNEXPLAINED:
+        raise CommissioningError(
+            f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
+            f"is left (expected less than {100.0 * UNEXPLAINED:.0f}): needs recordings without "
+            "process forces, or faster samples"
+        )
     share = torque.move_scatter_nm / torque.coulomb_nm
     if share > MOVE_SCATTER:
         raise CommissioningError(
@@ -68,47 +73,38 @@ def _require_one_friction(torque: TorqueBalance) -> None:
             f"{100.0 * MOVE_SCATTER:.0f}): needs recordings without process forces, such as the "
             "same program without a workpiece"
         )
-
-
-def _require_following(phases: SteadyPhases) -> None:
-    """Require torque that is in time with the acceleration it makes."""
-    lag = torque_lag(phases)
-    if lag is not None and abs(lag.value_s) - SIGMAS * lag.sigma_s > LONGEST_LAG_S:
-        way = "later" if lag.value_s > 0.0 else "earlier"
-        raise CommissioningError(
-            f"torque is {1e3 * abs(lag.value_s):.2g} ms {way} than the acceleration it causes "
-            f"(expected less than {1e3 * LONGEST_LAG_S:.2g}): needs columns.{TORQUE} unfiltered "
-            "and sampled with the position"
-        )
+    for name, value, sigma, motion in (
+        ("inertia", torque.inertia_kg_m2, torque.inertia_sigma, "acceleration"),
+        ("friction", torque.coulomb_nm, torque.coulomb_sigma, "friction"),
+    ):
+        if sigma > SURE * value:
+            raise CommissioningError(
+                f"{name} is known only to within {100.0 * sigma / value:.2g} % (expected "
+                f"{100.0 * SURE:.0f}): needs longer recordings of `edge-service motion {motion}`, "
+                "or faster samples"
+            )
 
 
 def _require_one_inertia(
-    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueBalance, machine: Machine
+    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueBalance
 ) -> None:
     """Require the same inertia in short and in long windows.
 
-    Noise of the encoder, slow samples and lag shrink it in short ones. Known effects are in the
-    long windows still, so they say nothing then.
+    Noise of the encoder, slow samples and lag shrink it in short ones.
     """
-    if machine.effects:
-        return
+    found = torque.inertia_kg_m2
     for wide in (wide_inertia(recordings, count) for count in WINDOW_INTERVALS):
         if wide is None or wide.sigma > SURE * abs(wide.inertia_kg_m2):
             continue
-        if _differ(torque, wide):
+        allowed = SIGMAS * float(np.hypot(torque.inertia_sigma, wide.sigma))
+        is_apart = abs(found - wide.inertia_kg_m2) > allowed
+        if is_apart and not _within(found, wide.inertia_kg_m2, WINDOW_FACTOR):
             raise CommissioningError(
-                f"inertia changes with the window: {torque.inertia_kg_m2:.3g} kg m2 from sample "
+                f"inertia changes with the window: {found:.3g} kg m2 from sample "
                 f"to sample, {wide.inertia_kg_m2:.3g} over {wide.half_width_s:.2g} s (expected "
                 "the same): needs faster samples, a finer encoder, torque sampled with the "
                 "position, or recordings without process forces"
             )
-
-
-def _differ(torque: TorqueBalance, wide: WideInertia) -> bool:
-    apart = abs(torque.inertia_kg_m2 - wide.inertia_kg_m2)
-    allowed = SIGMAS * float(np.hypot(torque.inertia_sigma, wide.sigma))
-    same = _within(torque.inertia_kg_m2, wide.inertia_kg_m2, WINDOW_FACTOR)
-    return apart > allowed and not same
 
 
 def _within(one: float, other: float, factor: float) -> bool:
@@ -123,28 +119,6 @@ def _require_stated_inertia(torque: TorqueBalance, stated: Quantity) -> None:
             f"{looks_wrong('torque', found / stated.value)}: inertia reads {found:.3g} kg m2, not "
             f"{stated.value:.3g}: check model.inertia_kg_m2, axis.lead_m, columns.{TORQUE}.scale"
         )
-
-
-def _require_explained(torque: TorqueBalance) -> None:
-    if torque.unexplained > UNEXPLAINED:
-        raise CommissioningError(
-            f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
-            f"is left (expected less than {100.0 * UNEXPLAINED:.0f}): needs recordings without "
-            "process forces, or faster samples"
-        )
-
-
-def _require_sure(torque: TorqueBalance) -> None:
-    for name, value, sigma, motion in (
-        ("inertia", torque.inertia_kg_m2, torque.inertia_sigma, "acceleration"),
-        ("friction", torque.coulomb_nm, torque.coulomb_sigma, "friction"),
-    ):
-        if sigma > SURE * value:
-            raise CommissioningError(
-                f"{name} is known only to within {100.0 * sigma / value:.2g} % (expected "
-                f"{100.0 * SURE:.0f}): needs longer recordings of `edge-service motion {motion}`, "
-                "or faster samples"
-            )
 
 
 def require_fresh_screw(
@@ -172,8 +146,9 @@ def require_fresh_screw(
     left_nm = torque.coulomb_nm - guide.value - bearing.value
     sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2 + bearing.sigma**2))
     if left_nm + SIGMAS * sigma < WORN_SHARE * screw.value:
+        also = f" and {bearing.value:.3g} in the bearings" if bearing.value else ""
         raise CommissioningError(
-            f"{whole}, of it {_known(guide, bearing)}: the {left_nm:.3g} that is left is "
+            f"{whole}, of it {guide.value:.3g} in the guides{also}: the {left_nm:.3g} left is "
             f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
             "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
         )
@@ -183,12 +158,6 @@ def require_fresh_screw(
             "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
             f"of columns.{TORQUE}"
         )
-
-
-def _known(guide: Quantity, bearing: Quantity) -> str:
-    """Friction of guides and bearings, in words."""
-    stated = f" and {bearing.value:.3g} in the bearings" if bearing.value else ""
-    return f"{guide.value:.3g} in the guides{stated}"
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:

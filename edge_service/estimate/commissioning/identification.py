@@ -13,21 +13,19 @@ import numpy as np
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...models.commissioned import CommissionedConfig, TransmissionConfig
-from ...models.machine import Machine, ModelConfig, Quantity
+from ...models.machine import Machine, Quantity
 from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
 from ..effect_compensation import EffectCompensation
-from .assumed_shares import nut_share, other_drag_nm, table_mass
 from .checks import (
     require_fresh_screw,
     require_identified,
     require_light_guides,
     require_stated_nut,
 )
+from .phases import SteadyPhases
 from .series_compliance import SeriesCompliance, fit_series_compliance
-from .steady_phases import CommissioningError, SteadyPhases
+from .shares import nut_share, other_drag_nm, table_mass
 from .torque_balance import TorqueBalance, fit_torque_balance
-
-__all__ = ["CommissioningError", "commissioned"]
 
 
 def commissioned(
@@ -58,14 +56,35 @@ def commissioned(
     require_fresh_screw(torque, machine, transmission)
     require_stated_nut(machine, transmission)
     require_light_guides(torque, machine)
-    return machine.model_copy(
-        update={
-            "model": _model(machine, torque, transmission, mass),
-            "commissioned": _commissioned(torque, stroke_map, transmission, limits).model_copy(
-                update={"sample_period_s": _sample_period_s(recordings)}
-            ),
-        }
+    ratio = machine.transmission_ratio_m_per_rad
+    reversal_n = math.inf if transmission is None else transmission.reversal_force_n
+    guide_n, bearing_nm = friction_shares(other_drag_nm(machine, torque), ratio, reversal_n)
+    by_mass = 0.0 if transmission is None else mass[1] / mass[0]
+    guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
+    model = {
+        "inertia_kg_m2": _measured(torque.inertia_kg_m2, torque.inertia_sigma),
+        "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
+        "guide_force_n": _measured(guide_n, guide_sigma),
+        "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
+        "table_mass_kg": _measured(*mass),
+    }
+    learned = CommissionedConfig(
+        torque_offset_nm=torque.offset_nm,
+        viscous_asymmetry_nm_s_per_rad=torque.asymmetry_nm_s_per_rad,
+        stribeck_excess_nm=torque.stribeck_nm,
+        stribeck_speed_rad_s=torque.stribeck_speed_rad_s,
+        stroke_map=tuple((float(c), float(d)) for c, d in stroke_map),
+        coulomb_nm=torque.coulomb_nm,
+        noise_density_nm2_s=torque.noise.density,
+        noise_slow_rad_s=torque.noise.slow_rad_s,
+        motion_s=torque.motion_s,
+        slowest_rad_s=None if limits.slowest_rad_s == SLOWEST_RAD_S else limits.slowest_rad_s,
+        cruise_rad_s2=None if limits.cruise_rad_s2 == CRUISE_RAD_S2 else limits.cruise_rad_s2,
+        transmission=transmission,
+        sample_period_s=_sample_period_s(recordings),
     )
+    model_learned = machine.model.model_copy(update=model)
+    return machine.model_copy(update={"model": model_learned, "commissioned": learned})
 
 
 def _sample_period_s(recordings: Sequence[Sequence[FeatureBlock]]) -> float:
@@ -75,29 +94,6 @@ def _sample_period_s(recordings: Sequence[Sequence[FeatureBlock]]) -> float:
         for blocks in recordings
     )
     return round(max(float(np.median(periods)) for periods in every if periods), 6)
-
-
-def _model(
-    machine: Machine,
-    torque: TorqueBalance,
-    transmission: TransmissionConfig | None,
-    mass_kg: tuple[float, float],
-) -> ModelConfig:
-    """Baseline with the identified values; Coulomb friction beyond the screw's is shared out."""
-    ratio = machine.transmission_ratio_m_per_rad
-    reversal_n = math.inf if transmission is None else transmission.reversal_force_n
-    guide_n, bearing_nm = friction_shares(other_drag_nm(machine, torque), ratio, reversal_n)
-    by_mass = 0.0 if transmission is None else mass_kg[1] / mass_kg[0]
-    guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
-    return machine.model.model_copy(
-        update={
-            "inertia_kg_m2": _measured(torque.inertia_kg_m2, torque.inertia_sigma),
-            "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
-            "guide_force_n": _measured(guide_n, guide_sigma),
-            "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
-            "table_mass_kg": _measured(*mass_kg),
-        }
-    )
 
 
 def friction_shares(
@@ -111,32 +107,6 @@ def friction_shares(
     """
     guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
     return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
-
-
-def _commissioned(
-    torque: TorqueBalance,
-    stroke_map: Floats,
-    transmission: TransmissionConfig | None,
-    limits: SteadyLimits,
-) -> CommissionedConfig:
-    return CommissionedConfig(
-        torque_offset_nm=torque.offset_nm,
-        viscous_asymmetry_nm_s_per_rad=torque.asymmetry_nm_s_per_rad,
-        stribeck_excess_nm=torque.stribeck_nm,
-        stribeck_speed_rad_s=torque.stribeck_speed_rad_s,
-        stroke_map=tuple((float(c), float(d)) for c, d in stroke_map),
-        coulomb_nm=torque.coulomb_nm,
-        noise_density_nm2_s=torque.noise.density,
-        noise_slow_rad_s=torque.noise.slow_rad_s,
-        motion_s=torque.motion_s,
-        slowest_rad_s=_unless(limits.slowest_rad_s, SLOWEST_RAD_S),
-        cruise_rad_s2=_unless(limits.cruise_rad_s2, CRUISE_RAD_S2),
-        transmission=transmission,
-    )
-
-
-def _unless(value: float, usual: float) -> float | None:
-    return None if value == usual else value
 
 
 def _screw_drag_nm(machine: Machine, torque: TorqueBalance) -> float:

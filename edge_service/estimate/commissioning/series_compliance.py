@@ -8,8 +8,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
-from .robust_regression import Noise, RegressionFit, robust_regression
-from .steady_phases import SteadyPhases
+from .phases import Noise, RegressionFit, SteadyPhases, robust_regression
 
 LEAD_NODES, NODES_PER_TURN = 40, 4
 """Nodes of the maps along the stroke, and their maximum per turn of the screw."""

@@ -9,13 +9,22 @@ from ...messages.samples import Floats
 from ...models.machine import Machine
 from ...models.screw.friction import stribeck_decay
 from ...models.steady_limits import SteadyLimits
-from .move_friction import move_scatter_nm
-from .robust_regression import Noise, RegressionFit, robust_regression
-from .steady_phases import CommissioningError, SteadyPhases, require_motion
+from .phases import (
+    CommissioningError,
+    Noise,
+    RegressionFit,
+    SteadyPhases,
+    require_motion,
+    robust_regression,
+)
 
 STRIBECK_SHARES = (0.25, 0.5, 1.0, 1.5, 2.5, 4.0)
 """Candidates of the Stribeck speed, over the slowest steady motion."""
 STROKE_HARMONICS = 3
+PAUSE_S = 0.15
+"""Blocks further apart belong to two moves."""
+SHORTEST_S = 0.2
+"""Steady motion of a move that says something of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +63,10 @@ def fit_torque_balance(
     """
     require_motion(phases, limits)
     speeds = [share * limits.slowest_rad_s for share in STRIBECK_SHARES]
-    stroke_m = machine.axis.stroke_m or 1.0
-    speed, fit = _likeliest(phases, speeds, _harmonics(phases, machine), stroke_m)
+    stroke_m, has_table = machine.axis.stroke_m, not np.isnan(phases.table_m).any()
+    resolved = stroke_m and has_table and float(np.ptp(phases.table_m)) > 0.6 * stroke_m
+    harmonics = STROKE_HARMONICS if resolved else 0
+    speed, fit = _likeliest(phases, speeds, harmonics, stroke_m or 1.0)
     v, s = fit.value, fit.sigma
     if v[0] <= 0.0 or v[3] <= 0.0:
         raise CommissioningError(
@@ -63,6 +74,9 @@ def fit_torque_balance(
             f"(inertia {v[0]:.3g} kg m2, friction {v[3]:.3g} N m): check signs and units"
         )
     significant = v[5] > 2.0 * s[5]
+    weights = phases.steady_s
+    around = phases.torque_nm - np.average(phases.torque_nm, weights=weights)
+    whole, left = (np.average(each**2, weights=weights) for each in (around, fit.residual))
     return TorqueBalance(
         inertia_kg_m2=float(v[0]),
         inertia_sigma=float(s[0]),
@@ -76,25 +90,10 @@ def fit_torque_balance(
         stribeck_speed_rad_s=speed,
         harmonics_nm=v[6:].reshape(-1, 2),
         noise=fit.noise,
-        unexplained=_unexplained(fit, phases),
+        unexplained=float(np.sqrt(left / whole)) if whole > 0.0 else 1.0,
         move_scatter_nm=move_scatter_nm(phases, fit.residual),
         motion_s=float(phases.steady_s.sum()),
     )
-
-
-def _unexplained(fit: RegressionFit, phases: SteadyPhases) -> float:
-    around = phases.torque_nm - np.average(phases.torque_nm, weights=phases.steady_s)
-    whole = np.average(around**2, weights=phases.steady_s)
-    left = np.average(fit.residual**2, weights=phases.steady_s)
-    return float(np.sqrt(left / whole)) if whole > 0.0 else 1.0
-
-
-def _harmonics(phases: SteadyPhases, machine: Machine) -> int:
-    """Number of harmonics along the stroke that the recording can resolve."""
-    stroke = machine.axis.stroke_m
-    mapped = stroke is not None and not np.isnan(phases.table_m).any()
-    spread = float(np.ptp(phases.table_m)) if mapped else 0.0
-    return STROKE_HARMONICS if stroke and spread > 0.6 * stroke else 0
 
 
 def _likeliest(
@@ -133,3 +132,43 @@ def _torque_columns(
         columns += [s * np.cos(phase), s * np.sin(phase)]
         sigma += [0.1 * level, 0.1 * level]
     return np.column_stack(columns), np.array(sigma)
+
+
+def move_scatter_nm(phases: SteadyPhases, residual_nm: Floats) -> float:
+    """Standard deviation of friction from move to move, without that of the noise.
+
+    A healthy axis that cuts nothing has the same friction in all moves. A force that acts in some
+    of them bends friction, viscous friction and Stribeck excess of the common fit until little is
+    left over; inside one move it cannot, where only speed and acceleration change. By regression
+    within groups (Mundlak 1978).
+
+    Args:
+        phases: n of them.
+        residual_nm: what the common fit leaves of the torque, (n,).
+    """
+    begins = np.abs(np.diff(phases.time_s)) > PAUSE_S
+    begins |= (np.diff(phases.direction) != 0.0) | (np.diff(phases.run) != 0.0)
+    move, weight = np.concatenate([[0], np.cumsum(begins)]), phases.steady_s
+    steady_s = np.bincount(move, weight)
+    motion = np.column_stack([phases.acceleration_rad_s2, phases.speed_rad_s])
+    mean = np.column_stack([_means(column, move, weight) for column in motion.T])
+    level = _means(residual_nm, move, weight)
+    root = np.sqrt(weight)[:, None]
+    design = (motion - mean[move]) * root
+    left = (residual_nm - level[move]) * root[:, 0]
+    covariance = np.linalg.pinv(design.T @ design, hermitian=True)
+    change = covariance @ (design.T @ left)
+    variance = np.sum((left - design @ change) ** 2) / max(len(move) - len(level), 1)
+    doubt = variance * (1.0 / steady_s + np.einsum("ij,jk,ik->i", mean, covariance, mean))
+    judged = (steady_s >= SHORTEST_S) & np.isfinite(doubt)
+    if judged.sum() < 3:
+        return 0.0
+    direction = _means(phases.direction, move, weight)
+    friction = (direction * (level - mean @ change))[judged]
+    spread = np.var(friction) - np.mean(doubt[judged])
+    return float(np.sqrt(max(spread, 0.0)))
+
+
+def _means(values: Floats, group: np.ndarray, weight: Floats) -> Floats:
+    """Weighted mean of each group, (k,)."""
+    return np.asarray(np.bincount(group, weight * values) / np.bincount(group, weight))

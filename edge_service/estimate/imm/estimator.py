@@ -18,7 +18,7 @@ from ...messages.samples import Floats
 from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine
 from ..interface import EstimatorOptions
-from ..validity import Validity, ValiditySettings
+from ..validity import SURPRISE_HIGH, Validity
 from .bank import KALMAN, BankStart, CompiledBank, FilterBank, LinearStep
 from .drag import DragFilter
 from .mode_transition import LEVELS_PERCENT, scaled_mode_transition
@@ -29,8 +29,6 @@ BEYOND_LEVELS_PERCENT = 0.6
 """Scale on which drag beyond the highest or lowest level counts as a misfit, points."""
 REVERSAL_GATE_S, MIN_SPEED_RAD_S = 0.1, 0.3
 """Time after a reversal or a start that is left out (presliding, wind-up); slower motion, too."""
-HOLD_S = 10.0
-"""A number may stand for this long without informative motion."""
 TORQUE_ERROR_NM = 1e-6
 """Least error of the modelled torque, mean over 0.1 s; it is that between two neighbouring levels,
 which lets the weighted sum read between them: much less makes it jump from level to level."""
@@ -48,6 +46,7 @@ class ImmSettings:
         engine: `compiled`, or `filterpy` (kf-imm only, slow).
         activation_exponent: exponent of thesis eq. 4.5.4; 1, 1.33 or 2 in the thesis.
         window_s: causal moving average of the mode probabilities over informative motion, s.
+        surprise_high: averaged surprise above which model and data disagree.
         sliding_boundary: delta of the sliding innovation filter for [rad, rad/s].
     """
 
@@ -56,7 +55,7 @@ class ImmSettings:
     activation_exponent: float = 1.33
     window_s: float = 1.0
     sliding_boundary: tuple[float, float] = (0.05, 0.07)
-    validity: ValiditySettings = field(default_factory=ValiditySettings)
+    surprise_high: float = SURPRISE_HIGH
 
 
 @dataclass(slots=True)
@@ -106,7 +105,7 @@ class ImmPreloadEstimator:
         self._drag.reset()
         if self._per_percent is not None:
             self._bank.restore({})
-        self._validity = Validity(self._settings.validity, HOLD_S)
+        self._validity = Validity(self._settings.surprise_high)
         self._now = _State(np.full(len(self._levels), 1.0 / len(self._levels)))
 
     def interrupt(self) -> None:

@@ -11,13 +11,11 @@ from ...models.held_torque import LONGEST_HOLD_S
 from ...models.machine import Machine
 from ..effect_compensation import EffectCompensation
 from ..interface import EstimatorOptions, UnsuitableMachineError
-from ..validity import Validity, ValiditySettings
+from ..validity import Validity
 from .gathering import Gathering, SteadyInterval
-from .hypotheses import leader_of
-from .initial import continue_after_stop, initial_bank
+from .hypotheses import continue_after_stop, initial_bank, leader_of
 from .model import MixtureSettings, axis_model, process_of, start_of
 from .posterior import fault_limits, posterior_of
-from .snapshot import bank_snapshot, restored_bank
 from .state import (
     ENCODER_OFFSET,
     FORCED_S,
@@ -28,6 +26,8 @@ from .state import (
     PAYLOAD,
     TORQUE_STATES,
     Reading,
+    bank_snapshot,
+    restored_bank,
 )
 from .step import step
 
@@ -38,11 +38,10 @@ SESSION_S = 600.0
 FORCED_REPORTED_S = 5.0
 WORST = 1000.0
 """Cap on an interval's normalised innovation squared while model and data disagree."""
-WILDEST = (1e4, 1e6, 1e4, 5e-3)
-"""Torque N m, acceleration rad/s^2, speed rad/s that no axis has; stretch m from one phase to the
-next that none shows."""
-FURTHEST_M = 1e4
-"""No axis is longer, m; nor is its encoders' difference."""
+WILDEST = (1e4, 1e6, 1e4)
+"""Torque N m, acceleration rad/s^2, speed rad/s that no axis has."""
+FURTHEST_M, FURTHEST_APART_M = 1e4, 5e-3
+"""No axis is longer, nor is its encoders' difference, nor changes that as much between phases."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
@@ -68,18 +67,10 @@ _STORED: Stored[_Last] = Stored(_Last)
 class MixturePreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
-    def __init__(
-        self,
-        machine: Machine,
-        settings: MixtureSettings | None = None,
-        validity: ValiditySettings | None = None,
-        hold_s: float = 10.0,
-    ) -> None:
+    def __init__(self, machine: Machine, settings: MixtureSettings | None = None) -> None:
         if machine.commissioned is None:
             raise ValueError("the mixture estimator needs a commissioned machine file")
         self._settings = settings or MixtureSettings()
-        self._validity_settings = validity or ValiditySettings(surprise_worst=WORST)
-        self._hold_s = hold_s
         self._machine = machine
         self._model = axis_model(machine, self._settings)
         self._start = start_of(machine, self._model, self._settings)
@@ -92,7 +83,7 @@ class MixturePreloadEstimator:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._validity = Validity(self._validity_settings, self._hold_s)
+        self._validity = Validity(worst=WORST)
         self._bank = initial_bank(self._start, self._settings)
         self._last = _Last()
         self._gathering = Gathering()
@@ -116,36 +107,20 @@ class MixturePreloadEstimator:
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
         if Fault.TABLE_SHIFTED in block.fault and Fault.NO_TABLE not in block.fault:
-            self._forget_level()
+            self._last.stretch_m = None
+            if self._bank.mean.shape[1] > TORQUE_STATES:
+                self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
         calm, used_s = [], 0.0
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
         self._slow_s = period_s if too_slow else None
         for interval in [] if too_slow else self._gathering.take(block):
-            surprises = [] if vibrates(interval) else self._take_all(interval)
+            phases = [phase for phase in interval.phases if phase.steady_s > 0.0]
+            taken = [] if vibrates(interval) else [self._take(interval, each) for each in phases]
+            surprises = [surprise for surprise in taken if not math.isnan(surprise)]
             used_s += interval.duration_s if surprises else 0.0
             calm += surprises
         self._validity.update(block, bool(calm), max(calm, default=None), used_s)
-
-    def _take_all(self, interval: SteadyInterval) -> list[float]:
-        """Take the phases of an interval; the surprise of each that corrected the bank."""
-        taken = [self._take(interval, phase) for phase in interval.phases if phase.steady_s > 0.0]
-        return [surprise for surprise in taken if not math.isnan(surprise)]
-
-    def _forget_level(self) -> None:
-        """Widen the level of a linear encoder that has come back, in every hypothesis."""
-        self._last.stretch_m = None
-        if self._bank.mean.shape[1] > TORQUE_STATES:
-            self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
-
-    def _follows(self, interval: SteadyInterval) -> bool:
-        """True if an interval begins where the last that was taken has ended."""
-        if self._last.last_s is None:
-            return False
-        return (
-            abs(interval.time_s - interval.duration_s - self._last.last_s)
-            < 0.1 * interval.duration_s
-        )
 
     def _take(self, interval: SteadyInterval, phase: Phase) -> float:
         if self._known is not None:
@@ -168,13 +143,20 @@ class MixturePreloadEstimator:
         return nis
 
     def _reading(self, interval: SteadyInterval, phase: Phase) -> Reading:
-        ratio = self._model.ratio_m_per_rad
+        """Phase as measured; without a stretch where no axis can have moved from the one before."""
+        ratio, last = self._model.ratio_m_per_rad, self._last
         stretch, torque = math.nan, phase.torque_nm
         if self._model.compliance_m_per_n > 0.0:
-            stretch = self._sane(ratio * phase.angle_rad - phase.table_m)
+            seen = ratio * phase.angle_rad - phase.table_m
+            if abs(seen) <= FURTHEST_M and (
+                last.stretch_m is None or abs(seen - last.stretch_m) <= FURTHEST_APART_M
+            ):
+                stretch = last.stretch_m = seen
         if not math.isnan(interval.external_force_n):
             torque += ratio * interval.external_force_n
             stretch += self._model.compliance_m_per_n * interval.external_force_n
+        begin_s = interval.time_s - interval.duration_s
+        follows = last.last_s is not None and abs(begin_s - last.last_s) < 0.1 * interval.duration_s
         return Reading(
             phase.steady_s,
             interval.direction,
@@ -183,59 +165,52 @@ class MixturePreloadEstimator:
             phase.speed_rad_s,
             phase.table_m,
             stretch,
-            self._follows(interval),
+            follows,
         )
-
-    def _sane(self, stretch_m: float) -> float:
-        """Stretch, m, or NaN where no axis can have moved there from the one before."""
-        if not abs(stretch_m) <= FURTHEST_M:
-            return math.nan
-        if self._last.stretch_m is not None and abs(stretch_m - self._last.stretch_m) > WILDEST[3]:
-            return math.nan
-        self._last.stretch_m = stretch_m
-        return stretch_m
 
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
         status, reasons = self._validity.status()
         if status is EstimateStatus.ESTIMATED and (doubt := self._implausible()):
             status, reasons = EstimateStatus.INVALID, (doubt, *reasons)
-        why = self._unread or self._forced
+        unread = self._unread()
+        why = unread or self._forced()
         if status is EstimateStatus.INSUFFICIENT_EXCITATION and why:
-            reasons = (why, *(reason for reason in reasons if _code(reason) != "no_motion"))
-            status = EstimateStatus.UNESTIMATED if self._unread else status
+            reasons = (why, *(each for each in reasons if not each.startswith("no_motion:")))
+            status = EstimateStatus.UNESTIMATED if unread else status
+        common: dict[str, Any] = {
+            "time_s": self._validity.time_s,
+            "status": status,
+            "method": "mixture",
+            "data_used_s": self._validity.informative_s,
+        }
         if status is not EstimateStatus.ESTIMATED:
-            return PreloadEstimate(
-                time_s=self._validity.time_s,
-                status=status,
-                method="mixture",
-                reasons=reasons,
-                data_used_s=self._validity.informative_s,
+            return PreloadEstimate(**common, reasons=reasons)
+        if self._known is not None and self._known.left:
+            names = ", ".join(self._known.left)
+            left = (
+                f"effects_left: {names} of the machine file: the estimate follows these by itself"
             )
+            reasons = (*reasons, left)
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
         posterior = posterior_of(self._bank, self._model, self._limits)
         percent, low, high = posterior.preload
+        stiffness = posterior.stiffness
         return PreloadEstimate(
-            time_s=self._validity.time_s,
-            status=status,
-            method="mixture",
-            reasons=(*reasons, *self._caveats()),
+            **common,
+            reasons=reasons,
             preload_percent=percent,
             low=low,
             high=high,
             preload_n=percent / 100.0 * rating,
             drag_torque_nm=_interval(posterior.drag),
-            stiffness_n_per_m=None
-            if posterior.stiffness is None
-            else _interval(posterior.stiffness),
+            stiffness_n_per_m=None if stiffness is None else _interval(stiffness),
             mode_probability=posterior.levels,
             fault_probability=posterior.faults,
-            data_used_s=self._validity.informative_s,
             nis=self._last.nis,
         )
 
-    @property
     def _unread(self) -> str | None:
         """Reason why samples as slow as the last are not read; None if they are."""
         if self._slow_s is None:
@@ -247,7 +222,6 @@ class MixturePreloadEstimator:
             "torque goes on in between is not known; commission from recordings of this source"
         )
 
-    @property
     def _forced(self) -> str | None:
         """Reason why the motion seen corrects nothing; None if it does."""
         if self._bank.moments[FORCED_S] < FORCED_REPORTED_S:
@@ -282,12 +256,6 @@ class MixturePreloadEstimator:
                 )
         return None
 
-    def _caveats(self) -> tuple[str, ...]:
-        if self._known is None or not self._known.left:
-            return ()
-        names = ", ".join(self._known.left)
-        return (f"effects_left: {names} of the machine file: the estimate follows these by itself",)
-
     def snapshot(self) -> dict[str, Any]:
         """The whole state as JSON-able values."""
         return {
@@ -306,7 +274,7 @@ class MixturePreloadEstimator:
             bank = restored_bank(snapshot["bank"], self._bank)
             gathering = Gathering()
             gathering.restore(snapshot["gathering"])
-            validity = Validity(self._validity_settings, self._hold_s)
+            validity = Validity(worst=WORST)
             validity.restore(snapshot["validity"])
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"a damaged snapshot: {error!r}") from error
@@ -330,20 +298,16 @@ def _interval(bounds: tuple[float, float, float]) -> Interval:
 
 
 def vibrates(interval: SteadyInterval) -> bool:
-    """True if a process shakes the axis: it speeds up and slows down for much of one interval."""
+    """A process shakes the axis: it speeds up and slows down for much of one interval."""
     steady_s = sum(phase.steady_s for phase in interval.phases)
     shaken_s = min(interval.phases[0].steady_s, interval.phases[-1].steady_s)
     return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
 
 
 def plausible(reading: Reading) -> bool:
-    """True if an axis can move as a phase says."""
+    """An axis can move as a phase says."""
     motion = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
     is_far = abs(reading.table_m) > FURTHEST_M  # NaN, without a linear encoder, is not
     return not is_far and all(
-        abs(value) <= most for value, most in zip(motion, WILDEST, strict=False)
+        abs(value) <= most for value, most in zip(motion, WILDEST, strict=True)
     )
-
-
-def _code(reason: str) -> str:
-    return reason.partition(":")[0]

@@ -1,23 +1,33 @@
 """Step of the bank over one phase of motion: predict, weigh with and without a process force,
 correct by phases free of force, and adapt the set of hypotheses.
 
+A force F on the table shows as R F in the torque and as F times the compliance in the stretch. It
+may begin, with any size, or last from the phase before with about the same one.
+
 The functions run compiled; their plain Python (`.py_func`) gives the same numbers.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
-from .filter.correction import correct
-from .filter.drift import drift
-from .filter.force import FORCED, OUTLIER, Assessments, assess, empty_assessments, force_begins
-from .filter.innovation import Innovation, innovate, noise_of
-from .hypotheses import adapt_hypotheses, leader_of, normalise
+from .drift import drift
+from .hypotheses import FORCED, adapt_hypotheses, leader_of, normalise
+from .physics import Innovation, innovate, noise_of
 from .state import (
+    FASTEST_RAD_S,
     FORCED_S,
+    GUIDE_VISCOUS,
     INERTIA_ERROR,
     INERTIA_TORQUE,
+    LOOSENESS,
+    MOST_SHARE,
+    NUT_COMPLIANCE,
+    NUT_FRICTION,
+    PRELOAD,
     STOPPED_S,
     SURPRISE,
     TORQUE_STATES,
@@ -32,6 +42,32 @@ _MOST_INERTIA_ERROR = 0.4
 """Of one phase's inertia torque: a cut must not speak for the rest."""
 _USUAL = 6.0
 """Innovation squared that two quantities exceed in 5 % of all phases."""
+OUTLIER = 20.0
+"""Normalised innovation squared beyond which a hypothesis has no explanation: its likelihood has
+a tail flatter than a normal distribution's, and the phase corrects it little or not at all."""
+_RAPID = 0.4
+_ALIKE = 0.5
+_NEVER = 1e-12
+_LEAST_PERCENT = 0.02
+_LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
+
+
+class Assessments(NamedTuple):
+    """Assessment of one phase by all hypotheses, each (HYPOTHESES,).
+
+    Attributes:
+        nis: normalised innovation squared without a force.
+        forced: probability of a force.
+        persists: probability of the force of the phase before.
+        misfit: half of the excess of the innovation squared under that force over 2, its mean.
+        log_likelihood: of the phase; -inf of a hypothesis that is not alive.
+    """
+
+    nis: Floats
+    forced: Floats
+    persists: Floats
+    misfit: Floats
+    log_likelihood: Floats
 
 
 @compiled
@@ -56,7 +92,14 @@ def step(
     noise = noise_of(model, reading)
     begins = force_begins(bank, process, reading)
     hypotheses = bank.mean.shape[0]
-    assessed, error_nm = empty_assessments(hypotheses), np.zeros(hypotheses)
+    assessed = Assessments(
+        np.zeros(hypotheses),
+        np.zeros(hypotheses),
+        np.zeros(hypotheses),
+        np.zeros(hypotheses),
+        np.full(hypotheses, -math.inf),
+    )
+    error_nm = np.zeros(hypotheses)
     for k in range(hypotheses):
         if bank.alive[k] == 0:
             continue
@@ -158,3 +201,138 @@ def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
     bank.moments[FORCED_S] = before_s + r.steady_s
     if bank.moments[FORCED_S] % process.learn_s < before_s % process.learn_s:
         bank.moments[STOPPED_S] = max(bank.moments[STOPPED_S], 1.0)
+
+
+@inlined
+def force_begins(bank: Bank, process: Process, r: Reading) -> float:
+    """Probability that a process force begins: hardly in a rapid."""
+    speed = abs(r.speed_rad_s)
+    fastest = max(bank.moments[FASTEST_RAD_S], speed)
+    bank.moments[FASTEST_RAD_S] = fastest
+    return process.rapid_share if speed > _RAPID * fastest else process.force_share
+
+
+@compiled
+def assess(
+    bank: Bank,
+    k: int,
+    model: AxisModel,
+    process: Process,
+    begins: float,
+    compliance: float,
+    two: bool,
+    innovation: Innovation,
+    assessed: Assessments,
+) -> None:
+    """Assess a phase under hypothesis `k`, into `assessed`, and keep the force it would be.
+
+    With one encoder a torque alone fits any force, so none is recognised again.
+    """
+    e, s = innovation.error, innovation.covariance
+    ratio, force_var = model.ratio_m_per_rad, process.force_n * process.force_n
+    uu, ss, us = s[0, 0], s[1, 1], s[0, 1]
+    seen_n = e[0] / ratio
+    if two:
+        a, b = ss * ratio - us * compliance, uu * compliance - us * ratio
+        seen_n = (a * e[0] + b * e[1]) / (a * ratio + b * compliance)
+    doubt_m = process.force_error * seen_n * compliance
+    extra_uu, extra_us = force_var * ratio * ratio, force_var * ratio * compliance
+    extra_ss = force_var * compliance * compliance + doubt_m * doubt_m
+    stays = process.force_stay * bank.force[k]
+    alike = _ALIKE * stays if two else 0.0
+    starts = (1.0 - bank.force[k]) * begins + stays - alike
+    calm, nis = _log_likelihood(e[0], e[1], uu, ss, us)
+    new, _ = _log_likelihood(e[0], e[1], uu + extra_uu, ss + extra_ss, us + extra_us)
+    a, b = bank.force_n[k] * ratio, bank.force_n[k] * compliance
+    share = process.force_error * process.force_error
+    same, nis_same = _log_likelihood(
+        e[0] - a, e[1] - b, uu + share * a * a, ss + 2.0 * share * b * b, us + share * a * b
+    )
+    calm += math.log(1.0 - starts - alike)
+    new += math.log(max(starts, _NEVER))
+    same += math.log(max(alike, _NEVER))
+    top = max(calm, new, same)
+    total = top + math.log(math.exp(calm - top) + math.exp(new - top) + math.exp(same - top))
+    assessed.nis[k], assessed.log_likelihood[k] = nis, total
+    assessed.persists[k] = math.exp(same - total)
+    assessed.forced[k] = min(assessed.persists[k] + math.exp(new - total), 1.0)
+    assessed.misfit[k] = max(0.5 * nis_same - 1.0, 0.0)
+    bank.force[k], bank.force_n[k] = assessed.forced[k], seen_n
+
+
+@inlined
+def _log_likelihood(
+    torque_nm: float, stretch_m: float, uu: float, ss: float, us: float
+) -> tuple[float, float]:
+    """Log-likelihood with tails that an outlier does not outrun, and the innovation squared."""
+    det = uu * ss - us * us
+    nis = (ss * torque_nm * torque_nm - 2.0 * us * torque_nm * stretch_m) / det
+    nis += uu * stretch_m * stretch_m / det
+    if nis > OUTLIER:
+        return -0.5 * (OUTLIER * (1.0 + math.log(nis / OUTLIER)) + math.log(det)), nis
+    return -0.5 * (nis + math.log(det)), nis
+
+
+@inlined
+def correct(
+    bank: Bank,
+    k: int,
+    model: AxisModel,
+    uu: float,
+    ss: float,
+    us: float,
+    two: bool,
+    innovation: Innovation,
+) -> None:
+    """Kalman correction with the innovation's covariance; considered states stay as they were.
+
+    No nut has more preload than it was made with, and no joint is stiffer than at commissioning.
+    """
+    x, p = bank.mean[k], bank.covariance[k]
+    size = x.shape[0]
+    first, second, e = innovation.gains[0], innovation.gains[1], innovation.error
+    left = math.sqrt(uu)
+    step = e[0] / left
+    below = us / left
+    right = math.sqrt(ss - below * below)
+    other = (e[1] - below * step) / right
+    both = size > TORQUE_STATES
+    nut = (x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE]) if both else (0.0, 0.0)
+    for i in range(size):
+        first[i] /= left
+        x[i] += first[i] * step
+    if two:
+        for i in range(size):
+            second[i] = (second[i] - below * first[i]) / right
+            x[i] += second[i] * other
+    for i in range(size):
+        a, b = first[i], second[i] if two else 0.0
+        if a == 0.0 and b == 0.0:
+            continue
+        if two:
+            for j in range(size):
+                p[i, j] -= a * first[j] + b * second[j]
+        else:
+            for j in range(size):
+                p[i, j] -= a * first[j]
+    if both:
+        x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
+        x[LOOSENESS] = max(x[LOOSENESS], 0.0)
+    _bound(x, p, math.log(MOST_SHARE * model.fresh_percent), both)
+    x[PRELOAD] = max(x[PRELOAD], math.log(_LEAST_PERCENT))
+    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        x[i] = min(max(x[i], _LEAST_FRICTION), _MOST_FRICTION)
+
+
+@inlined
+def _bound(x: Floats, p: Floats, most: float, both: bool) -> None:
+    """Project a state onto ln(preload) <= `most`: the likeliest one there (Simon, Chia 2002).
+
+    Clipping alone would leave the rest of the state as an impossible preload has made it.
+    """
+    if x[PRELOAD] <= most or p[PRELOAD, PRELOAD] <= 0.0:
+        return
+    share = (most - x[PRELOAD]) / p[PRELOAD, PRELOAD]
+    for i in range(x.shape[0]):
+        if not (both and i == NUT_COMPLIANCE):
+            x[i] += share * p[PRELOAD, i]

@@ -1,6 +1,6 @@
 """Model of a commissioned axis: what commissioning learned, as one effect beside the baseline.
 
-The estimator has the same in its two equations (`estimate/mixture/filter/physics.py`); there the
+The estimator has the same in its two equations (`estimate/mixture/physics.py`); there the
 stretch is R theta - x, here the transmission is x - R theta.
 """
 

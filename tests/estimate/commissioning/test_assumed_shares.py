@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.estimate.commissioning.assumed_shares import nut_share
+from edge_service.estimate.commissioning.shares import nut_share
 from edge_service.models.machine import Machine, Quantity
 
 

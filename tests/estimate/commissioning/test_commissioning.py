@@ -6,11 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning.identification import (
-    CommissioningError,
-    commissioned,
-    friction_shares,
-)
+from edge_service.estimate.commissioning.identification import commissioned, friction_shares
+from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats, SampleFrame

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from edge_service.config import ConfigError, load_machine
-from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
-from edge_service.estimate.commissioning.steady_phases import SteadyPhases, observed_limits
-from edge_service.estimate.commissioning.torque_lag import torque_lag
-from edge_service.estimate.commissioning.wide_windows import wide_inertia
+from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.estimate.commissioning.phases import (
+    CommissioningError,
+    SteadyPhases,
+    observed_limits,
+)
+from edge_service.estimate.commissioning.timing import torque_lag, wide_inertia
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import SampleFrame

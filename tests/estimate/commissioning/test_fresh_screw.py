@@ -7,8 +7,8 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.estimate.commissioning.fresh_screw import Doubt, doubt_of_fresh_screw
 from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.estimate.commissioning.shares import Doubt, doubt_of_fresh_screw
 from edge_service.recordings.writer import TraceWriter
 
 from .plain_axis import PlainAxis

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from edge_service.estimate.commissioning.phases import SteadyPhases
 from edge_service.estimate.commissioning.series_compliance import (
     SeriesCompliance,
     fit_series_compliance,
 )
-from edge_service.estimate.commissioning.steady_phases import SteadyPhases
 from edge_service.messages.samples import Floats
 
 from ..mixture.mixture_axis import RATIO, STROKE_M, machine

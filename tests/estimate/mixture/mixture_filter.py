@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from edge_service.estimate.mixture.filter.physics import (
+from edge_service.estimate.mixture.model import Start
+from edge_service.estimate.mixture.physics import (
     expected_stretch,
     expected_torque,
     stribeck,
     stroke_factor,
 )
-from edge_service.estimate.mixture.model import Start
 from edge_service.estimate.mixture.state import (
     ENCODER_OFFSET,
     ENCODER_SLOPE,

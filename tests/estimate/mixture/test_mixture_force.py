@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
-from edge_service.estimate.mixture.filter.force import FORCED
-from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.initial import initial_bank
+from edge_service.estimate.mixture.hypotheses import FORCED, initial_bank, leader_of
 from edge_service.estimate.mixture.state import (
     INERTIA_ERROR,
     INERTIA_TORQUE,

@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.hypotheses import (
+    LOAD_SLOT,
+    NUT_SLOT,
     STOP_S,
     accepted,
     adapt_hypotheses,
-    leader_of,
-    normalise,
-)
-from edge_service.estimate.mixture.initial import (
-    LOAD_SLOT,
-    NUT_SLOT,
     continue_after_stop,
     initial_bank,
+    leader_of,
+    normalise,
 )
 from edge_service.estimate.mixture.state import (
     BEFORE,

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.filter import physics
-from edge_service.estimate.mixture.filter.physics import stribeck, stroke_factor
+from edge_service.estimate.mixture import physics
+from edge_service.estimate.mixture.physics import stribeck, stroke_factor
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
     CLOCK_SKEW,

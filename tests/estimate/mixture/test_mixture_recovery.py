@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.initial import continue_after_stop, initial_bank
+from edge_service.estimate.mixture.hypotheses import continue_after_stop, initial_bank
 from edge_service.estimate.mixture.posterior import Posterior, fault_limits, posterior_of
 from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
 from edge_service.estimate.mixture.step import step

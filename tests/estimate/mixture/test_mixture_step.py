@@ -6,10 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture import hypotheses, step
-from edge_service.estimate.mixture.filter import correction, drift, force, innovation, physics
-from edge_service.estimate.mixture.hypotheses import leader_of
-from edge_service.estimate.mixture.initial import initial_bank
+from edge_service.estimate.mixture import drift, hypotheses, physics, step
+from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
 from edge_service.estimate.mixture.state import (
     FORCED_S,
     MOST_SHARE,
@@ -46,7 +44,7 @@ def test_plain_python_gives_the_same_numbers(
     elapsed = [3.0 if k == 25 else 0.1 for k in range(len(readings))]
     fast, slow = both(one_encoder)
     first = [step.step(fast, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
-    rooms = (physics, drift, innovation, correction, hypotheses, force, step)
+    rooms = (physics, drift, hypotheses, step)
     kernels = {
         name: value.py_func
         for room in rooms
@@ -234,7 +232,7 @@ def test_no_phase_alone_condemns_a_hypothesis(wild_nm: float) -> None:
     most = process.evidence * process.most_nats
     moved = (bank.log_weight[rows] - before)[before > process.floor + most]
     assert np.ptp(moved) <= most + 1e-9
-    assert (np.ptp(moved) > 0.0) == (bank.force[rows].min() <= force.FORCED)
+    assert (np.ptp(moved) > 0.0) == (bank.force[rows].min() <= step.FORCED)
 
 
 @pytest.mark.parametrize("wild_nm", [0.1, -0.1, 0.3, -0.3, 5.0, -1e3])

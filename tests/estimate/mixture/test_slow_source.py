@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.estimate.commissioning.identification import CommissioningError, commissioned
+from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
 from edge_service.messages.estimate import EstimateStatus

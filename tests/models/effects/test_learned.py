@@ -5,13 +5,13 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.session.twin import rigid_baseline
-from edge_service.estimate.mixture.filter.physics import (
+from edge_service.estimate.mixture.model import MixtureSettings, axis_model, start_of
+from edge_service.estimate.mixture.physics import (
     expected_stretch,
     expected_torque,
     stribeck,
     stroke_factor,
 )
-from edge_service.estimate.mixture.model import MixtureSettings, axis_model, start_of
 from edge_service.estimate.mixture.state import Reading
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig, TransmissionConfig

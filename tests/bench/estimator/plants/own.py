@@ -8,14 +8,13 @@ import numpy as np
 
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.estimate.validity import ValiditySettings
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
 from ..axis import RATE_HZ, OwnAxis, StatedErrors, recorded
 from ..scores import Recorded, Score, Track, detection, follow, score
 
-UNDOUBTING = ImmSettings(validity=ValiditySettings(surprise_high=math.inf))
+UNDOUBTING = ImmSettings(surprise_high=math.inf)
 """The thesis' filter has no test of consistency: its numbers are taken as they come."""
 FULL_S, QUICK_S = 100.0, 40.0
 

@@ -2,9 +2,10 @@
 
 import math
 
-from ....messages.samples import Floats
-from ....models.compiled import inlined
-from ..state import (
+from ...messages.samples import Floats
+from ...models.compiled import inlined
+from .physics import mapped
+from .state import (
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_VISCOUS,
@@ -25,7 +26,6 @@ from ..state import (
     Process,
     Reading,
 )
-from .physics import mapped
 
 
 @inlined

@@ -1,1 +1,0 @@
-"""Extended Kalman filter of one hypothesis: drift, innovation, process force, correction."""
