@@ -168,7 +168,7 @@ MOST_LINES = {
     "diagnose": 5597,
     "downsample": 1341,
     "drivers": 4384,
-    "estimate": 5868,
+    "estimate": 5530,
     "fingerprint": 3524,
     "health": 5744,
     "http_api": 3233,
@@ -180,10 +180,10 @@ MOST_LINES = {
     "recordings": 3598,
     "regression": 1198,
     "beside the rooms": 775,
-    "tests": 52153,
+    "tests": 52147,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 461
+MOST_FILES = 451
 """Modules of the product."""
 
 
