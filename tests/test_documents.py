@@ -11,7 +11,7 @@ import click
 import pytest
 
 from edge_service import exit_status
-from edge_service.checks.live.reasons import channel_reasons
+from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import cli
 from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.features import Fault

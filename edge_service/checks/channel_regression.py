@@ -58,8 +58,7 @@ def regress_channel(
         mechanics: the target is on the other side of a spring: what it stays behind by direction
             (friction, play) and by acceleration (stretch) is told apart from a lag.
 
-    Raises:
-        ValueError: one line; a channel is missing, or too little moves.
+    Raises ValueError: a channel is missing, or too little moves.
     """
     runs = [
         run
@@ -83,8 +82,9 @@ def regress_channel(
 
 
 def _moves(values: Floats) -> bool:
-    """True if a series exceeds its noise: noise in a regressor would pull the factor to 0."""
-    return float(np.std(values)) > LEAST_MOTION * white_noise_rms(values)
+    """Motion beyond the noise: noise in a regressor would pull the factor to 0."""
+    motion = float(np.std(values)) if np.ptp(values) > 0.0 else 0.0
+    return motion > LEAST_MOTION * white_noise_rms(values)
 
 
 def _lag(fit: LinearFit) -> IntervalEstimate:

@@ -35,10 +35,7 @@ def check_clock(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
 
 
 def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
-    """Unit that every witness needs; nothing where there is none, or one contradicts.
-
-    A speed is too large by the factor of the clock, an inertia by its square.
-    """
+    """Unit that every witness needs; nothing where there is none, or one contradicts."""
     witnesses = [*_by_speeds(recordings), *_by_inertia(machine, recordings)]
     for unit, scale in UNITS.items():
         if witnesses and all(

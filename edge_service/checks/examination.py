@@ -30,10 +30,14 @@ from .positions import (
     check_motor_speed,
     check_setpoint,
     check_table_speed,
-    forget_encoders,
 )
-from .ranges import check_limits, check_stroke, check_temperature
-from .signals import check_columns, check_signals
+from .signals import (
+    check_columns,
+    check_limits,
+    check_signals,
+    check_stroke,
+    check_temperature,
+)
 from .torque import check_torque
 
 SLACK_S = 1.0
@@ -151,18 +155,11 @@ def check_plausibility(
     """
     channels = {name for frame in recordings for name in frame.channels}
     found = [] if unread is None else [check_columns(channels, unread)]
-    found += [
-        _lasting(check, machine, recordings)
-        for check in CHECKS
-        if check.needed <= channels and _applies(check, machine)
-    ]
-    forget_encoders()
+    has_limits = bool(machine.axis.max_speed_rad_s or machine.axis.max_torque_nm)
+    for check in CHECKS:
+        if check.needed <= channels and (check.name != "limits" or has_limits):
+            found.append(_lasting(check, machine, recordings))
     return found
-
-
-def _applies(check: Check, machine: Machine) -> bool:
-    limits = (machine.axis.max_speed_rad_s, machine.axis.max_torque_nm)
-    return check.name != "limits" or any(limits)
 
 
 def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -173,19 +170,11 @@ def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) 
     found = _judged(check, machine, recordings)
     if not found.forbids:
         return found
-    halves = [_judged(check, machine, half) for half in _halves(recordings)]
-    return replace(found, forbids=all(each.verdict is not Verdict.FITS for each in halves))
-
-
-def _halves(recordings: Sequence[SampleFrame]) -> list[list[SampleFrame]]:
-    """First and second halves of the rows of every recording; none of short ones."""
     long = [frame for frame in recordings if np.ptp(frame.time_s) > 2.0 * SLACK_S]
-    if not long:
-        return []
-    return [
-        [_rows(frame, slice(0, len(frame) // 2)) for frame in long],
-        [_rows(frame, slice(len(frame) // 2, None)) for frame in long],
-    ]
+    first = [_rows(frame, slice(0, len(frame) // 2)) for frame in long]
+    second = [_rows(frame, slice(len(frame) // 2, None)) for frame in long]
+    halves = [_judged(check, machine, half) for half in (first, second) if half]
+    return replace(found, forbids=all(each.verdict is not Verdict.FITS for each in halves))
 
 
 def _rows(frame: SampleFrame, rows: slice) -> SampleFrame:

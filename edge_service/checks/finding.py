@@ -88,6 +88,8 @@ def wrongly(ratio: float) -> str:
     """Value over truth in words."""
     size = abs(ratio)
     inverted = "inverted" if ratio < 0.0 else ""
+    if size == 0.0:
+        return "still while the axis moves"
     if abs(size - 1.0) <= FACTOR_TOLERANCE:
         return inverted
     words = f"{size:.4g} times too large" if size > 1.0 else f"{1.0 / size:.4g} times too small"

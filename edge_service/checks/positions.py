@@ -1,6 +1,6 @@
 """Checks of positions and speeds: lead, sign and time of both encoders, setpoint, derivatives."""
 
-import functools
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -39,8 +39,10 @@ def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     if found.verdict is not Verdict.DOUBTFUL:
         return found
     ratio = lead.value / expected
-    blamed = _misread_angle(ratio) if _table_is_right(machine, recordings) else ""
-    sentence = blamed or other_lead(ratio, expected)
+    sentence = other_lead(ratio, expected)
+    known = ratio < 0.0 or (ratio > 0.0 and bool(usual_mistake(1.0 / ratio, ANGLE)))
+    if known and _table_is_right(machine, recordings):
+        sentence = looks_wrong(ANGLE, 1.0 / ratio)
     return Finding("lead", found.verdict, sentence, lead, expected, forbids=True)
 
 
@@ -53,7 +55,7 @@ def other_lead(ratio: float, stated_mm: float) -> str:
 
 
 def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
-    """True if the rotary encoder contradicts a linear one that agrees with the setpoints."""
+    """Flag of a rotary encoder that contradicts a linear one which agrees with the setpoints."""
     try:
         return check_lead(machine, recordings).sentence.startswith(ANGLE)
     except ValueError:
@@ -99,29 +101,11 @@ def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
 
 
 def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
-    return _encoders_of(tuple(recordings))
-
-
-@functools.lru_cache(maxsize=1)
-def _encoders_of(recordings: tuple[SampleFrame, ...]) -> ChannelRegression:
-    """Regression of both encoders, which three checks of one examination ask for."""
     return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
 
 
-def forget_encoders() -> None:
-    """Let go of the recordings that were asked about last."""
-    _encoders_of.cache_clear()
-
-
-def _misread_angle(ratio: float) -> str:
-    """Description of the angle's error if the table is right; nothing where it may be the lead."""
-    if ratio > 0.0 and not usual_mistake(1.0 / ratio, ANGLE):
-        return ""
-    return looks_wrong(ANGLE, 1.0 / ratio)
-
-
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
-    """True if the linear encoder agrees with the setpoints."""
+    """Flag of a linear encoder that agrees with the setpoints."""
     if not any(SETPOINT in frame.channels for frame in recordings):
         return False
     try:
@@ -134,14 +118,13 @@ def factor_at_rest(
     recordings: Sequence[SampleFrame], position: str, setpoint: str
 ) -> IntervalEstimate | None:
     """Factor of the position over its setpoint from where both rest; None without such rests."""
-    able = [frame for frame in recordings if {position, setpoint} <= frame.channels.keys()]
-    pairs = np.array(
-        [
-            pair
-            for frame in able
-            for pair in _rests(frame.channels[position], frame.channels[setpoint])
-        ]
-    ).reshape(-1, 2)
+    rests = [
+        pair
+        for frame in recordings
+        if {position, setpoint} <= frame.channels.keys()
+        for pair in _rests(frame.channels[position], frame.channels[setpoint])
+    ]
+    pairs = np.array(rests).reshape(-1, 2)
     if len(pairs) < LEAST_RESTS or np.ptp(pairs[:, 1]) == 0.0:
         return None
     around = pairs - pairs.mean(axis=0)
@@ -179,13 +162,10 @@ def speed_doubts(recordings: Sequence[SampleFrame]) -> list[str]:
     """One line for each speed that is not the derivative of its position."""
     found = []
     for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
-        able = [frame for frame in recordings if {speed, position} <= frame.channels.keys()]
-        try:
-            finding = _speed(able, speed, position)
-        except ValueError:
-            continue
-        if finding.is_doubtful:
-            found.append(f"{finding.sentence}; check their scales under [columns]")
+        with contextlib.suppress(ValueError):
+            finding = _speed(recordings, speed, position)
+            if finding.is_doubtful:
+                found.append(f"{finding.sentence}; check their scales under [columns]")
     return found
 
 

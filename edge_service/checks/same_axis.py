@@ -54,7 +54,7 @@ class Run(Protocol):
     @property
     def has_torque(self) -> bool: ...
     @property
-    def is_slow(self) -> bool: ...
+    def misses_acceleration(self) -> bool: ...
     @property
     def compared_rows(self) -> Booleans: ...
     def resting_zero(self, values: Floats) -> Floats: ...
@@ -109,19 +109,14 @@ class Dynamics:
     friction_nm: Mapping[int, tuple[float, float]]
 
 
-@dataclass(frozen=True, slots=True)
-class FileFit:
-    """Findings of one file about its axis; no dynamics without a torque or without variety."""
-
-    recording: int
-    travel: Travel
-    dynamics: Dynamics | None
+FileFit = tuple[int, Travel, Dynamics | None]
+"""Number of a file, and its findings; no dynamics without a torque or without variety."""
 
 
 def fits_of(runs: Sequence[Run], ratio_m_per_rad: float) -> list[FileFit]:
     """Findings of each file."""
     return [
-        FileFit(number, _travel(each, ratio_m_per_rad), _dynamics(each))
+        (number, _travel(each, ratio_m_per_rad), _dynamics(each))
         for number, each in sorted(by_recording(runs).items())
     ]
 
@@ -133,13 +128,12 @@ def inconsistency(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], 
         lead_m: of the machine file.
         name: number of a recording -> how to call it.
     """
-    for one, other in itertools.combinations(fits, 2):
-        why = _of_travel(one.travel, other.travel, lead_m)
-        if not why and one.dynamics is not None and other.dynamics is not None:
-            why = _of_dynamics(one.dynamics, other.dynamics)
+    for (one, travel, dynamics), (other, way, torque) in itertools.combinations(fits, 2):
+        why = _of_travel(travel, way, lead_m)
+        if not why and dynamics is not None and torque is not None:
+            why = _of_dynamics(dynamics, torque)
         if why:
-            pair = f"{name(one.recording)} and {name(other.recording)}"
-            return f"{pair} are not from the same axis: {why}"
+            return f"{name(one)} and {name(other)} are not from the same axis: {why}"
     return None
 
 
@@ -210,7 +204,12 @@ def _dynamics(runs: Sequence[Run]) -> Dynamics | None:
     runs = [run for run in runs if run.has_torque and run.moving.any()]
     if not runs:
         return None
-    parts = [_torque_rows(run) for run in runs]
+    parts = []  # through one low-pass, (n,) each
+    for run in runs:
+        motion, rows = run.motion, run.compared_rows
+        curves = (motion.torque_nm, motion.acceleration_rad_s2, motion.direction)
+        filtered = [run.resting_zero(curve)[rows] for curve in curves]
+        parts.append((*filtered, run.at_rows(motion.speed_rad_s)[rows]))
     torque, acceleration, direction, speed = (
         np.concatenate(each) for each in zip(*parts, strict=True)
     )
@@ -228,7 +227,7 @@ def _dynamics(runs: Sequence[Run]) -> Dynamics | None:
     ):
         return None
     values, sigma = _fitted(columns, torque)
-    if any(run.is_slow for run in runs):
+    if any(run.misses_acceleration for run in runs):
         sigma[0] = math.inf
     levels = zip(values[2:].tolist(), sigma[2:].tolist(), strict=True)
     friction = {
@@ -244,14 +243,6 @@ def _both_ways(octave: npt.NDArray[np.int64], direction: Floats) -> list[int]:
         for k in np.unique(octave).tolist()
         if min(np.sum((octave == k) & (direction * way > 0.5)) for way in (1, -1)) >= _LEAST_ROWS
     ]
-
-
-def _torque_rows(run: Run) -> tuple[Floats, ...]:
-    """Torque, acceleration, direction and speed while moving, through one low-pass, (n,) each."""
-    motion = run.motion
-    curves = (motion.torque_nm, motion.acceleration_rad_s2, motion.direction)
-    rows = [run.resting_zero(curve)[run.compared_rows] for curve in curves]
-    return (*rows, run.at_rows(motion.speed_rad_s)[run.compared_rows])
 
 
 def _fitted(columns: Floats, values: Floats) -> tuple[Floats, Floats]:

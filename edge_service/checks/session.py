@@ -6,12 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from ..messages.features import FAULT_WORDS, Fault
-from ..messages.samples import Booleans, Floats
-from .finding import looks_wrong, usual_mistake, wrongly
-from .positions import FOLLOWED, other_lead
-from .same_axis import FileFit, Run, by_recording, fits_of, inconsistency
+from ..messages.channels import TORQUE
+from .finding import usual_mistake, wrongly
+from .same_axis import Run, by_recording, fits_of, inconsistency
 from .torque import INVERTED
 
 LEAST_MOTION_S = 2.0
@@ -24,7 +21,6 @@ _FRICTION_RANGE = (0.03, 30.0)
 _LEAST_INERTIAL = 0.02
 """Of the model's energy: with less of it no friction could stand in for, the inertia is unseen."""
 _LEAST_MOVING = 100
-_STUCK_SHARE = 0.3
 _NO_RUN = (
     "no unbroken run of a second or more: recordings are too short, rows or values are missing, or "
     "a channel is stuck"
@@ -56,7 +52,7 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
         lead_m = 2.0 * np.pi * ratio_m_per_rad
         called = dict(enumerate(names))
         mixed = inconsistency(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
-        faults += [mixed] if mixed else [*_units(fits, lead_m), *_stuck(runs), *_torque(runs)]
+        faults += [mixed] if mixed else _torque(runs)
     return DataCheck(tuple(faults), tuple(_remarks(runs)))
 
 
@@ -77,34 +73,6 @@ def _cover(runs: Sequence[Run]) -> list[str]:
             f"expected {LEAST_TRAVEL_REV:g} or more"
         ]
     return []
-
-
-def _units(fits: Sequence[FileFit], lead_m: float) -> list[str]:
-    """Table and setpoint against motor: the lead says how far one turn goes."""
-    for fit in fits:
-        travel = fit.travel
-        if abs(travel.lead - 1.0) > travel.lead_reach:
-            remedy = f"check axis.lead_m, and the scales of columns.{ANGLE} and .{TABLE_POSITION}"
-            return [f"{other_lead(travel.lead, 1e3 * lead_m)}; {remedy}"]
-        setpoint = travel.setpoint_lead
-        if not math.isnan(setpoint) and not FOLLOWED[0] < setpoint < FOLLOWED[1]:
-            remedy = f"check axis.lead_m and the scales of columns.{ANGLE} and .{SETPOINT}"
-            return [f"{looks_wrong(SETPOINT, setpoint)}; {remedy}"]
-    return []
-
-
-def _stuck(runs: Sequence[Run]) -> list[str]:
-    able = [run for run in runs if run.has_torque]
-    moving = np.concatenate([run.moving[1:] for run in able] or [np.zeros(0, bool)])
-    still = np.concatenate([_repeats(run.motion.torque_nm) for run in able] or [np.zeros(0, bool)])
-    if moving.any() and float(still[moving].mean()) > _STUCK_SHARE:
-        return [f"{TORQUE}: {FAULT_WORDS[Fault.TORQUE_STUCK]}"]
-    return []
-
-
-def _repeats(values: Floats) -> Booleans:
-    found: Booleans = np.abs(np.diff(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-12)
-    return found
 
 
 def _torque(runs: Sequence[Run]) -> list[str]:

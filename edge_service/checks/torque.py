@@ -135,10 +135,7 @@ def _judged_drag(
 def _readable(
     machine: Machine, recordings: Sequence[SampleFrame]
 ) -> tuple[list[SampleFrame], PreparationSettings]:
-    """Recordings with a torque, without an angle that is misread, and how to prepare them.
-
-    A standstill is slow for this axis: 0.1 rad/s or a share of its greatest speed.
-    """
+    """Recordings with a torque, without an angle that is misread, and how to prepare them."""
     able = [frame for frame in recordings if TORQUE in frame.channels]
     if angle_is_misread(machine, able):
         able = [_without_angle(frame) for frame in able]

@@ -59,8 +59,7 @@ def rehearsed(
     Args:
         duration_s: of the rehearsal.
 
-    Raises:
-        MotionError: the axis does not allow the motion.
+    Raises MotionError: the axis does not allow the motion.
     """
     limits = motion_limits(machine)
     plan = MOTIONS[motion]
@@ -103,7 +102,7 @@ def separations(
         added = _faulty(session, name, (values or {}).get(name, {}))
         if not any(np.any(gap) for gap in added.values()):
             added = _faulty(session, name, {})
-        problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {})
+        problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {}, {})
         alone = problem.fit(())
         fits: dict[str | None, Fit] = {None: alone}
         for rival in names:
@@ -188,7 +187,7 @@ class Proposal:
 
     @property
     def decides(self) -> bool:
-        """True if every pair is told apart."""
+        """Evidence that tells every pair apart."""
         return self.evidence >= DECISIVE
 
 
@@ -223,8 +222,7 @@ def propose(
         tied: names of effects.
         values: of the effects, as far as known; a typical fault's otherwise.
 
-    Raises:
-        MotionError: the machine file allows no motion at all.
+    Raises MotionError: the machine file allows no motion at all.
     """
     names = sorted(set(tied))
     found: list[Proposal] = []

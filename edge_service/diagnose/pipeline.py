@@ -1,16 +1,45 @@
-"""Pipeline of a diagnosis: from a session to what causes its gap, and how far that shrinks it."""
+"""Pipeline of a diagnosis: from a session to what causes its gap, and how far that shrinks it.
 
-from collections.abc import Callable, Sequence
+The verdict is the word for what was found, how sure its effects are, and what it leaves open.
+"""
 
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from ..messages.arrays import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
-from .result import Diagnosis
+from .candidates.regressors import UNKNOWN
+from .localisation import where
+from .result import (
+    SURE,
+    ChannelGap,
+    Diagnosis,
+    NamedEffect,
+    ReplayStatus,
+    Series,
+    Suspect,
+    Unexplained,
+    Verdict,
+    WaterfallStep,
+)
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
-from .session.session import Session
-from .validation.assessment import assess_causes
-from .validation.verdict import conclude
+from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
+from .validation.assessment import Assessment, assess_causes, is_misattributed
+from .validation.replay import replay
+
+BLIND_TRUST = 0.5
+"""Of the probability of an effect in a torque that is mostly noise: some entry follows noise."""
+BLIND_SHARE = 0.5
+"""Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
+IMPRECISE = 0.1
+"""Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
+_SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
+ALL_MOTIONS = "full"
+"""Motion that decides what none shorter is known to decide."""
 
 
 def diagnose_session(
@@ -36,3 +65,132 @@ def diagnose_session(
     progress("values and held-out motion")
     assessment = assess_causes(posterior)  # estimation and cross validation of what is material
     return conclude(assessment, loss)
+
+
+def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagnosis:
+    """Reach the verdict on assessed effects, and replay them.
+
+    Args:
+        loss: of the preload that was known before; it is replayed with them.
+    """
+    posterior, contributions = assessment.posterior, assessment.contributions
+    problem, session, left = posterior.problem, posterior.problem.session, contributions.left
+    noise, healthy = problem.noise, session.healthy
+    torque_rms_nm = session.torque_rms_nm
+    blind = TORQUE_GAP in noise.floor and is_blind(noise.floor[TORQUE_GAP], torque_rms_nm)
+    channel_of = dict(contributions.channel_of)
+    if loss is not None:
+        channel_of = {loss.effect.name: TORQUE_GAP, **channel_of}
+    replayed = replay(problem.machine, assessment.validation, channel_of, noise.floor, loss)
+    found = []
+    for each in assessment.effects:
+        trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
+        changes = {
+            "probability": trust * each.probability,
+            "replay": replayed.effects.get(each.name),
+        }
+        found.append(each.model_copy(update=changes))
+    found.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
+    blind = blind and all(each.channel == TORQUE_GAP for each in found)
+    suspects = sorted(posterior.best.material - {UNKNOWN})
+    is_unknown = blind or _is_unknown(assessment, suspects)
+    nearest = next(iter([*(each.name for each in found), *suspects]), None)
+    verdict = verdict_of(found, is_unknown=is_unknown)
+    gap, left_rms = {}, {}
+    beside_nuisances = contributions.left_beside_nuisances
+    for name, rows in session.channels.items():
+        known = healthy is not None and name in healthy.floor
+        left_rms[name] = rms(beside_nuisances[name])
+        gap[name] = ChannelGap(
+            before=rows.rms,
+            after=rms(left[name]),
+            noise_floor=noise.floor[name],
+            floor_source="reference" if known else "recording",
+            tolerance=noise.tolerance[name],
+            unit=CHANNEL_UNITS[name],
+            replayed=replayed.gap.get(name),
+        )
+    rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
+    return Diagnosis(
+        verdict=verdict,
+        gap=gap,
+        where=tuple(where(session.channels, noise.floor)),
+        where_after=tuple(where(rows_after, noise.floor)),
+        effects=tuple(found),
+        unexplained=Unexplained(
+            share=max(posterior.unexplained.values(), default=0.0),
+            nearest=nearest if is_unknown else None,
+        ),
+        next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
+        waterfall={
+            name: tuple(WaterfallStep(effect=effect, rms=left) for effect, left in steps)
+            for name, steps in contributions.waterfall().items()
+        },
+        caveats=caveats_of(gap, left_rms, torque_rms_nm, verdict),
+        replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
+        suspects={
+            name: Suspect(structure=finite_or_none(each))
+            for name, each in assessment.suspects.items()
+        },
+        is_blind=blind,
+        series=Series(
+            left,
+            replayed.series,
+            None if loss is None else replayed.effects.get(loss.effect.name),
+        ),
+    )
+
+
+def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
+    """Verdict on some causes, none or more."""
+    if is_unknown:
+        return Verdict.UNKNOWN
+    if not found:
+        return Verdict.NO_GAP
+    if any(each.probability < SURE or len(each.tied) > 1 for each in found):
+        return Verdict.AMBIGUOUS
+    return Verdict.EXPLAINED
+
+
+def _is_unknown(assessment: Assessment, suspects: Sequence[str]) -> bool:
+    """Flag of a cause whose better part the library lacks."""
+    posterior, contributions = assessment.posterior, assessment.contributions
+    return (
+        UNKNOWN in posterior.best.material
+        or is_misattributed(assessment.attributions, contributions.channel_of)
+        or any(each < 1.0 for each in assessment.confidence.values())
+        or (bool(suspects) and not contributions.named and bool(posterior.exceeding))
+    )
+
+
+def is_blind(floor_nm: float, torque_nm: float) -> bool:
+    """Flag of a floor that is so much of the torque that it hides whatever matters."""
+    return floor_nm > BLIND_SHARE * torque_nm
+
+
+def caveats_of(
+    gap: Mapping[str, ChannelGap], left: Mapping[str, float], torque_nm: float, verdict: Verdict
+) -> tuple[str, ...]:
+    """Lines about what the verdict leaves open.
+
+    Args:
+        left: root mean square that the causes leave, and what a healthy axis may have, by channel.
+        torque_nm: root mean square of the torque in motion.
+    """
+    found = []
+    floors = {name: each.floor for name, each in gap.items()}
+    if TORQUE_GAP in gap and is_blind(floors[TORQUE_GAP], torque_nm):
+        found.append(
+            f"{floors[TORQUE_GAP]:.3g} of {torque_nm:.3g} N m of torque cannot be predicted from "
+            "the motion or from a repeat of it: a fault of that size would go unnoticed"
+        )
+    for name, each in gap.items():
+        beyond = math.sqrt(max(left[name] ** 2 - floors[name] ** 2, 0.0))
+        tolerance, unit = each.tolerance or 0.0, each.unit
+        named = verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
+        if named and beyond > max(tolerance, IMPRECISE * each.before):
+            found.append(
+                f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "
+                f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
+            )
+    return tuple(found)

@@ -87,41 +87,38 @@ class PreloadReading:
 
     @property
     def is_lost(self) -> bool:
-        """True if preload is lost beyond doubt; friction alone never is."""
+        """Loss beyond doubt; friction alone never shows one."""
         return self.two_encoders and 100.0 - self.high > SURELY_LOST_PERCENT
 
     @property
     def is_there(self) -> bool:
-        """True if none that matters is lost, beyond doubt."""
+        """No loss that matters, beyond doubt."""
         return self.two_encoders and 100.0 - self.low < SURELY_LOST_PERCENT
-
-
-@dataclass(frozen=True, slots=True)
-class Loss:
-    """Loss of preload beyond doubt: its course by the torque, its size by the estimator."""
-
-    course: ActiveEffect
-    reading: PreloadReading
 
 
 def diagnose_beside_loss(
     session: Session,
     machine: Machine,
-    loss: Loss,
+    course: ActiveEffect,
+    reading: PreloadReading,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> Diagnosis:
-    """Diagnose what a session has beyond a loss; the loss comes before all else."""
-    modelled = (*session.modelled, loss.course)
+    """Diagnose what a session has beyond a known loss, which comes before all else.
+
+    Args:
+        course: of the loss by the torque; its size is the estimator's reading.
+    """
+    modelled = (*session.modelled, course)
     others = Session.of_runs(session.runs, session.baseline, modelled)
     others = others if session.healthy is None else session.healthy.beside(others)
-    rest = diagnose_session(others, machine, progress=progress, loss=loss.course)
+    rest = diagnose_session(others, machine, progress=progress, loss=course)
     gap = {
         name: each.model_copy(update={"before": session.channels[name].rms})
         for name, each in rest.gap.items()
     }
     rows, left = session.channels[TORQUE_GAP], rest.series.left[TORQUE_GAP]
     made = rows.gap - others.channels[TORQUE_GAP].gap
-    name = loss.course.effect.name
+    name = course.effect.name
     named = NamedEffect(
         name=name,
         channel=TORQUE_GAP,
@@ -129,8 +126,8 @@ def diagnose_beside_loss(
         tied=(name,),
         shrink=on_other_motion(replace(rows, gap=left + made), [left]),
         replay=rest.series.loss,
-        parameters={"lost_percent": loss.reading.lost},
-        entries=(dict(loss.course.values),),
+        parameters={"lost_percent": reading.lost},
+        entries=(dict(course.values),),
     )
     floors = {name: each.floor for name, each in rest.gap.items()}
     changes = {
@@ -146,11 +143,11 @@ def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
     """Loss of preload whose end and course fit the torque best: lost before, or at an even rate."""
     effect = fault()
     rows = session.channels[TORQUE_GAP]
-    way = session.torque_column(lambda motion: motion.direction)
+    way = session.column(TORQUE_GAP, lambda motion: motion.direction)
     time_s = rows.variables["time_s"]
     beside = np.column_stack(
         [
-            session.torque_column(lambda m: m.speed_rad_s),
+            session.column(TORQUE_GAP, lambda m: m.speed_rad_s),
             np.ones(len(way)),
             rows.variables["motor_acceleration_rad_s2"],
         ]

@@ -139,7 +139,7 @@ class ChannelGap(Document):
 
     @property
     def matters(self) -> bool:
-        """True if the gap exceeds its floor by more than the tolerance."""
+        """Excess of the gap over its floor by more than the tolerance."""
         return self.beyond > (self.tolerance or 0.0)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import ConfigDict, with_config
 
-from ..checks.live.reasons import channel_reasons
+from ..checks.live.channel_check import channel_reasons
 from ..messages.estimate import EstimateStatus
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.stored import Stored

@@ -74,21 +74,26 @@ def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[Fi
 
     Benjamini and Hochberg (1995) over all of them, with normal deviates.
     """
-    before = old.figures()
-    pairs = [
-        (name, before[name], figure)
-        for name, figure in new.figures().items()
-        if name in before and _comparable(before[name], figure)
-    ]
-    changes = [_change(was, now) for _, was, now in pairs]
-    sigmas = [_sigmas(change) for change in changes]
-    significant = _discoveries(np.array(sigmas))
-    return tuple(
-        FigureChange(name, was, now, change, deviate, bool(found), _material(was, change))
-        for (name, was, now), change, deviate, found in zip(
-            pairs, changes, sigmas, significant, strict=True
+    before, pairs, changes = old.figures(), [], []
+    for name, now in new.figures().items():
+        was = before.get(name, now)
+        known = all(math.isfinite(each.value) and each.determined for each in (was, now))
+        if name in before and known and was.unit == now.unit:
+            pairs.append((name, was, now))
+            changes.append(_change(was, now))
+    sigmas = [each.value / each.sigma if each.sigma > 0.0 else 0.0 for each in changes]
+    found = np.zeros(0, dtype=bool)
+    if sigmas:
+        chances = 2.0 * stats.norm.sf(np.abs(np.array(sigmas)))
+        found = stats.false_discovery_control(chances) <= FALSE_DISCOVERY_RATE
+    compared = []
+    for k, (name, was, now) in enumerate(pairs):
+        least = max(MATERIAL_SHARE * abs(was.value), LEAST_MATERIAL.get(changes[k].unit, 0.0))
+        material = abs(changes[k].value) >= least
+        compared.append(
+            FigureChange(name, was, now, changes[k], sigmas[k], bool(found[k]), material)
         )
-    )
+    return tuple(compared)
 
 
 def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, ...]:
@@ -110,12 +115,6 @@ def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, .
     )
 
 
-def _comparable(old: IntervalEstimate, new: IntervalEstimate) -> bool:
-    return all(math.isfinite(figure.value) and figure.determined for figure in (old, new)) and (
-        old.unit == new.unit
-    )
-
-
 def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
     """Difference; of each interval the side that faces the other counts."""
     difference = new.value - old.value
@@ -127,20 +126,3 @@ def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
     repeated = REPEATABILITY * math.hypot(old.value, new.value)
     sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
     return around(difference, sigma, new.unit, math.inf)
-
-
-def _sigmas(change: IntervalEstimate) -> float:
-    return change.value / change.sigma if change.sigma > 0.0 else 0.0
-
-
-def _discoveries(sigmas: np.ndarray) -> np.ndarray:
-    """Mask of the deviates (n,) that are discoveries."""
-    if not sigmas.size:
-        return np.zeros(0, dtype=bool)
-    adjusted = stats.false_discovery_control(2.0 * stats.norm.sf(np.abs(sigmas)))
-    return np.asarray(adjusted <= FALSE_DISCOVERY_RATE)
-
-
-def _material(old: IntervalEstimate, change: IntervalEstimate) -> bool:
-    least = max(MATERIAL_SHARE * abs(old.value), LEAST_MATERIAL.get(change.unit, 0.0))
-    return abs(change.value) >= least

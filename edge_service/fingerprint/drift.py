@@ -28,7 +28,6 @@ from .moves import (
     Move,
     Section,
     common_sections,
-    mean_temperature,
 )
 
 _DAILY_M = 0.5 * LEAST_MATERIAL["m"]
@@ -116,14 +115,18 @@ def compare_moves(recordings: Sequence[Sequence[Move]]) -> tuple[SectionDrift, .
     """Every common section of two recordings or more, each against the first recording."""
     readings = [(each, _readings(each)) for each in common_sections(recordings)]
     comparisons = sum(len(found) for _, found in readings) * (len(recordings) - 1)
-    return tuple(
-        SectionDrift(
-            section,
-            tuple(_drift(name, values, comparisons) for name, values in found.items()),
-            tuple(mean_temperature(moves, TEMPERATURE_C) for moves in section.there),
-        )
-        for section, found in readings
-    )
+    sections = []
+    for section, found in readings:
+        drifts = []
+        for name, (first, *later) in found.items():
+            changes = tuple(_change(first, each, name, comparisons) for each in later)
+            drifts.append(Drift(name, tuple(each.value for each in (first, *later)), changes))
+        warmth = []
+        for moves in section.there:
+            known = [m.figures[TEMPERATURE_C] for m in moves if TEMPERATURE_C in m.figures]
+            warmth.append(float(np.mean(known)) if known else math.nan)
+        sections.append(SectionDrift(section, tuple(drifts), tuple(warmth)))
+    return tuple(sections)
 
 
 def _readings(section: Section) -> dict[str, list[Reading]]:
@@ -190,18 +193,11 @@ def _welch(readings: Sequence[Reading]) -> float:
     return sum(variances) ** 2 / sum(parts) if sum(parts) > 0.0 else readings[0].freedom
 
 
-def _drift(name: str, readings: Sequence[Reading], comparisons: int) -> Drift:
-    first, *later = readings
-    unit = "N m" if name.endswith("_nm") else "m"
-    changes = tuple(_change(first, each, unit, comparisons) for each in later)
-    return Drift(name, tuple(each.value for each in readings), changes)
-
-
-def _change(old: Reading, new: Reading, unit: str, comparisons: int) -> IntervalEstimate:
+def _change(old: Reading, new: Reading, name: str, comparisons: int) -> IntervalEstimate:
     share = 0.5 * (1.0 - LEVEL) / comparisons
     freedom = _welch((old, new))
     repeats = float(stats.t.isf(share, freedom)) * math.hypot(old.sigma, new.sigma)
     from_day_to_day = float(stats.norm.isf(share)) * math.hypot(old.daily, new.daily)
     half = math.hypot(repeats, from_day_to_day)
-    change = new.value - old.value
+    change, unit = new.value - old.value, "N m" if name.endswith("_nm") else "m"
     return IntervalEstimate(change, change - half, change + half, unit, freedom + 1.0)

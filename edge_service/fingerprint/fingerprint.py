@@ -16,14 +16,14 @@ from .friction.cruise_tests import measure_equability, measure_signature
 from .friction.curve import measure_friction
 from .friction.points import FrictionPoint, friction_points
 from .friction.runs import measure_friction_runs
+from .response.two_mass_fit import measure_response, shakes
 from .result import AxisFingerprint, Contents, Status, examined
+from .transmission.nut_preload import measure_preload
 from .transmission.reversal_error import measure_reversal_error
-from .transmission.sections import (
+from .transmission.stiffness import (
+    StiffnessFit,
     measure_backlash,
-    measure_preload,
-    measure_response,
     measure_stiffness,
-    shakes,
     stretch_fit,
 )
 
@@ -46,24 +46,46 @@ def fingerprint_axis(
         recordings: of one session, by name.
         fresh: of the same axis with the preload of the machine file, for the preload now.
     """
-    frames = [recordings[name] for name in sorted(recordings)]
-    calm = {name: recordings[name] for name in sorted(recordings) if not shakes(recordings[name])}
-    with_torque = functools.cache(lambda: _prepared(machine, calm, (TORQUE,)))
-    runs = functools.cache(lambda: _all_of(with_torque()))
-    points = functools.cache(lambda: _points(machine, with_torque()))
-    moved = functools.cache(lambda: _all_of(_prepared(machine, recordings, ())))
-    both = (ANGLE, TABLE_POSITION)
-    stretch = functools.cache(
-        lambda: stretch_fit(_all_of(_prepared(machine, recordings, both)), machine)
-    )
+    names = sorted(recordings)
+    frames = [recordings[name] for name in names]
+    calm = [name for name in names if not shakes(recordings[name])]
+
+    def prepared(among: Sequence[str], *required: str) -> dict[str, tuple[PreparedRun, ...]]:
+        if not among:
+            raise ValueError("every recording shakes the axis; this needs steady motion")
+        able = [name for name in among if set(required) <= recordings[name].channels.keys()]
+        if not able:
+            raise ValueError(f"no recording has {' and '.join(required)}")
+        needed = tuple(name for name in required if name != ANGLE)
+        return {
+            name: tuple(prepare(recordings[name], _settings(machine, [recordings[name]]), needed))
+            for name in able
+        }
+
+    @functools.cache
+    def with_torque() -> dict[str, tuple[PreparedRun, ...]]:
+        return prepared(calm, TORQUE)
+
+    @functools.cache
+    def points() -> dict[str, tuple[FrictionPoint, ...]]:
+        inertia = machine.model.inertia_kg_m2.value
+        return {name: tuple(friction_points(each, inertia)) for name, each in with_torque().items()}
+
+    @functools.cache
+    def stretch() -> StiffnessFit:
+        return stretch_fit(_all_of(prepared(names, ANGLE, TABLE_POSITION)), machine)
+
+    def orders() -> Contents:
+        return measure_signature(_all_of(with_torque()), machine.ball_pass_orders)
+
     tests: dict[str, tuple[str, Callable[[], Contents]]] = {
         "friction": ("friction", lambda: measure_friction(_all_of(points()))),
         "friction_runs": ("friction", lambda: measure_friction_runs(points())),
         "stiffness": ("acceleration", lambda: measure_stiffness(stretch())),
         "backlash": ("reversals", lambda: measure_backlash(stretch(), machine)),
-        "equability": ("friction", lambda: measure_equability(runs())),
-        "signature": ("signature", lambda: measure_signature(runs(), machine.ball_pass_orders)),
-        "reversal_error": ("reversals", lambda: measure_reversal_error(moved())),
+        "equability": ("friction", lambda: measure_equability(_all_of(with_torque()))),
+        "signature": ("signature", orders),
+        "reversal_error": ("reversals", lambda: measure_reversal_error(_all_of(prepared(names)))),
         "frequency_response": ("multisine", lambda: measure_response(frames)),
         "inertia": ("acceleration", lambda: _measure_inertia(machine, frames)),
     }
@@ -80,20 +102,18 @@ def fingerprint_axis(
             machine,
         ),
     )
-    return AxisFingerprint(machine.axis.name, tuple(sorted(recordings)), sections)
+    return AxisFingerprint(machine.axis.name, tuple(names), sections)
 
 
 def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Contents:
     """Inertia with the friction of the rigid model, which needs no constant speed."""
-    with_torque = [frame for frame in frames if TORQUE in frame.channels]
-    if not with_torque:
+    able = [frame for frame in frames if TORQUE in frame.channels]
+    if not able:
         raise ValueError(f"no recording has {TORQUE}")
-    settings = min(
-        (_settings(machine, frame) for frame in with_torque), key=lambda each: each.cutoff_hz
-    )
-    fit = identify_inverse_dynamics(with_torque, settings)
+    each = (_settings(machine, [frame]) for frame in able)
+    fit = identify_inverse_dynamics(able, min(each, key=lambda one: one.cutoff_hz))
     inertia = fit.parameters["inertia"]
-    clock = clock_of([frame.time_s for frame in with_torque])
+    clock = clock_of([frame.time_s for frame in able])
     if clock.is_slow:
         inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
     figures = {
@@ -104,43 +124,11 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
     return figures, ()
 
 
-def _prepared(
-    machine: Machine, recordings: Mapping[str, SampleFrame], required: tuple[str, ...]
-) -> dict[str, tuple[PreparedRun, ...]]:
-    """Runs of each recording that has the required channels, in the order of their names.
-
-    Raises:
-        ValueError: one line; no recording has them.
-    """
-    if not recordings:
-        raise ValueError("every recording shakes the axis; this needs steady motion")
-    able = {
-        name: recordings[name]
-        for name in sorted(recordings)
-        if set(required) <= recordings[name].channels.keys()
-    }
-    if not able:
-        raise ValueError(f"no recording has {' and '.join(required)}")
-    needed = tuple(name for name in required if name != ANGLE)
-    return {
-        name: tuple(prepare(frame, _settings(machine, frame), needed))
-        for name, frame in able.items()
-    }
-
-
-def _points(
-    machine: Machine, runs: Mapping[str, Sequence[PreparedRun]]
-) -> dict[str, tuple[FrictionPoint, ...]]:
-    """Friction points of each recording."""
-    inertia = machine.model.inertia_kg_m2.value
-    return {name: tuple(friction_points(runs[name], inertia_kg_m2=inertia)) for name in runs}
-
-
 def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
     """Contents of all recordings together."""
     return tuple(itertools.chain.from_iterable(parts.values()))
 
 
-def _settings(machine: Machine, frame: SampleFrame) -> PreparationSettings:
+def _settings(machine: Machine, frames: Sequence[SampleFrame]) -> PreparationSettings:
     ratio_m_per_rad = machine.transmission_ratio_m_per_rad
-    return PreparationSettings.sampled(ratio_m_per_rad, [frame], CUTOFF_HZ)
+    return PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)

@@ -4,13 +4,13 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import SampleFrame
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 CUTOFF_HZ = 20.0
@@ -57,6 +57,11 @@ class Move:
     duration_s: float
     figures: dict[str, float]
 
+    @property
+    def turned(self) -> "Move":
+        """The same course in the other direction."""
+        return replace(self, start_m=self.end_m, end_m=self.start_m, speed_m_s=-self.speed_m_s)
+
 
 def find_moves(
     frames: Iterable[SampleFrame],
@@ -65,20 +70,28 @@ def find_moves(
 ) -> list[Move]:
     """Moves of one recording, in its order.
 
-    Raises:
-        ValueError: one line; torque and position are missing, or the clock stands.
+    Raises ValueError: torque and position are missing, or the clock stands.
     """
     known = [frame for frame in frames if len(frame)]
     settings = PreparationSettings.sampled(ratio_m_per_rad, known, CUTOFF_HZ)
     runs = list(prepare(known, settings))
-    courses = [_course(run) for run in runs]
+    courses = [run.channels.get(SETPOINT, ratio_m_per_rad * run.channels[ANGLE]) for run in runs]
     speeds = [np.gradient(course, run.period_s) for course, run in zip(courses, runs, strict=True)]
     fastest = max((float(np.abs(speed).max()) for speed in speeds), default=0.0)
-    return [
-        move
-        for run, course, speed in zip(runs, courses, speeds, strict=True)
-        for move in _moves_of(run, course, speed, _REST_SHARE * fastest, context)
-    ]
+    moves = []
+    for run, course, speed in zip(runs, courses, speeds, strict=True):
+        way = np.where(np.abs(speed) > _REST_SHARE * fastest, np.sign(speed), 0.0)
+        turns = [0, *(np.flatnonzero(np.diff(way)) + 1).tolist(), len(way)]
+        for start, stop in itertools.pairwise(turns):
+            if way[start] == 0.0:
+                continue
+            top = float(np.quantile(np.abs(speed[start:stop]), _TOP))
+            steady = start + np.flatnonzero(np.abs(speed[start:stop]) >= _STEADY_SHARE * top)
+            if steady.size >= _LEAST_STEADY:
+                ends_m = float(course[start]), float(course[stop - 1])
+                lasts_s, speed_m_s = (stop - start) * run.period_s, math.copysign(top, way[start])
+                moves.append(Move(context, *ends_m, speed_m_s, lasts_s, _figures(run, steady)))
+    return moves
 
 
 def by_context(
@@ -95,34 +108,6 @@ def by_context(
             rows = slice(start, stop)
             channels = {name: values[rows] for name, values in frame.channels.items()}
             yield tuple(labels[start]), [SampleFrame(frame.time_s[rows], channels)]
-
-
-def _course(run: PreparedRun) -> Floats:
-    if SETPOINT in run.channels:
-        return run.channels[SETPOINT]
-    return run.settings.ratio_m_per_rad * run.channels[ANGLE]
-
-
-def _moves_of(
-    run: PreparedRun, course: Floats, speed: Floats, rest_m_s: float, context: tuple[float, ...]
-) -> Iterator[Move]:
-    way = np.where(np.abs(speed) > rest_m_s, np.sign(speed), 0.0)
-    turns = [0, *(np.flatnonzero(np.diff(way)) + 1).tolist(), len(way)]
-    for start, stop in itertools.pairwise(turns):
-        if way[start] == 0.0:
-            continue
-        top = float(np.quantile(np.abs(speed[start:stop]), _TOP))
-        steady = start + np.flatnonzero(np.abs(speed[start:stop]) >= _STEADY_SHARE * top)
-        if steady.size < _LEAST_STEADY:
-            continue
-        yield Move(
-            context,
-            float(course[start]),
-            float(course[stop - 1]),
-            math.copysign(top, way[start]),
-            (stop - start) * run.period_s,
-            _figures(run, steady),
-        )
 
 
 def _figures(run: PreparedRun, rows: npt.NDArray[np.intp]) -> dict[str, float]:
@@ -173,29 +158,8 @@ class Section:
 
 def common_sections(recordings: Sequence[Sequence[Move]]) -> list[Section]:
     """Moves that every recording repeats, in the order of the first; there and back as one."""
-    kinds = [kind for kind in _kinds(recordings) if min(map(len, kind)) >= FEWEST_REPEATS]
-    sections: list[Section] = []
-    taken: set[int] = set()
-    for number, kind in enumerate(kinds):
-        if number in taken:
-            continue
-        back = next(
-            (
-                k
-                for k in range(number + 1, len(kinds))
-                if k not in taken and _is_back(kind, kinds[k])
-            ),
-            None,
-        )
-        taken |= {number} if back is None else {number, back}
-        sections.append(Section(kind, () if back is None else kinds[back]))
-    most = sorted(sections, key=lambda each: -min(each.repeats))[:MOST_SECTIONS]
-    return [each for each in sections if each in most]
-
-
-def _kinds(recordings: Sequence[Sequence[Move]]) -> Iterator[tuple[tuple[Move, ...], ...]]:
-    patterns: list[Move] = []
     members: list[list[list[Move]]] = []
+    patterns: list[Move] = []
     for place, moves in enumerate(recordings):
         for move in moves:
             known = next((k for k, each in enumerate(patterns) if is_same(each, move)), None)
@@ -204,8 +168,18 @@ def _kinds(recordings: Sequence[Sequence[Move]]) -> Iterator[tuple[tuple[Move, .
                 patterns.append(move)
                 members.append([[] for _ in recordings])
             members[known][place].append(move)
-    for kind in members:
-        yield tuple(tuple(moves) for moves in kind)
+    kinds = [tuple(map(tuple, kind)) for kind in members if min(map(len, kind)) >= FEWEST_REPEATS]
+    sections: list[Section] = []
+    taken: set[int] = set()
+    for number, kind in enumerate(kinds):
+        if number in taken:
+            continue
+        open_ = (k for k in range(number + 1, len(kinds)) if k not in taken)
+        back = next((k for k in open_ if is_same(kind[0][0], kinds[k][0][0].turned)), None)
+        taken |= {number} if back is None else {number, back}
+        sections.append(Section(kind, () if back is None else kinds[back]))
+    most = sorted(sections, key=lambda each: -min(each.repeats))[:MOST_SECTIONS]
+    return [each for each in sections if each in most]
 
 
 def is_same(first: Move, second: Move) -> bool:
@@ -218,14 +192,6 @@ def is_same(first: Move, second: Move) -> bool:
         and abs(first.speed_m_s - second.speed_m_s) <= _SAME_WAY * abs(first.speed_m_s)
         and abs(first.duration_s - second.duration_s) <= _SAME_DURATION * first.duration_s
     )
-
-
-def _is_back(kind: Sequence[Sequence[Move]], other: Sequence[Sequence[Move]]) -> bool:
-    there, back = kind[0][0], other[0][0]
-    turned = Move(
-        back.context, back.end_m, back.start_m, -back.speed_m_s, back.duration_s, back.figures
-    )
-    return is_same(there, turned)
 
 
 def most_frequent(moves: Sequence[Move]) -> str:
@@ -241,9 +207,3 @@ def described(move: Move) -> str:
         f"{1e3 * move.start_m:.4g} to {1e3 * move.end_m:.4g} mm at "
         f"{1e3 * abs(move.speed_m_s):.3g} mm/s"
     )
-
-
-def mean_temperature(moves: Sequence[Move], name: str) -> float:
-    """Mean of a figure over moves; NaN where it is not recorded."""
-    values = [move.figures[name] for move in moves if name in move.figures]
-    return float(np.mean(values)) if values else float("nan")

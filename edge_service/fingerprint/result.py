@@ -129,8 +129,7 @@ _ADAPTER = TypeAdapter(AxisFingerprint)
 def read_fingerprint(path: Path) -> AxisFingerprint:
     """A stored fingerprint.
 
-    Raises:
-        FingerprintError: there is none, or it is no fingerprint of this schema.
+    Raises FingerprintError: there is none, or it is no fingerprint of this schema.
     """
     try:
         document = json.loads(path.read_text("utf-8"))

@@ -31,7 +31,7 @@ class IntervalEstimate:
 
     @property
     def determined(self) -> bool:
-        """True if both bounds are finite."""
+        """Flag of an interval with two finite bounds."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
     @property
@@ -40,7 +40,7 @@ class IntervalEstimate:
         return (self.high - self.low) / (2.0 * normal_quantile())
 
     def holds(self, truth: float) -> bool:
-        """Tell whether the interval holds `truth`."""
+        """Flag of an interval that contains `truth`."""
         return self.low <= truth <= self.high
 
     def scaled(self, factor: float, unit: str) -> "IntervalEstimate":

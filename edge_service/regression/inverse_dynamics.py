@@ -9,144 +9,114 @@ Brunot, Data Set and Reference Models of EMPS, 2019.
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from ..messages.channels import SETPOINT
+from ..messages.channels import ANGLE, SETPOINT, TORQUE
 from ..messages.samples import Floats, SampleFrame
 from .interval_estimate import IntervalEstimate, normal_quantile
 from .linear import LinearFit, instrumental_variables, least_squares, total_least_squares
-from .prepared_run import PreparationSettings, PreparedRun, prepare
-from .regressors import REGRESSORS, SYMMETRIC, RegressionRows, regression_rows
+from .prepared_run import PreparationSettings, PreparedRun, derivative_noise_rms, prepare
 
+UNITS = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
+"""Parameters in the order of the regressors: acceleration, speed, direction, one."""
 RELIABLE = 0.99
 """Share of signal power in a regressor above which its noise biases the fit by less than 1 %."""
-
 _TOTAL_ROUNDS = 5
 _LEAST_SHARE = 0.1  # of the residual that is the torque's own noise
 
 
-Method = Literal["auto", "least_squares", "instrumental", "total"]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseDynamics:
-    """IntervalEstimate inverse model.
+    """Inverse model of an axis.
 
     Attributes:
-        parameters: by name of the regressor.
+        parameters: by the names of `UNITS`.
         fit: the regression behind it.
-        method: which estimator it was.
-        reliability: share of signal power in each noisy regressor, by its name.
+        method: `least_squares`, `instrumental` or `total`.
         seconds: of motion used.
     """
 
     parameters: Mapping[str, IntervalEstimate]
     fit: LinearFit
     method: str
-    reliability: Mapping[str, float]
     seconds: float
 
 
 def identify_inverse_dynamics(
-    recordings: Sequence[SampleFrame],
-    settings: PreparationSettings,
-    names: Sequence[str] = SYMMETRIC,
-    method: Method = "auto",
+    recordings: Sequence[SampleFrame], settings: PreparationSettings
 ) -> InverseDynamics:
-    """Identify the inverse model, with intervals that know of its limits.
+    """Inverse model of one axis, with intervals that know of its limits.
 
-    A rigid model of an axis that is not rigid gives other parameters when it is filtered
-    otherwise. The fit is repeated with half the cutoff, and what a parameter moves by counts as a
-    systematic standard deviation beside the random one, as far as chance does not explain it.
+    A rigid model of an axis that is not rigid gives other parameters when it is filtered otherwise.
+    The fit is repeated with half the cutoff, and what a parameter moves by counts as a systematic
+    standard deviation beside the random one, as far as chance does not explain it: the slower fit
+    leaves out data, so the variance of their difference is that of the variances (Hausman, 1978).
 
-    Args:
-        recordings: of one axis, each in its order.
-
-    Raises:
-        ValueError: like `fit_inverse_dynamics`.
+    Raises ValueError as `fit_inverse_dynamics` does.
     """
     slower = replace(settings, cutoff_hz=0.5 * settings.cutoff_hz)
     fast, slow = (
-        fit_inverse_dynamics(
-            (run for frame in recordings for run in prepare(frame, each)), names, method
-        )
+        fit_inverse_dynamics(run for frame in recordings for run in prepare(frame, each))
         for each in (settings, slower)
     )
-    widened = {
-        name: _widened(found, slow.parameters[name]) for name, found in fast.parameters.items()
-    }
+    widened = {}
+    for name, found in fast.parameters.items():
+        other, z = slow.parameters[name], normal_quantile()
+        widened[name] = found
+        if found.determined and other.determined:
+            chance = max(other.sigma**2 - found.sigma**2, 0.0)
+            systematic = max((found.value - other.value) ** 2 - z**2 * chance, 0.0)
+            half = math.hypot(0.5 * (found.high - found.low), z * math.sqrt(systematic))
+            widened[name] = replace(found, low=found.value - half, high=found.value + half)
     return replace(fast, parameters=widened)
 
 
-def _widened(found: IntervalEstimate, other: IntervalEstimate) -> IntervalEstimate:
-    """`found`, wider by its distance from `other` beyond what chance allows.
+def fit_inverse_dynamics(runs: Iterable[PreparedRun]) -> InverseDynamics:
+    """Inverse model of all runs together.
 
-    `other` leaves out data that `found` has, so the variance of their difference is that of the
-    variances (Hausman, 1978).
+    Least squares where every regressor is clean; instruments from the commanded motion where one is
+    not and setpoints were recorded; total least squares otherwise.
+
+    Raises ValueError: no run, or too little motion.
     """
-    if not found.determined or not other.determined:
-        return found
-    chance = max(other.sigma**2 - found.sigma**2, 0.0)
-    systematic = max((found.value - other.value) ** 2 - normal_quantile() ** 2 * chance, 0.0)
-    half = math.hypot(0.5 * (found.high - found.low), normal_quantile() * math.sqrt(systematic))
-    return replace(found, low=found.value - half, high=found.value + half)
+    designs, torques, instruments = [], [], []
+    power, seconds = np.zeros(len(UNITS)), 0.0
+    for run in runs:
+        angle = run.speed_rad_s, run.acceleration_rad_s2
+        designs.append(run.moving_rows(regressors(*angle)))
+        torques.append(run.moving_rows(run.channels[TORQUE]))
+        if SETPOINT in run.channels:
+            ratio = run.settings.ratio_m_per_rad
+            commanded = run.rate(SETPOINT, 1) / ratio, run.rate(SETPOINT, 2) / ratio
+            instruments.append(run.moving_rows(regressors(*commanded)))
+        noisy = derivative_noise_rms(run, ANGLE, 2), derivative_noise_rms(run, ANGLE, 1)
+        power += len(torques[-1]) * np.array([*noisy, 0.0, 0.0]) ** 2
+        seconds += len(torques[-1]) * run.period_s * run.settings.decimation
+    if not designs:
+        raise ValueError("no unbroken run long enough in the recording")
+    design, torque, names = np.concatenate(designs), np.concatenate(torques), tuple(UNITS)
+    if len(torque) <= len(names):
+        raise ValueError(f"{len(torque)} rows of motion for {len(names)} parameters; record more")
+    noise = np.sqrt(power / len(torque))
+    signal = np.mean(design**2, axis=0)
+    is_noisy = (noise > 0.0) & (signal > 0.0) & (noise**2 > (1.0 - RELIABLE) * signal)
+    if is_noisy.any() and len(instruments) == len(designs):
+        fit = instrumental_variables(names, design, torque, np.concatenate(instruments))
+        method = "instrumental"
+    else:
+        fit = least_squares(names, design, torque, noise)
+        method = "total" if is_noisy.any() else "least_squares"
+        if is_noisy.any() and not fit.notes:
+            fit = _total(fit, design, torque, noise)
+    parameters = {name: fit.interval_estimate(name, unit) for name, unit in UNITS.items()}
+    return InverseDynamics(parameters, fit, method, seconds)
 
 
-def fit_inverse_dynamics(
-    runs: Iterable[PreparedRun],
-    names: Sequence[str] = SYMMETRIC,
-    method: Method = "auto",
-) -> InverseDynamics:
-    """Identify the inverse model from all runs together.
-
-    `auto` takes least squares where every regressor is clean, instruments from the commanded
-    motion where one is not and setpoints were recorded, and total least squares otherwise.
-
-    Raises:
-        ValueError: one line; an unknown regressor, too little motion, or a method whose channels
-            are missing.
-    """
-    rows = regression_rows(runs, names)
-    if len(rows.torque_nm) <= len(names):
-        raise ValueError(
-            f"{len(rows.torque_nm)} rows of motion for {len(names)} parameters; record more"
-        )
-    power, noise = np.mean(rows.design**2, axis=0), rows.noise_rms
-    reliability = {
-        name: 1.0 - min(float(noise[k] ** 2 / power[k]), 1.0)
-        for k, name in enumerate(names)
-        if noise[k] > 0.0 and power[k] > 0.0
-    }
-    chosen = _chosen(method, rows, reliability)
-    fit = _fitted(chosen, rows, names)
-    return InverseDynamics(
-        {name: fit.interval_estimate(name, REGRESSORS[name].unit) for name in names},
-        fit,
-        chosen,
-        reliability,
-        rows.seconds,
-    )
-
-
-def _chosen(method: Method, rows: RegressionRows, reliability: Mapping[str, float]) -> str:
-    if method == "instrumental" and rows.instruments is None:
-        raise ValueError(f"instruments need {SETPOINT}, which the recording lacks")
-    if method != "auto":
-        return method
-    if min(reliability.values(), default=1.0) >= RELIABLE:
-        return "least_squares"
-    return "total" if rows.instruments is None else "instrumental"
-
-
-def _fitted(method: str, rows: RegressionRows, names: Sequence[str]) -> LinearFit:
-    if method == "instrumental" and rows.instruments is not None:
-        return instrumental_variables(names, rows.design, rows.torque_nm, rows.instruments)
-    plain = least_squares(names, rows.design, rows.torque_nm, rows.noise_rms)
-    if method == "total" and not plain.notes:
-        return _total(plain, rows.design, rows.torque_nm, rows.noise_rms)
-    return plain
+def regressors(speed_rad_s: Floats, acceleration_rad_s2: Floats) -> Floats:
+    """Columns of the inverse model, (n, 4)."""
+    one = np.ones_like(speed_rad_s)
+    return np.column_stack([acceleration_rad_s2, speed_rad_s, np.sign(speed_rad_s), one])
 
 
 def _total(plain: LinearFit, design: Floats, torque: Floats, noise: Floats) -> LinearFit:

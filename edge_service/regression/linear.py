@@ -97,8 +97,7 @@ def least_squares(
         noise_rms: noise within each regressor, (p,), in its unit; one that is little more than
             its noise is left out as undetermined instead of being found to be nothing.
 
-    Raises:
-        ValueError: there are fewer rows than regressors, or a number is not finite.
+    Raises ValueError: there are fewer rows than regressors, or a number is not finite.
     """
     _require_rows(design, target)
     silent = _silent(design, noise_rms)
@@ -135,8 +134,7 @@ def instrumental_variables(
         target: (n,).
         instruments: Z, (n, p), one per regressor.
 
-    Raises:
-        ValueError: like `least_squares`; shapes differ.
+    Raises ValueError: like `least_squares`; shapes differ.
     """
     _require_rows(design, target)
     if instruments.shape != design.shape or not np.isfinite(instruments).all():
@@ -182,9 +180,8 @@ def total_least_squares(
         noise_rms: (p,), noise within each regressor; 0 is exact. Noises are independent.
         target_noise_rms: greater than 0.
 
-    Raises:
-        ValueError: like `least_squares`; the target has no noise; regressors are collinear, which
-            least squares reports and this cannot.
+    Raises ValueError: like `least_squares`; the target has no noise; regressors are collinear,
+    which least squares reports and this cannot.
     """
     _require_rows(design, target)
     if not target_noise_rms > 0.0:

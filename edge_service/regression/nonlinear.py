@@ -48,13 +48,11 @@ class NonlinearFit:
         values: (p,), in the units of the unknowns.
         parameters: by name, with their intervals.
         residual: weighted, (n,).
-        reduced_chi2: mean square of the weighted residual per degree of freedom.
     """
 
     values: Floats
     parameters: dict[str, IntervalEstimate]
     residual: Floats
-    reduced_chi2: float
 
 
 Residual = Callable[[Floats], Floats]
@@ -76,50 +74,48 @@ def fit_profiled(
 
     Args:
         residual: in standard deviations.
-        unknowns: p of them.
         starts: values (p,) each; at least one.
         n_effective: independent residuals; all of them if not given.
 
-    Raises:
-        ValueError: fewer residuals than unknowns.
+    Raises ValueError: fewer residuals than unknowns.
     """
-    search = _Search(residual, unknowns)
+    search, optima = _minima(residual, unknowns, starts)
     count = len(residual(starts[0]))
     independent = count if n_effective is None else n_effective
-    _require_points(count, len(unknowns))
-    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
     best = min(optima, key=lambda optimum: optimum.cost)
     chi2 = 2.0 * float(best.cost)
     reduced = chi2 / (count - len(unknowns))
     share = independent / count
     limit = student_quantile(max(independent - len(unknowns), 1.0)) ** 2 * max(reduced, 1.0) / share
-    elsewhere = _other_valleys(best.x, [each.x for each in optima if each.cost < best.cost + limit])
+    valleys = [best.x]
+    for each in optima:
+        apart = all(np.max(np.abs(each.x - valley)) > 1e-2 for valley in valleys)
+        if apart and each.cost < best.cost + limit:
+            valleys.append(each.x)
     curvature = np.asarray(best.jac).T @ np.asarray(best.jac)
-    profile = _Profile(
-        search, best.x, elsewhere, chi2, limit, independent, np.linalg.pinv(curvature, rcond=1e-12)
-    )
+    spread = np.linalg.pinv(curvature, rcond=1e-12)
+    profile = _Profile(search, best.x, valleys[1:], chi2, limit, independent, spread)
     values = search.outward(best.x)
     parameters = {unknown.name: profile.interval_estimate(k) for k, unknown in enumerate(unknowns)}
-    return NonlinearFit(values, parameters, residual(values), reduced)
+    return NonlinearFit(values, parameters, residual(values))
 
 
 def best_values(
     residual: Residual, unknowns: Sequence[Unknown], starts: Sequence[Floats]
 ) -> Floats:
-    """Values with the least sum of squares, (p,), without intervals; arguments as below.
-
-    Raises:
-        ValueError: fewer residuals than unknowns.
-    """
-    search = _Search(residual, unknowns)
-    _require_points(len(residual(starts[0])), len(unknowns))
-    optima = [search.minimise(search.inward(start), most=_MOST_SEARCHED) for start in starts]
+    """Values with the least sum of squares, (p,), without intervals, as `fit_profiled`."""
+    search, optima = _minima(residual, unknowns, starts)
     return search.outward(min(optima, key=lambda optimum: float(optimum.cost)).x)
 
 
-def _require_points(count: int, parameters: int) -> None:
-    if count <= parameters:
-        raise ValueError(f"{count} points cannot determine {parameters} parameters; record more")
+def _minima(
+    residual: Residual, unknowns: Sequence[Unknown], starts: Sequence[Floats]
+) -> tuple["_Search", list[optimize.OptimizeResult]]:
+    count = len(residual(starts[0]))
+    if count <= len(unknowns):
+        raise ValueError(f"{count} points cannot determine {len(unknowns)} parameters; record more")
+    search = _Search(residual, unknowns)
+    return search, [search.minimise(search.inward(each), most=_MOST_SEARCHED) for each in starts]
 
 
 def unexplained_share(misfit: Floats, error: Floats, size: Floats, parameters: int) -> float:
@@ -141,15 +137,6 @@ def unexplained_share(misfit: Floats, error: Floats, size: Floats, parameters: i
         return 0.0
     greatest = 2.0 * float(np.sqrt(np.sum((misfit / np.maximum(size, 1e-300)) ** 2) / freedom))
     return float(optimize.brentq(excess, 0.0, greatest)) if excess(greatest) < 0.0 else greatest
-
-
-def _other_valleys(best: Floats, optima: Sequence[Floats]) -> list[Floats]:
-    """Optima that differ from the best and from each other, in coordinates (p,)."""
-    valleys = [best]
-    for optimum in optima:
-        if all(np.max(np.abs(optimum - valley)) > 1e-2 for valley in valleys):
-            valleys.append(optimum)
-    return valleys[1:]
 
 
 class _Search:
@@ -227,48 +214,38 @@ class _Profile:
     def _bound(self, index: int, direction: float) -> float | None:
         """Point at which the profile leaves the limit on one side; None if it never does."""
         start, end = float(self.best[index]), 1.0 if direction > 0.0 else 0.0
-        root = math.sqrt(self.limit)
+        root, own = math.sqrt(self.limit), float(self.spread[index, index])
 
         def beyond(at: float) -> float:
-            """Nearly linear in the distance, and 0 at the bound."""
-            return math.sqrt(max(self._excess(index, at), 0.0)) - root
+            """Excess of the root of the rise: nearly linear in the distance, 0 at the bound.
+
+            Beside the minimum that the curvature predicts the other valleys that fit nearly as well
+            are tried: a profile may pass into one.
+            """
+            near = self.best
+            if own > 0.0:
+                moved = near + self.spread[:, index] / own * (at - near[index])
+                near = np.clip(moved, 0.0, 1.0)
+            least = math.inf
+            for valley in (near, *self.elsewhere):
+                rise = 2.0 * float(self.search.minimise(valley, index, at).cost) - self.chi2
+                least = min(least, rise)
+                if least <= self.limit:
+                    break
+            return math.sqrt(max(least, 0.0)) - root
 
         inside, below = start, -root
-        guess = math.sqrt(max(self.limit * float(self.spread[index, index]), 0.0))
+        guess = math.sqrt(max(self.limit * own, 0.0))
         step = min(guess, 1.0) if guess > _LEAST_STEP else _FIRST_STEP
         while inside != end:
             trial = min(max(start + direction * step, 0.0), 1.0)
             above = beyond(trial)
             if above > 0.0:
-                at = _crossing(beyond, inside, below, trial, above, _BOUND_SHARE * step)
                 whole = self.best.copy()
-                whole[index] = at
+                whole[index] = _crossing(beyond, inside, below, trial, above, _BOUND_SHARE * step)
                 return float(self.search.outward(whole)[index])
             inside, below, step = trial, above, 2.0 * step
         return None
-
-    def _excess(self, index: int, at: float) -> float:
-        """Rise of the sum of squares when one coordinate is held.
-
-        Where the best fit's surroundings rise beyond the limit, the other valleys that the starts
-        have found and that fit nearly as well are tried too: a profile may pass into one.
-        """
-        least = math.inf
-        for start in (self._predicted(index, at), *self.elsewhere):
-            rise = 2.0 * float(self.search.minimise(start, index, at).cost) - self.chi2
-            least = min(least, rise)
-            if least <= self.limit:
-                break
-        return least
-
-    def _predicted(self, index: int, at: float) -> Floats:
-        """Predicted minimum with one coordinate held, by the curvature at the optimum."""
-        own = float(self.spread[index, index])
-        if not own > 0.0:
-            return self.best
-        moved = self.best + self.spread[:, index] / own * (at - self.best[index])
-        inside: Floats = np.clip(moved, 0.0, 1.0)
-        return inside
 
 
 def _crossing(

@@ -28,7 +28,6 @@ from ..messages.channels import (
 from ..messages.samples import Booleans, Floats, SampleFrame
 from ..recordings.conditioning import (
     CUTOFF_SHARE,
-    UniformRun,
     anti_alias,
     central_difference,
     decimate,
@@ -66,16 +65,6 @@ class PreparationSettings:
     standstill_rad_s: float = 0.1
     torque_delay_s: float = 0.0
 
-    def __post_init__(self) -> None:
-        for name in ("ratio_m_per_rad", "cutoff_hz", "order", "decimation"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be finite and greater than 0, got {value:g}")
-        for name in ("edge_s", "standstill_rad_s"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value:g}")
-
     @classmethod
     def sampled(
         cls, ratio_m_per_rad: float, frames: Sequence[SampleFrame], cutoff_hz: float
@@ -85,8 +74,7 @@ class PreparationSettings:
         Args:
             cutoff_hz: of the low-pass; less where the samples are too far apart for it.
 
-        Raises:
-            ValueError: a clock that stands.
+        Raises ValueError: a clock that stands.
         """
         steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
         forward = steps[steps > 0.0]
@@ -137,18 +125,11 @@ class PreparedRun:
             values = central_difference(values, self.period_s)
         return values
 
-    def decimated(self, values: Floats) -> Floats:
-        """Every `decimation`th value behind a zero-phase filter, (n,) or (n, p) -> fewer rows."""
-        factor = self.settings.decimation
-        if factor == 1:
-            return values
-        return decimate(values, factor)
-
     def moving_rows(self, values: Floats) -> Floats:
         """Decimated rows of motion; rest beside it counts as zero, (n,) or (n, p) -> fewer rows."""
-        moving = self.moving if values.ndim == 1 else self.moving[:, None]
-        rows = self.decimated(np.where(moving, values, 0.0))
-        return rows[self.moving[:: self.settings.decimation]]
+        step = self.settings.decimation
+        rows = np.where(self.moving if values.ndim == 1 else self.moving[:, None], values, 0.0)
+        return (rows if step == 1 else decimate(rows, step))[self.moving[::step]]
 
 
 def prepare(
@@ -160,19 +141,40 @@ def prepare(
 
     Args:
         frames: one recording in its order.
-        settings: filters.
         required: channels that every row must have, beside a position of motor or table.
 
-    Raises:
-        ValueError: one line; a channel is missing, or the low-pass lies above half of the
-            sampling rate.
+    Raises ValueError: a channel is missing, or the low-pass lies above half of the sampling rate.
     """
-    for run in uniform_runs(
-        with_angle(frames, settings.ratio_m_per_rad), (ANGLE, *required), optional=OPTIONAL
-    ):
-        prepared = _prepared(run, settings)
-        if prepared is not None:
-            yield prepared
+    angled = with_angle(frames, settings.ratio_m_per_rad)
+    for run in uniform_runs(angled, (ANGLE, *required), optional=OPTIONAL):
+        edge, period_s = math.ceil(settings.edge_s / run.period_s), run.period_s
+        if len(run) < 2 * edge + 10 * settings.decimation:
+            continue
+        raw = dict(run.channels)
+        if settings.torque_delay_s != 0.0 and TORQUE in raw:
+            raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / period_s)
+        smooth = {
+            name: low_pass(values, settings.cutoff_hz, settings.order, period_s)
+            for name, values in raw.items()
+        }
+        speed = central_difference(smooth[ANGLE], period_s)
+        acceleration = central_difference(speed, period_s)
+        # within two periods of the cutoff around a rest, more than e^-5 of it is left
+        at_rest = np.abs(speed) < settings.standstill_rad_s
+        reach = 2 * math.ceil(_REACH_PERIODS / (settings.cutoff_hz * period_s)) + 1
+        moving: Booleans = ~ndimage.maximum_filter1d(at_rest, reach, mode="nearest")
+        inside = slice(edge, len(run) - edge)
+        positions = [name for name in (ANGLE, TABLE_POSITION) if name in raw]
+        yield PreparedRun(
+            start_s=run.start_s + edge * period_s,
+            period_s=period_s,
+            channels={name: values[inside] for name, values in smooth.items()},
+            speed_rad_s=speed[inside],
+            acceleration_rad_s2=acceleration[inside],
+            moving=moving[inside],
+            noise_rms={name: white_noise_rms(raw[name]) for name in positions},
+            settings=settings,
+        )
 
 
 def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
@@ -190,39 +192,3 @@ def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
     if settings.decimation > 1:
         response = anti_alias(response, settings.decimation)
     return run.noise_rms.get(name, 0.0) * float(np.linalg.norm(response))
-
-
-def _prepared(run: UniformRun, settings: PreparationSettings) -> PreparedRun | None:
-    """Filter one run; None where nothing is left between its edges."""
-    edge = math.ceil(settings.edge_s / run.period_s)
-    if len(run) < 2 * edge + 10 * settings.decimation:
-        return None
-    raw = dict(run.channels)
-    if settings.torque_delay_s != 0.0 and TORQUE in raw:
-        raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / run.period_s)
-    smooth = {
-        name: low_pass(values, settings.cutoff_hz, settings.order, run.period_s)
-        for name, values in raw.items()
-    }
-    speed = central_difference(smooth[ANGLE], run.period_s)
-    acceleration = central_difference(speed, run.period_s)
-    inside = slice(edge, len(run) - edge)
-    positions = (ANGLE, TABLE_POSITION)
-    return PreparedRun(
-        start_s=run.start_s + edge * run.period_s,
-        period_s=run.period_s,
-        channels={name: values[inside] for name, values in smooth.items()},
-        speed_rad_s=speed[inside],
-        acceleration_rad_s2=acceleration[inside],
-        moving=_moving(speed, settings, run.period_s)[inside],
-        noise_rms={name: white_noise_rms(raw[name]) for name in positions if name in raw},
-        settings=settings,
-    )
-
-
-def _moving(speed_rad_s: Floats, settings: PreparationSettings, period_s: float) -> Booleans:
-    """False at rest, and within two periods of the cutoff around it: there e^-5 of rest is left."""
-    at_rest = np.abs(speed_rad_s) < settings.standstill_rad_s
-    reach = 2 * math.ceil(_REACH_PERIODS / (settings.cutoff_hz * period_s)) + 1
-    moving: Booleans = ~ndimage.maximum_filter1d(at_rest, reach, mode="nearest")
-    return moving

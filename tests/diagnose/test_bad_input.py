@@ -85,9 +85,9 @@ def test_a_channel_less_is_a_remark(machine_file, tmp_path, lacking, remark):
 @pytest.mark.parametrize(
     ("channel", "factor", "says"),
     [
-        ("torque_command_nm", 1000.0, "N m"),
+        ("torque_command_nm", 1000.0, "times too large"),
         ("table_position_m", 1000.0, "lead looks like"),
-        ("motor_angle_rad", 57.29577951308232, "lead looks like"),
+        ("motor_angle_rad", 57.29577951308232, "degrees instead of radians"),
     ],
 )
 def test_a_wrong_unit_is_bad_data(machine_file, tmp_path, channel, factor, says):

@@ -10,33 +10,14 @@ from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.experiment import (
     DECISIVE,
-    Separation,
-    candidates,
-    least_strength,
     propose,
 )
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import MOTIONS, motion_limits
 
 
 @pytest.fixture(scope="module")
 def bench() -> Machine:
     return load_machine(DEFAULT_MACHINE)
-
-
-def test_candidates_are_what_the_axis_allows_the_shortest_first(bench: Machine) -> None:
-    found = candidates(bench)
-    lengths = [each.duration_s for each in found]
-    assert lengths == sorted(lengths)
-    assert max(lengths) <= 60.0
-    for each in found:
-        own_s = MOTIONS[each.motion].duration_s(motion_limits(bench))
-        assert each.duration_s == (each.given_s if own_s is None else own_s)
-
-
-def test_a_short_stroke_leaves_out_what_does_not_fit(bench: Machine) -> None:
-    short = bench.model_copy(update={"axis": bench.axis.model_copy(update={"stroke_m": 0.05})})
-    assert {each.motion for each in candidates(short)} < {e.motion for e in candidates(bench)}
 
 
 def test_a_tie_is_decided_by_the_first_motion_that_can(bench: Machine) -> None:
@@ -97,34 +78,6 @@ def test_no_minute_decides_between_drag_and_slow_warming_up(bench: Machine) -> N
     best = propose(bench, ("warmup", "drag_error"))[0]
     assert not best.decides
     assert 0.0 < best.evidence < DECISIVE
-
-
-def test_a_value_of_nothing_counts_as_a_typical_fault(bench: Machine) -> None:
-    tied = ("load_friction", "torque_gain_error")
-    unknown = propose(bench, tied)[0]
-    nothing = propose(bench, tied, {"load_friction": {"coefficient": 0.0}})[0]
-    assert nothing == unknown
-
-
-@pytest.mark.slow
-def test_the_weaker_the_fault_the_less_evidence(bench: Machine) -> None:
-    tied = ["load_offset", "stribeck"]
-    strong, weak = (
-        propose(bench, tied, {"load_offset": {"constant_nm": nm}, "stribeck": {"excess_nm": nm}})
-        for nm in (0.5, 1e-5)
-    )
-    assert strong[0].decides
-    assert not weak[0].decides
-
-
-@pytest.mark.parametrize("ratio", [0.01, 1.0, 30.0])
-def test_the_strength_that_shows_follows_from_the_evidence(ratio: float) -> None:
-    """One channel, 400 observations: 200 ln(1 + (k r)^2) = DECISIVE."""
-    strength = least_strength(Separation("a", None, 0.0, (ratio,), 0.0))
-    assert strength == pytest.approx(math.sqrt(math.expm1(DECISIVE / 200.0)) / ratio, rel=1e-6)
-    strained = least_strength(Separation("a", None, 0.0, (0.0,), ratio))
-    assert strained == pytest.approx(math.sqrt(2.0 * DECISIVE / ratio), rel=1e-6)
-    assert least_strength(Separation("a", None, 0.0, (0.0,), 0.0)) == math.inf
 
 
 def _diagnosis(path: Path, **members: object) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.checks.live.reasons import channel_reasons
+from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
 from edge_service.estimate.validity import Validity

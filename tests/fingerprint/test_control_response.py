@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.fingerprint.response.control_response import (
-    chief_mode,
     measure_control_response,
-    modes_of,
     relative_error,
 )
 from edge_service.fingerprint.response.frequency_response import FrequencyResponse
@@ -43,7 +41,7 @@ def measured(response: np.ndarray, noise: float = 1e-3, seed: int = 1) -> Freque
     coherence = np.full(COUNT, 1.0 / (1.0 + 2.0 * averages * noise**2))
     error = relative_error(coherence, averages)
     np.testing.assert_allclose(error, noise, rtol=1e-9)
-    return FrequencyResponse(FREQUENCY, noisy, error, coherence, averages, "", 0.0, False, 0.0)
+    return FrequencyResponse(FREQUENCY, noisy, error, coherence, averages, "", 0.0, 0.0)
 
 
 TWO = chain([MOTOR, TABLE], [STIFFNESS])
@@ -88,15 +86,6 @@ def test_what_other_modes_leave_widens_the_intervals() -> None:
     assert wide[name].n_effective < 0.6 * plain[name].n_effective
 
 
-def test_the_chief_mode_is_the_lowest_that_stands_out() -> None:
-    found = modes_of(measured(RINGING))
-    assert len(found) == 2
-    first = chief_mode(found)
-    assert first == found[0]
-    assert chief_mode([replace(found[0], height=1.1), found[1]]) == found[1]
-    assert chief_mode([]) is None
-
-
 def test_a_rigid_axis_has_an_inertia_and_no_modes() -> None:
     rigid = 1.0 / (2j * math.pi * FREQUENCY * (MOTOR + TABLE))
     figures, _ = measure_control_response(measured(rigid), speed_over_torque=True)
@@ -124,12 +113,6 @@ def test_noise_widens_or_ends_the_answer_and_never_makes_another(
             continue
         inertia = figures["response_inertia_kg_m2"]
         assert inertia.low / 1.1 < MOTOR + TABLE < 1.1 * inertia.high
-
-
-def test_without_units_only_modes_are_told() -> None:
-    figures, _ = measure_control_response(measured(1e3 * TWO), speed_over_torque=False)
-    assert figures["antiresonance_hz"].value == pytest.approx(NOTCH_HZ, rel=0.01)
-    assert not any("inertia" in name or "stiffness" in name for name in figures)
 
 
 def test_what_is_no_response_of_a_mass_is_refused() -> None:

@@ -2,7 +2,6 @@
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +16,7 @@ from edge_service.fingerprint.result import (
     FingerprintError,
     Section,
     Status,
-    mean_of,
     read_fingerprint,
-    rounded_rpm,
 )
 from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
@@ -262,26 +259,6 @@ def test_noise_alone_is_rarely_called_a_change() -> None:
     assert all(change.changed for change in compare_fingerprints(drawn(9.0), drawn(0.0)))
 
 
-def test_a_small_change_is_seen_and_does_not_matter() -> None:
-    figure = around(100.0, 0.1, "N", 1e6)
-    section = Section(Status.DETERMINED, "", "friction", {"level": figure})
-    old = AxisFingerprint("X", (), {"friction": section})
-    now = replace(figure, value=104.9, low=104.7, high=105.1)
-    new = AxisFingerprint("X", (), {"friction": replace(section, figures={"level": now})})
-    (change,) = compare_fingerprints(new, old)
-    assert change.significant
-    assert not change.material
-
-
-def test_a_mean_is_as_wide_as_its_repeats_scatter() -> None:
-    values = [1.0, 2.0, 4.0]
-    found = mean_of(values, [0.01] * 3, "N m")
-    half = 4.302653 * np.std(values, ddof=1) / math.sqrt(3.0)  # Student's t, 2 degrees, 97.5 %
-    assert found.value == pytest.approx(7.0 / 3.0)
-    assert found.high - found.value == pytest.approx(half, rel=1e-6)
-    assert rounded_rpm(60.0 * 2.0 * math.pi / 60.0) == "60"
-
-
 def cruise(revolutions_per_s: float, torque_nm: Floats, count: int = 20_000) -> PreparedRun:
     """One run at constant speed, 1 kHz, 100 Hz of low-pass."""
     speed = 2.0 * np.pi * revolutions_per_s
@@ -313,28 +290,3 @@ def test_balls_that_pass_are_named_by_their_orders() -> None:
     unknown, _ = measure_signature([run])
     assert not unknown["ball_pass_nm"].determined
     assert "axis.ball_diameter_m" in unknown["ball_pass_nm"].note
-
-
-def test_orders_above_the_low_pass_are_not_reported() -> None:
-    """At 1500 rpm the 100 Hz low-pass begins at order 2.4; an order that it removes is no zero."""
-    time_s = np.arange(20_000, dtype=np.float64) / 1e3
-    run = cruise(25.0, 0.1 + 0.01 * np.sin(2.0 * np.pi * 25.0 * time_s))
-    figures, (curve,) = measure_signature([run])
-    assert max(curve.x) <= 2.4
-    assert not [name for name in figures if name.startswith(("balls", "orders_3_to_8"))]
-    figure = figures["once_per_rev_1500_rpm_nm"].value
-    assert figure == pytest.approx(0.01 / math.sqrt(2.0), rel=0.01)
-
-
-@pytest.mark.parametrize("revolutions_per_s", [10.0, 15.0, 19.7, 23.0])
-def test_a_cruise_a_sample_short_of_a_segment_is_left_out(revolutions_per_s: float) -> None:
-    """Eight revolutions and less, of which whole ones are taken: figures, or one line."""
-    answered = set()
-    for count in range(450, 1200, 25):
-        try:
-            figures, _ = measure_signature([cruise(revolutions_per_s, np.full(count, 0.3), count)])
-            answered.add(bool(figures))
-        except ValueError as error:
-            assert "revolutions" in str(error)
-            answered.add(False)
-    assert answered == {False, True}

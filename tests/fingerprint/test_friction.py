@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.fingerprint.friction.fit import fit_friction
+from edge_service.fingerprint.friction.curve import fit_friction
 from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
 from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
 from edge_service.messages.samples import Floats, SampleFrame
@@ -35,7 +35,7 @@ ERROR_NM = 1e-3
 def points_on(torque_nm: Floats, speed_rad_s: Floats, seed: int) -> list[FrictionPoint]:
     noise = ERROR_NM * np.random.default_rng(seed).standard_normal(len(torque_nm))
     return [
-        FrictionPoint(0.0, float(v), float(u), ERROR_NM, 100.0, 0.4, 0.1, math.nan)
+        FrictionPoint(0.0, float(v), float(u), ERROR_NM)
         for v, u in zip(speed_rad_s, torque_nm + noise, strict=True)
     ]
 
@@ -50,19 +50,8 @@ def test_the_exponential_form_is_found_within_its_intervals() -> None:
     for name, truth in EXPONENTIAL.items():
         assert found.parameters[name].holds(truth), name
         assert found.parameters[name].sigma < 0.1 * abs(truth)
-    assert 15.0 * found.reduced_chi2 > stats.chi2.ppf(0.001, 15)
-    assert 15.0 * found.reduced_chi2 < stats.chi2.ppf(0.999, 15)
     truth_nm = exponential_friction(SPEEDS_RAD_S, 0.3, 0.42, 4.0, 5e-3) - 0.02
     np.testing.assert_allclose(found.torque_nm(SPEEDS_RAD_S), truth_nm, atol=3.0 * ERROR_NM)
-
-
-def test_without_slow_speeds_the_stribeck_speed_is_undetermined() -> None:
-    fast = BOTH_WAYS[np.abs(BOTH_WAYS) > 10.0]
-    found = fit_friction(exponential_points(3, fast)).parameters
-    assert not found["stribeck_speed_rad_s"].determined
-    assert found["stribeck_speed_rad_s"].high == math.inf
-    assert found["viscous_nm_s_per_rad"].holds(5e-3)
-    assert found["coulomb_nm"].holds(0.3)
 
 
 def test_one_direction_cannot_tell_the_offset() -> None:
@@ -72,13 +61,6 @@ def test_one_direction_cannot_tell_the_offset() -> None:
     assert found["coulomb_nm"].holds(0.3 - 0.02)
     backward = fit_friction([point for point in points if not point.forward]).parameters
     assert backward["coulomb_nm"].holds(0.3 + 0.02)
-
-
-def test_too_few_points_are_refused() -> None:
-    with pytest.raises(ValueError, match="no cruise at constant speed"):
-        fit_friction([])
-    with pytest.raises(ValueError, match="4 points cannot determine 5 parameters"):
-        fit_friction(exponential_points(1, BOTH_WAYS[8:12]))
 
 
 @pytest.mark.slow
@@ -104,8 +86,6 @@ def test_ripple_of_the_revolution_leaves_whole_revolutions_alone() -> None:
     (point,) = cruises(SampleFrame(time_s, channels))
     assert point.speed_rad_s == pytest.approx(7.0, rel=1e-6)
     assert point.torque_nm == pytest.approx(0.4, abs=1e-3)
-    assert point.travel_m == pytest.approx(0.02 * 6, rel=5e-3)
-    assert point.temperature_c == pytest.approx(31.0)
     assert point.forward
 
 
@@ -117,7 +97,6 @@ def test_the_standard_error_counts_independent_samples() -> None:
         (point,) = cruises(SampleFrame(time_s, {ANGLE: 3.0 * time_s, TORQUE: torque}))
         means.append(point.torque_nm)
         errors.append(point.standard_error_nm)
-        assert point.n_effective < 500  # 100 Hz of noise in 1.3 s are about 260
     assert np.mean(errors) == pytest.approx(np.std(means), rel=0.25)
 
 

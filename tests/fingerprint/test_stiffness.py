@@ -8,15 +8,19 @@ import pytest
 from scipy import stats
 
 from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
-from edge_service.fingerprint.transmission.stiffness_fit import StiffnessFit, fit_stiffness
-from edge_service.fingerprint.transmission.stiffness_point import StiffnessPoint, backlash
+from edge_service.fingerprint.transmission.stiffness import (
+    StiffnessFit,
+    StiffnessPoint,
+    backlash,
+    fit_stiffness,
+)
 from edge_service.messages.channels import ANGLE, TABLE_POSITION
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.nut_law import nut_stiffness
-from edge_service.regression.interval_estimate import around, undetermined
+from edge_service.regression.interval_estimate import around
 from edge_service.regression.prepared_run import (
     PreparationSettings,
     PreparedRun,
@@ -111,34 +115,6 @@ def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
     assert not found.guide_force.determined
 
 
-def test_an_uncertain_mass_widens_the_stiffness(bench: Machine) -> None:
-    runs = prepared(spring_axis(bench, 1))
-    vague = fit_stiffness(runs, (0.4,), Quantity(value=20.0, tolerance=0.1))
-    found = vague.points[0].stiffness
-    assert found.sigma / found.value == pytest.approx(0.1, rel=0.1)
-
-
-def test_places_that_the_axis_never_visits_are_undetermined(bench: Machine) -> None:
-    table = production_setpoints(bench, 20_000, 1)
-    low = table[:, 0] * 0.2
-    channels = {ANGLE: (low + 1e-6 * np.sign(table[:, 1])) / RATIO, TABLE_POSITION: low}
-    frame = SampleFrame(np.arange(20_000) / 1000.0, channels)
-    found = fit_stiffness(prepared(frame), (0.0, 0.1, 0.3, 0.5), MASS)
-    assert "too stiff" in found.points[0].stiffness.note or found.points[0].stiffness.low > 1e8
-    assert not found.points[3].stiffness.determined
-    assert not found.points[3].lost_motion.determined
-    assert found.points[3].lost_motion.note
-
-
-def test_bad_input_is_one_line(bench: Machine) -> None:
-    frame = spring_axis(bench, 1)
-    with pytest.raises(ValueError, match="positions_m must rise"):
-        fit_stiffness(prepared(frame), (0.4, 0.1), MASS)
-    blind = SampleFrame(frame.time_s, {ANGLE: frame.channels[ANGLE]})
-    with pytest.raises(ValueError, match=f"stiffness needs {TABLE_POSITION}"):
-        fit_stiffness(prepared(blind), PLACES_M, MASS)
-
-
 def test_the_simulated_drive_has_the_stiffness_of_its_plant(
     bench: Machine,
     settings: FeedDriveSettings,
@@ -228,13 +204,6 @@ def test_preload_follows_from_the_change_of_the_stiffness(percent: float) -> Non
     assert ignorant.low == 0.0
     assert ignorant.holds(truth)
     assert "nut_stiffness" in ignorant.note
-
-
-def test_preload_is_undetermined_without_a_stiffness() -> None:
-    known = around(4e7, 1e4, "N/m", 1e6)
-    nothing = undetermined("N/m", "none")
-    preload = Quantity(value=510.0, tolerance=0.0)
-    assert not preload_from_stiffness(nothing, known, preload, None).determined
 
 
 def test_a_preload_change_of_the_simulated_axis_is_seen_in_its_stiffness(

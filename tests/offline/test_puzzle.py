@@ -49,7 +49,10 @@ def test_what_is_left_between_the_encoders_is_the_falling_stiffness() -> None:
         for name in ("level_m_per_n", "slope_per_n")
     ]
     columns = np.column_stack(
-        [session.transmission_column(partial(curve, baseline=session.baseline)) for curve in curves]
+        [
+            session.column(TRANSMISSION_GAP, partial(curve, baseline=session.baseline))
+            for curve in curves
+        ]
     )
     rows = session.channels[TRANSMISSION_GAP]
     beta = np.linalg.lstsq(columns, rows.gap, rcond=None)[0]

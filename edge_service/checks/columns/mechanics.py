@@ -45,11 +45,9 @@ class Mechanics:
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
     """Friction alone, from steady motion: for a torque that has its sign from the direction.
 
-    Half the difference of the torque between both directions; its interval comes from the scatter
-    between passages. How it parts into dry and viscous friction is not told.
-
-    Raises:
-        ValueError: one line; too little motion, or no clock.
+    Half the difference of the torque between both directions; its interval comes from the
+    scatter between passages. How it parts into dry and viscous friction is not told. Raises
+    ValueError: too little motion, or no clock.
     """
     settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
     means: dict[float, list[float]] = {1.0: [], -1.0: []}
@@ -81,8 +79,7 @@ def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Me
 def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
     """Identify the parameters, and whether the torque is inverted.
 
-    Raises:
-        ValueError: one line; too little motion, or no clock.
+    Raises ValueError: too little motion, or no clock.
     """
     settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
     fit = identify_inverse_dynamics(frames, settings)

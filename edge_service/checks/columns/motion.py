@@ -1,17 +1,33 @@
 """Positions and speeds of a recording: which encoder, in which unit, and the lead they tell."""
 
 import math
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from ...messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TABLE_SPEED
 from ...messages.samples import Floats
 from ...messages.units import SI
-from .guess import Choice
-from .motion_columns import LEADS_M, SAME, SURE, TABLE_UNITS, TURN, MotionColumns, moves
+from .guess import Choice, Known, Understanding
 from .names import ColumnName, Quantity
-from .relations import Proportion, changes, lags, proportion, travelled
+from .relations import (
+    Proportion,
+    changes,
+    lags,
+    proportion,
+    smoothed_speed,
+    travelled,
+    whole_windows,
+)
 
+TABLE_SPEEDS_M_S = (1e-3, 3.0)
+"""Rapid moves that feed drives with ball screws make."""
+TABLE_UNITS = ("mm", "m", "um")
+TURN = 2.0 * math.pi
+LEADS_M = (5e-4, 0.1)
+SURE = 0.9
+SAME = 0.02
+_WINDOW_S, _SAMPLES = 0.1, (5, 100)
 MOTOR_SPEEDS_RAD_S = (3.0, 1000.0)
 _ANGLE_UNITS = ("rad", "deg", "rev")
 _SPEED_UNITS = ("mm/s", "m/s", "mm/min", "m/min")
@@ -22,8 +38,103 @@ _ROUNDINGS = 16.0
 """Of double precision, which arithmetic may have added up."""
 
 
-class Motion(MotionColumns):
-    """Positions and speeds of one axis, found one after the other."""
+class Motion:
+    """Positions and speeds of one axis, found one after the other.
+
+    Args:
+        names: columns of the axis.
+        values: column -> values as they stand in the file, shape (n,).
+        time_s: of every sample.
+    """
+
+    def __init__(
+        self,
+        names: Iterable[ColumnName],
+        values: Mapping[str, Floats],
+        time_s: Floats,
+        known: Known,
+        found: Understanding,
+    ) -> None:
+        self._names, self._values, self._time_s = list(names), values, time_s
+        self._known, self._found = known, found
+        forward = np.diff(time_s)
+        forward = forward[forward > 0.0]
+        usual_s = float(np.median(forward)) if forward.size else 1.0
+        window = int(np.clip(_WINDOW_S / usual_s, *_SAMPLES))
+        self._windows = whole_windows(time_s, window)
+        self._units: dict[str, str] = {}
+        """Channel -> unit of its column."""
+
+    def speed(self) -> Floats | None:
+        """Speed of the axis in any unit, with the direction of its position, shape (n,)."""
+        for channel in (TABLE_POSITION, ANGLE, SETPOINT):
+            if channel in self._found.columns:
+                return smoothed_speed(self.si(channel), self._time_s)
+        return None
+
+    def si(self, channel: str) -> Floats:
+        """Values of a chosen channel in SI units, shape (n,)."""
+        choice = self._found.columns[channel]
+        values = self._values[choice.column]
+        if choice.minus:
+            values = values - self._values[choice.minus]
+        result: Floats = choice.scale * values
+        return result
+
+    def _best(self, quantity: Quantity) -> ColumnName | None:
+        """The moving column of a quantity that serves best."""
+        fitting = [each for each in self._names if each.quantity is quantity]
+        moving = [each for each in fitting if _moves(self._values[each.name])]
+        return min(moving, key=lambda each: each.rank, default=None)
+
+    def _link(self, target: str, source: str) -> Proportion | None:
+        return proportion(
+            *(changes(self._values[name], self._windows) for name in (target, source))
+        )
+
+    def _top_speed(self, name: str) -> float:
+        speed = np.abs(smoothed_speed(self._values[name], self._time_s))
+        known = speed[np.isfinite(speed)]
+        return float(np.percentile(known, 99.0)) if known.size else 0.0
+
+    def _length_unit(self, column: ColumnName, other: ColumnName | None) -> tuple[str, str]:
+        for each in (column, other):
+            if each is not None and each.si_unit == "m":
+                return each.unit, "by its name" if each is column else f"as {each.name!r}"
+        top = self._top_speed(column.name)
+        able = [
+            unit
+            for unit in TABLE_UNITS
+            if TABLE_SPEEDS_M_S[0] <= SI[unit][0] * top <= TABLE_SPEEDS_M_S[1]
+        ]
+        if len(able) == 1:
+            return able[0], f"{SI[able[0]][0] * top:.2g} m/s is a speed of a table in no other unit"
+        return "mm", "assumed, as controllers have it"
+
+    def _lead(self) -> float | None:
+        if self._known.lead_m is not None:
+            return self._known.lead_m
+        return self._found.lead_m
+
+    def _set_lead(self, lead_m: float, sigma_m: float, why: str) -> None:
+        given = self._known.lead_m
+        found = f"{1e3 * lead_m:.5g} mm +- {1e3 * 2.0 * sigma_m:.2g} per revolution, {why}"
+        if given is not None and abs(lead_m / given - 1.0) > max(SAME, 3.0 * sigma_m / given):
+            self._found.say("lead_m", f"{1e3 * given:g} mm as given, but {found}", assumed=True)
+        elif given is None:
+            self._found.lead_m, self._found.lead_sigma_m = lead_m, sigma_m
+            self._found.say("lead_m", found)
+
+    def _ask_lead(self) -> None:
+        self._found.ask(
+            "--lead", "Travel per revolution of the motor, mm", "torque and force go together by it"
+        )
+
+    def _choose(self, channel: str, column: ColumnName, unit: str, why: str) -> None:
+        self._units[channel] = unit
+        self._found.columns[channel] = Choice(column.name, SI[unit][0])
+        words = f"{column.name!r} in {unit} ({why})"
+        self._found.say(channel, words, assumed=why.startswith("assumed"))
 
     def find(self) -> None:
         """Find position channels, their units, the lead, and the speeds."""
@@ -50,7 +161,7 @@ class Motion(MotionColumns):
 
     def _best_setpoint(self, position: ColumnName | None) -> ColumnName | None:
         fitting = [each for each in self._names if each.quantity is Quantity.SETPOINT]
-        moving = [each for each in fitting if moves(self._values[each.name])]
+        moving = [each for each in fitting if _moves(self._values[each.name])]
         if position is None or not moving:
             return moving[0] if moving else None
         links = {each.name: self._link(position.name, each.name) for each in moving}
@@ -62,7 +173,9 @@ class Motion(MotionColumns):
             return
         unit, why = self._length_unit(table, setpoint)
         self._choose(TABLE_POSITION, table, unit, why)
-        if table.quantity is Quantity.POSITION and not self._has(Quantity.MOTOR_POSITION):
+        if table.quantity is Quantity.POSITION and all(
+            each.quantity is not Quantity.MOTOR_POSITION for each in self._names
+        ):
             self._found.say(
                 TABLE_POSITION,
                 f"{table.name!r} is taken as measured at the table; if it is the motor's encoder, "
@@ -73,18 +186,8 @@ class Motion(MotionColumns):
     def _motor(self, motor: ColumnName | None) -> None:
         if motor is None or ANGLE in self._found.columns:
             return
-        if SI.get(motor.unit, (0.0, ""))[1] == "m":
-            self._motor_as_length(motor)
-            return
-        unit, why = self._angle_unit(motor)
-        if unit:
-            self._choose(ANGLE, motor, unit, why)
-            self._lead_from_encoders(motor)
-
-    def _motor_as_length(self, motor: ColumnName) -> None:
-        """A motor encoder that the controller has already turned into travel."""
         lead = self._lead()
-        if lead is None:
+        if motor.si_unit == "m" and lead is None:
             self._found.say(
                 "lead_m",
                 f"cannot be told: the controller gives the motor's encoder as travel "
@@ -92,13 +195,18 @@ class Motion(MotionColumns):
             )
             self._ask_lead()
             return
-        scale = SI[motor.unit][0] * TURN / lead
-        self._found.columns[ANGLE] = Choice(motor.name, scale)
-        self._found.say(ANGLE, f"{motor.name!r} in {motor.unit} of travel, by the lead")
-        self._derived(motor.name)
+        if motor.si_unit == "m" and lead is not None:
+            self._found.columns[ANGLE] = Choice(motor.name, SI[motor.unit][0] * TURN / lead)
+            self._found.say(ANGLE, f"{motor.name!r} in {motor.unit} of travel, by the lead")
+            self._derived(motor.name)
+            return
+        unit, why = self._angle_unit(motor)
+        if unit:
+            self._choose(ANGLE, motor, unit, why)
+            self._lead_from_encoders(motor)
 
     def _angle_unit(self, motor: ColumnName) -> tuple[str, str]:
-        if SI.get(motor.unit, (0.0, ""))[1] == "rad":
+        if motor.si_unit == "rad":
             return motor.unit, "by its name"
         top, ratio = self._top_speed(motor.name), self._table_per(motor.name)
         able = []
@@ -112,9 +220,8 @@ class Motion(MotionColumns):
             elif ratio is None or LEADS_M[0] <= TURN * abs(ratio) / factor <= LEADS_M[1]:
                 able += [unit] if turns_well else []
         if len(able) == 1:
-            return able[
-                0
-            ], f"{SI[able[0]][0] * top:.3g} rad/s is a speed of a motor in no other unit"
+            speed = f"{SI[able[0]][0] * top:.3g} rad/s"
+            return able[0], f"{speed} is a speed of a motor in no other unit"
         if not able:
             self._found.say(ANGLE, f"{motor.name!r} fits no unit of an angle; it is left out")
             return "", ""
@@ -189,7 +296,7 @@ class Motion(MotionColumns):
             link = self._link(table.column, setpoint.name)
             factor = table.scale * link.factor if link else 0.0
             near = [unit for unit in TABLE_UNITS if abs(factor / SI[unit][0] - 1.0) < 0.2]
-            if near and SI.get(setpoint.unit, (0.0, ""))[1] != "m":
+            if near and setpoint.si_unit != "m":
                 self._choose(SETPOINT, setpoint, near[0], f"it leads {table.column!r}")
                 return
         self._choose(SETPOINT, setpoint, *self._length_unit(setpoint, None))
@@ -215,7 +322,7 @@ class Motion(MotionColumns):
         motor = self._best(Quantity.MOTOR_SPEED)
         if motor is None or MOTOR_SPEED in self._found.columns:
             return
-        unit = motor.unit if SI.get(motor.unit, (0.0, ""))[1] == "rad/s" else ""
+        unit = motor.unit if motor.si_unit == "rad/s" else ""
         if not unit and ANGLE in self._found.columns:
             unit = self._speed_unit(motor, ANGLE, ("rad/s", "rev/min", "deg/s", "rev/s"))
         if unit:
@@ -226,7 +333,7 @@ class Motion(MotionColumns):
         speed = self._best(Quantity.SPEED)
         if speed is None or TABLE_SPEED in self._found.columns:
             return
-        if SI.get(speed.unit, (0.0, ""))[1] == "m/s":
+        if speed.si_unit == "m/s":
             self._choose(TABLE_SPEED, speed, speed.unit, "by its name")
             return
         position = TABLE_POSITION if TABLE_POSITION in self._found.columns else ANGLE
@@ -280,12 +387,13 @@ class Motion(MotionColumns):
             self._set_lead(turn * abs(link.factor), turn * link.sigma, why)
 
 
-def _resolution(values: Floats) -> float:
-    """Smallest step between the greater values that occur: fewer digits are left to those.
+def _moves(values: Floats) -> bool:
+    known = values[np.isfinite(values)]
+    return known.size > 0 and float(np.ptp(known)) > 0.0
 
-    What double precision rounds is no step, and a few wild values are not the greater ones. Values
-    that hardly ever occur twice show the step as well: among n of them some are neighbours.
-    """
+
+def _resolution(values: Floats) -> float:
+    """Smallest step between the greater values that occur: fewer digits are left to those."""
     known = np.unique(values[np.isfinite(values)])
     if not known.size:
         return 0.0

@@ -67,6 +67,11 @@ class ColumnName:
     axis: str = ""
     rank: int = 0
 
+    @property
+    def si_unit(self) -> str:
+        """SI unit of what it measures; empty where the name gives no unit of that kind."""
+        return SI.get(self.unit, (0.0, ""))[1]
+
 
 def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
@@ -208,7 +213,7 @@ def _parts(word: str) -> tuple[str, ...]:
 def _without_unit(name: str) -> tuple[str, str]:
     for pattern in (_BRACKET, _SUFFIX):
         match = pattern.search(name)
-        unit = _UNITS.get(match[1].replace(" ", "").lower(), "") if match else ""
+        unit = unit_of(match[1]) if match else ""
         if match and unit:
             return name[: match.start()], unit
     return name, ""

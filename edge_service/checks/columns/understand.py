@@ -57,7 +57,7 @@ def _plain_channels(columns: Sequence[ColumnName], found: Understanding) -> None
     for quantity, channel, unit in _PLAIN:
         for each in columns:
             if each.quantity is quantity and channel not in found.columns:
-                known_unit = each.unit if SI.get(each.unit, (0.0, ""))[1] == unit else ""
+                known_unit = each.unit if each.si_unit == unit else ""
                 if known_unit or quantity is Quantity.TEMPERATURE:
                     found.columns[channel] = Choice(each.name, SI[known_unit or unit][0])
                     found.say(channel, f"{each.name!r} in {known_unit or unit}")
@@ -118,7 +118,7 @@ def _effort_scale(
     column: ColumnName, values: Floats, known: Known, found: Understanding
 ) -> tuple[float | None, str]:
     """Factor to N m at the motor, with words; None where it is not known."""
-    if SI.get(column.unit, (0.0, ""))[1] == "N m":
+    if column.si_unit == "N m":
         return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
     unit, per_unit = column.unit or "unit", 1.0
     if column.quantity is Quantity.CURRENT:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ...messages.features import Fault
+from ...messages.features import FAULT_WORDS, Fault
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Packed, Stored
@@ -25,6 +25,29 @@ SETTLED_S = 60.0
 """A fault within so much motion after a trial doubles the next one."""
 LOST_S = 1.0
 """A channel that was missing for longer may have been reset."""
+_ALONE = "preload from torque alone"
+_CODES = {
+    Fault.TORQUE_STUCK: "torque_stuck",
+    Fault.NO_TORQUE: "torque_missing",
+    Fault.ANGLE_STUCK: "angle_stuck",
+    Fault.NO_POSITION: "angle_missing",
+}
+_OF_TABLE = {
+    Fault.TABLE_STUCK: "table_stuck",
+    Fault.TABLE_DISAGREES: "table_disagrees",
+    Fault.TABLE_DOUBTED: "table_doubted",
+    Fault.NO_TABLE: "table_missing",
+}
+
+
+def channel_reasons(fault: Fault) -> tuple[str, ...]:
+    """Caveats on the channels of an interval; for the table, the first that applies."""
+    said = [f"{code}: {FAULT_WORDS[kind]}" for kind, code in _CODES.items() if kind in fault]
+    table = [kind for kind in _OF_TABLE if kind in fault][:1]
+    said += [f"{_OF_TABLE[kind]}: {FAULT_WORDS[kind]}; {_ALONE}" for kind in table]
+    if Fault.TABLE_SHIFTED in fault:
+        said.append(f"table_shifted: {FAULT_WORDS[Fault.TABLE_SHIFTED]}")
+    return tuple(said)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +174,7 @@ class ChannelCheck:
         return verdict
 
     def torque_stays(self, torque: Floats, stuck: bool) -> bool:
-        """True if torque (n,) of an interval continues with the value that it was stuck at."""
+        """Flag of a torque (n,) that continues with the value that it was stuck at."""
         goes_on = bool(torque[0] == self._torque.stuck)
         whole = goes_on and bool((torque == torque[0]).all())
         self._torque.stuck = float(torque[-1]) if stuck or whole else np.nan
@@ -184,28 +207,25 @@ class ChannelCheck:
         speed_m_s = float(np.abs(pieces[:, SPEED]).max())
         resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
-        angle_m = standing(way, table, 1.0, self._runs.angle).caught_up_m
-        if angle_m > limits.play_m + limits.growth_m(np.inf) + stretch_m + coarse_m:
+        angle_m, _ = standing(way, table, self._runs.angle)
+        if angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
             self._agreement.interrupt()
             return self._verdict(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
         later = ahead[~np.isnan(ahead[:, X])]
-        stands = standing(
-            np.concatenate([table, later[:, X]]),
-            np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad]),
-            1.0,
-            self._runs.table,
-        )
+        tables = np.concatenate([table, later[:, X]])
+        ways = np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad])
+        table_m, open_m = standing(tables, ways, self._runs.table)
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         rough = np.array([resolution.noise_m, resolution.lag_s(period_s), span_nm])
         pushed = self._agreement.closed
         parted_m = self._agreement.parted_m(pieces, rough)
         hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
-        if stands.caught_up_m > max(hidden_m, limits.periodic_m) + coarse_m:
+        if table_m > max(hidden_m, limits.periodic_m) + coarse_m:
             return self._fail(Fault.TABLE_STUCK)
         if parted_m > 0.0:
-            stuck = stands.open_m > 0.5 * parted_m
+            stuck = open_m > 0.5 * parted_m
             return self._fail(Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES)
-        suspect = max(angle_m, stands.caught_up_m) > resolution_m
+        suspect = max(angle_m, table_m) > resolution_m
         if not suspect:
             self._agreed(inside, way, pieces, rough)
         return self._verdict(Fault.NONE, has_stretch=not suspect)

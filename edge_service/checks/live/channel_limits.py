@@ -60,9 +60,10 @@ class ChannelLimits:
             return self.play_m
         return DYNAMIC * self.compliance_m_per_n * torque_span_nm / self.ratio_m_per_rad
 
-    def growth_m(self, elapsed_s: float) -> float:
-        """Greatest growth of the screw meanwhile, m."""
-        return self.length_m * min(GROWTH_PER_LENGTH_S * elapsed_s, MOST_GROWTH)
+    @property
+    def growth_m(self) -> float:
+        """Greatest growth of the screw, m."""
+        return self.length_m * MOST_GROWTH
 
 
 def channel_limits(machine: Machine) -> ChannelLimits:

@@ -34,41 +34,21 @@ class OpenRun:
     high_m: float = -np.inf
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """Travel of another channel while one stood still, m.
+def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, float]:
+    """Longest travel of another channel (n,) while one, (n,), n > 0, stood still, m.
 
-    Attributes:
-        caught_up_m: at most, in runs that are still open or end in a leap as far.
-        open_m: in the open run; 0 if that is no repeat.
-    """
-
-    caught_up_m: float
-    open_m: float
-
-
-def standing(values: Floats, other_m: Floats, unit_m: float, before: OpenRun) -> Standing:
-    """Longest travel during runs in values (n,), n > 0, by another channel (n,).
+    At most that in runs that are still open or end in a leap as far; and that in the open run, 0 if
+    it is no repeat.
 
     Args:
-        unit_m: way of the axis per unit of `values`.
         before: run in which the earlier rows end.
     """
-    caught_up_m, open_m = _caught_up(
-        values, other_m, unit_m, before.value, before.rows, before.low_m, before.high_m
-    )
-    return Standing(caught_up_m, open_m)
+    return _caught_up(values, other_m, before.value, before.rows, before.low_m, before.high_m)
 
 
 @compiled
 def _caught_up(
-    values: Floats,
-    other_m: Floats,
-    unit_m: float,
-    value: float,
-    earlier: int,
-    low_m: float,
-    high_m: float,
+    values: Floats, other_m: Floats, value: float, earlier: int, low_m: float, high_m: float
 ) -> tuple[float, float]:
     """See `standing`; `earlier` rows of `value` came before, the other within its reach."""
     caught_up_m, count = 0.0, len(values)
@@ -82,7 +62,7 @@ def _caught_up(
             continue
         way_m = high - low if rows >= LEAST_ROWS else 0.0
         ends = row + 1 < count
-        if not ends or abs(values[row + 1] - values[row]) * unit_m > 0.5 * way_m:
+        if not ends or abs(values[row + 1] - values[row]) > 0.5 * way_m:
             caught_up_m = max(caught_up_m, way_m)
         if ends:
             rows, low, high = 0, np.inf, -np.inf

@@ -37,7 +37,7 @@ class HealthyPrior:
 
     @property
     def is_parameter(self) -> bool:
-        """True if its amount is all that its effect has."""
+        """Effect that has nothing but its amount."""
         return not self.regressor.shape and len(self.regressor.effect.parameters) == 1
 
 
@@ -197,10 +197,7 @@ class DesignMatrix:
 
 
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:
-    """Columns of all regressors, (n, p).
-
-    Of a family that cannot show in the channel only the first is evaluated.
-    """
+    """Columns of all regressors, (n, p)."""
     first = np.cumsum([0, *(regressor.size for regressor in regressors)])
     found = np.zeros((int(first[-1]), len(session.channels[channel].gap)), np.float32).T
     families: dict[tuple[str, str], list[int]] = {}

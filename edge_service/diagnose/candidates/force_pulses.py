@@ -43,7 +43,7 @@ class ForcePulse:
             way = motion.direction if self.against_motion else np.ones(len(motion))
             return np.where(inside, -session.baseline.ratio_m_per_rad * way, 0.0)
 
-        return session.torque_column(torque_nm)[:, None]
+        return session.column(TORQUE_GAP, torque_nm)[:, None]
 
     def as_entry(self) -> EntryRegressor | None:
         """Force of a steady direction as its entry."""

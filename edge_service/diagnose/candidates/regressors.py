@@ -204,7 +204,7 @@ def candidates_of(session: Session, library: Sequence[Effect]) -> list[Candidate
 
 
 def _is_too_slow(session: Session, effect: Effect) -> bool:
-    """True if the sampling of a run is too slow to see an effect."""
+    """Flag of an effect that is quicker than the sampling of a run."""
     return any(is_below(run.low_pass.period_s, effect.least_rate_hz) for run in session.runs)
 
 
@@ -318,8 +318,13 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
             values = np.linspace(ranges.coldest_c, ranges.warmest_c, 5) if warms else np.empty(0)
         case "K":
             values = np.array(_SPANS_K)
+        case "m" if parameter.name == "wavelength_m":
+            most = math.ceil(2.0 * ranges.span_m / (_LEAST_LEADS * ranges.lead_m))
+            values = 2.0 * ranges.span_m / np.arange(1.0, min(most, _MOST_WAVES) + 1.0)
+        case "m" if parameter.name.startswith("centre"):
+            values = np.linspace(ranges.low_m, ranges.high_m, 25)
         case "m":
-            values = _lengths(parameter, ranges)
+            values = np.geomspace(1e-6, 2e-4, 12)  # of what gives and sticks
         case "N m":
             low, high = ranges.often_nm, 0.99 * ranges.strongest_nm
             values = np.geomspace(low, high, 16) if 0.0 < low < high else np.empty(0)
@@ -328,16 +333,6 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
         case _:
             values = parameter.faulty * np.geomspace(0.1, 10.0, 6)
     return [float(v) for v in values if parameter.low <= v <= parameter.high]
-
-
-def _lengths(parameter: Parameter, ranges: Ranges) -> Floats:
-    """Lengths worth trying: along the travel, or of what gives and sticks."""
-    if parameter.name == "wavelength_m":
-        most = math.ceil(2.0 * ranges.span_m / (_LEAST_LEADS * ranges.lead_m))
-        return 2.0 * ranges.span_m / np.arange(1.0, min(most, _MOST_WAVES) + 1.0)
-    if parameter.name.startswith("centre"):
-        return np.linspace(ranges.low_m, ranges.high_m, 25)
-    return np.geomspace(1e-6, 2e-4, 12)
 
 
 def unobservable(session: Session) -> dict[str, str]:
@@ -349,27 +344,24 @@ def unobservable(session: Session) -> dict[str, str]:
     for name, effect in effects().items():
         if effect.is_fault:
             continue
+        between = effect.kind in _BETWEEN
         if _is_too_slow(session, effect):
             found[name] = (
                 f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
             )
-        elif name not in free and not _shows(effect, session, ranges):
-            found[name] = _lacking(effect, session)
+        elif name in free or _shows(effect, session, ranges):
+            continue
+        elif between and TRANSMISSION_GAP not in session.channels:
+            found[name] = "one encoder only: what happens between motor and table cannot be seen"
+        elif not between and TORQUE_GAP not in session.channels:
+            found[name] = "no torque recorded"
+        else:
+            found[name] = "not visible in this motion"
     return found
 
 
-def _lacking(effect: Effect, session: Session) -> str:
-    """Reason why an effect has no signature at all."""
-    between = effect.kind in _BETWEEN
-    if between and TRANSMISSION_GAP not in session.channels:
-        return "one encoder only: what happens between motor and table cannot be seen"
-    if not between and TORQUE_GAP not in session.channels:
-        return "no torque recorded"
-    return "not visible in this motion"
-
-
 def _shows(effect: Effect, session: Session, ranges: Ranges) -> bool:
-    """True if the first regressor of some form, or its last, has a signature."""
+    """Presence of a signature in the first regressor of some form, or its last."""
     forms: dict[str, CandidateRegressor] = {}
     for regressor in regressors_of(effect, ranges):
         forms.setdefault(regressor.form, regressor)

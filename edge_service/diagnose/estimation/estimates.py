@@ -16,8 +16,7 @@ from ...models.effects.registry import error_of, get_effect
 from ..result import ParameterValue
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, Session, rms
-from .entries import entries_of
-from .least_squares import Entries, WeightedLeastSquares
+from .entries import Entries, WeightedLeastSquares, entries_of
 
 Z_90 = 1.645
 RISE_90 = 2.706
@@ -82,7 +81,7 @@ class Estimates:
         return found
 
     def is_at_bound(self, name: str) -> bool:
-        """True if a shape of an effect has gone as far up as the library lets it."""
+        """Flag of a shape that has gone as far up as the library lets it."""
         highest = {p.name: p.high for p in get_effect(name).parameters if not p.whole}
         return any(
             value >= 0.99 * highest.get(shape, math.inf)
@@ -134,13 +133,7 @@ class Estimates:
         )
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
-        """90 % interval of an amount.
-
-        Of a parameter, what a healthy axis has of it is not known to belong to the effect.
-
-        A torque is read through a gain that is known to its tolerance alone, and with the amount
-        what the model has of it already, whose own tolerance stands for that of the product.
-        """
+        """90 % interval of an amount."""
         mean, spread = self.healthy.get(self.fitted.regressors[k].name, (0.0, 0.0))
         gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
@@ -246,10 +239,7 @@ def joined(system: WeightedLeastSquares, slopes: Slopes, but: str = "") -> Mappi
 def _profile_interval(
     entries: Entries, k: int, parameter: Parameter, slopes: Slopes
 ) -> tuple[float, float]:
-    """90 % interval of one shape of entry `k`, within the bounds of the library.
-
-    Its other shapes follow, as far as their slopes at the fit tell.
-    """
+    """90 % interval of one shape of entry `k`, within the bounds of the library."""
     value = dict(entries.regressors[k].shape)[parameter.name]
     beside = joined(entries.system, slopes, parameter.name)
 

@@ -115,7 +115,7 @@ class Noise:
         return math.sqrt(max(rms**2 - self.floor[channel] ** 2, 0.0))
 
     def matters(self, channel: str, rms: float) -> bool:
-        """True if a root mean square exceeds the floor by more than the tolerance."""
+        """Excess of a root mean square over the floor by more than the tolerance."""
         return self.beyond(channel, rms) > self.tolerance[channel]
 
     def variance(self, channel: str, rms: float) -> float:
@@ -211,10 +211,7 @@ def ordinary_rms(values: Floats) -> float:
 def _repeated_rms(
     rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Integers
 ) -> float | None:
-    """Root mean square of a series (n,) as its repeats differ; None where there are too few.
-
-    Repeats are rows of different blocks of time, at one place, speed, acceleration and direction.
-    """
+    """Root mean square of a series (n,) as its repeats differ; None where there are too few."""
     known = rows.variables
     speed, acceleration = known["motor_speed_rad_s"], known["motor_acceleration_rad_s2"]
     state = np.column_stack(

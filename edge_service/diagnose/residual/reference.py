@@ -86,7 +86,7 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
     if not any(run.has_torque and run.compared_rows.any() for run in runs):
         return machine
     session = Session.of_runs(runs, baseline, model_effects(machine))
-    columns = np.column_stack([session.torque_column(curve) for curve in _PARAMETERS.values()])
+    columns = np.column_stack([session.column(TORQUE_GAP, curve) for curve in _PARAMETERS.values()])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     gram = with_ridge((columns / scale).T @ (columns / scale), _LOOSE * len(columns))
     found = np.linalg.solve(gram, (columns / scale).T @ session.channels[TORQUE_GAP].gap) / scale

@@ -61,9 +61,13 @@ class Posterior:
             for name in sorted(names)
         }
         best = ranked[0]
-        classes = {
-            name: (name, *sorted(_rivals(name, best, scored))) for name in sorted(best.material)
-        }
+        close = [each for each, score in scored if score >= top - TIED and each.material]
+        classes = {}
+        for name in sorted(best.material):
+            rivals = {
+                other for each in close if name not in each.material for other in each.material
+            }
+            classes[name] = (name, *sorted(rivals - best.material - {UNKNOWN}))
         return cls(problem, best, probability, classes, candidates, best.fit.rms)
 
     def without(self, name: str) -> "Posterior | None":
@@ -95,7 +99,8 @@ class Posterior:
 def select_model(problem: SelectionProblem) -> Posterior:
     """Select effects twice: the residual of the first selection shows the noise of the second."""
     first = select_effects(problem).best.fit
-    posterior = select_effects(problem.with_noise_of(first), first.chosen)
+    quieter = problem.with_noise_of(first)
+    posterior = select_effects(quieter, first.chosen)
     return _beside_force(posterior) if FORCE in posterior.best.material else posterior
 
 
@@ -109,10 +114,7 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
 
 
 def _beside_force(posterior: Posterior) -> Posterior:
-    """Posterior on other causes from the motion that no force disturbs.
-
-    A force, which no motion predicts, hides and feigns them while it acts.
-    """
+    """Posterior on other causes from the motion that no force disturbs."""
     problem, regressors = posterior.problem, posterior.problem.design.regressors
     pulses, free = [], {}
     for channel, rows in problem.session.channels.items():
@@ -143,62 +145,39 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
     that one, however well many observations tell them apart. So is, before the data, a part of the
-    best set that leaves as little.
+    best set that leaves as little: the nuisances can hold what it lacks. And friction of a healthy
+    axis wanders: where heat seems to be a cause, a level that is off, and drifts by less than
+    anybody acts on, may be no more than that, whatever the drift resembles.
     """
-    scored = _parts_doubled(sorted(sets, key=lambda each: -each.fit.score), noise)
-    ranked = [each for each, _ in scored]
+    ranked = sorted(sets, key=lambda each: -each.fit.score)
     best = ranked[0]
-    if best.material <= set(PARAMETERS):
+    scored = []
+    for each in ranked:
+        is_part = bool(each.material) and each.material < best.material
+        gains = is_part and _leaves_as_little(each, best, noise)
+        scored.append((each, each.fit.score + (math.log(_SIMPLER) if gains else 0.0)))
+    scored.sort(key=lambda pair: -pair[1])
+    (best, top), parameters = scored[0], set(PARAMETERS)
+    if best.material <= parameters:
         return scored
     simple = [
         each
-        for each in ranked
+        for each, _ in scored
         if 0 < len(each.material) <= len(best.material)
-        and each.material <= set(PARAMETERS)
+        and each.material <= parameters
         and _leaves_as_little(each, best, noise)
     ]
     simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
-    level = scored[0][1] + math.log(_SIMPLER / max(len(simple), 1))
-    first = [(each, level) for each in simple]
+    level = top + math.log(_SIMPLER / max(len(simple), 1))
     rest = [(each, score) for each, score in scored if each not in simple]
     if not simple and best.material & effects_where(lambda effect: effect.is_thermal):
-        rest = _with_wandering(rest, noise)
-    return first + rest
-
-
-def _parts_doubled(ranked: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
-    """Candidates with their scores, the best first; a part of the best that leaves as little gains.
-
-    The nuisances can hold what the part lacks: nothing but its prior tells the two apart.
-    """
-    best = ranked[0]
-    scored = [
-        (each, each.fit.score + math.log(_SIMPLER))
-        if each.material and each.material < best.material and _leaves_as_little(each, best, noise)
-        else (each, each.fit.score)
-        for each in ranked
-    ]
-    return sorted(scored, key=lambda pair: -pair[1])
-
-
-def _with_wandering(
-    scored: Sequence[tuple[EffectSet, float]], noise: Noise
-) -> list[tuple[EffectSet, float]]:
-    """Candidates with their scores, parameters that leave nothing that matters raised.
-
-    Friction of a healthy axis wanders: a level that is off, and drifts by less than anybody acts
-    on, may be no more than that, whatever the drift resembles.
-    """
-    top = scored[0][1]
-    raised = [
-        (each, max(score, top - math.log(_SIMPLER)))
-        if each.material
-        and each.material <= set(PARAMETERS)
-        and not any(noise.matters(channel, rms) for channel, rms in each.fit.rms.items())
-        else (each, score)
-        for each, score in scored
-    ]
-    return sorted(raised, key=lambda pair: -pair[1])
+        wandering = []
+        for each, score in rest:
+            matters = any(noise.matters(name, rms) for name, rms in each.fit.rms.items())
+            alone = bool(each.material) and each.material <= parameters and not matters
+            wandering.append((each, max(score, top - math.log(_SIMPLER)) if alone else score))
+        rest = sorted(wandering, key=lambda pair: -pair[1])
+    return [(each, level) for each in simple] + rest
 
 
 def _leaves_as_little(one: EffectSet, best: EffectSet, noise: Noise) -> bool:
@@ -206,13 +185,3 @@ def _leaves_as_little(one: EffectSet, best: EffectSet, noise: Noise) -> bool:
         one.fit.rms[channel] ** 2 - rms**2 <= (_AS_LITTLE * noise.tolerance[channel]) ** 2
         for channel, rms in best.fit.rms.items()
     )
-
-
-def _rivals(name: str, best: EffectSet, scored: Sequence[tuple[EffectSet, float]]) -> set[str]:
-    """Effects that stand in for one in a set that is as good."""
-    found: set[str] = set()
-    for each, score in scored:
-        close = score >= scored[0][1] - TIED
-        if close and name not in each.material and each.material:
-            found |= each.material - best.material
-    return found - {UNKNOWN}

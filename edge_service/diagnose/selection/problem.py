@@ -21,6 +21,7 @@ from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Session
+from ..session.twin import parameter_tolerances
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
@@ -93,6 +94,7 @@ class SelectionProblem:
 
     Attributes:
         priors: effect -> healthy mean and tolerance of its amount, for parameters of the model.
+        tolerances: parameter effect -> what the machine file says of its amount.
         pinned: coefficients of the nuisances, (p,), where they must not follow; otherwise None.
     """
 
@@ -101,6 +103,7 @@ class SelectionProblem:
     design: DesignMatrix
     noise: Noise
     priors: Mapping[str, tuple[float, float]]
+    tolerances: Mapping[str, float]
     pinned: Floats | None = None
 
     @classmethod
@@ -109,14 +112,15 @@ class SelectionProblem:
         names = {each.name for each in library}
         entries = candidates_of(session, [each for each in library if each.name != FORCE])
         more: list[CandidateRegressor] = list(null_shapes(session))
-        noise = Noise.of_gap(session, machine)
+        noise, tolerances = Noise.of_gap(session, machine), parameter_tolerances(machine)
         prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
         if TORQUE_GAP in session.channels and FORCE in names:
-            healthy = cls(session, machine, DesignMatrix.of_session(session, prior), noise, {})
+            bare = DesignMatrix.of_session(session, prior)
+            healthy = cls(session, machine, bare, noise, {}, tolerances)
             more += force_pulses(session, healthy.residuals(healthy.fit(()))[TORQUE_GAP])
         design = DesignMatrix.of_session(session, prior, entries, more)
         priors = {p.regressor.name: (p.mean, p.sigma) for p in prior if p.is_parameter}
-        return cls(session, machine, design, noise, priors)
+        return cls(session, machine, design, noise, priors, tolerances)
 
     def with_noise_of(self, fit: Fit) -> Self:
         """Problem with the noise that the residual of a fit shows."""
@@ -185,6 +189,14 @@ class SelectionProblem:
         score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in equations)
         score -= 0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
         names = [frozenset(design.regressors[a].name for a in chosen) for chosen in sets]
+        each_cost = 0.5 * math.log(sum(noise.effective.values()))
+        for k, chosen in enumerate(sets):
+            shapes = (
+                design.regressors[a].size * each_cost + math.log(design.alternatives[a])
+                for a in chosen
+            )
+            unnamed = (UNNAMED_COST - NAME_COST) * (UNKNOWN in names[k])
+            score[k] = score[k] - (sum(shapes) + NAME_COST * len(names[k]) + unnamed)
         return [
             Fit(
                 tuple(chosen),
@@ -193,18 +205,10 @@ class SelectionProblem:
                 index[k],
                 beta[k],
                 {name: math.sqrt(each[k]) for name, each in left.items()},
-                float(score[k]) - self._penalty(chosen, names[k]),
+                float(score[k]),
             )
             for k, chosen in enumerate(sets)
         ]
-
-    def _penalty(self, chosen: Sequence[int], names: frozenset[str]) -> float:
-        count = sum(self.noise.effective.values())
-        regressors, alternatives = self.design.regressors, self.design.alternatives
-        penalty = sum(
-            0.5 * regressors[a].size * math.log(count) + math.log(alternatives[a]) for a in chosen
-        )
-        return penalty + NAME_COST * len(names) + (UNNAMED_COST - NAME_COST) * (UNKNOWN in names)
 
     def without(self, whole: Fit, name: str) -> Fit:
         """Fit the set without one of its effects."""
@@ -264,10 +268,18 @@ class SelectionProblem:
     def _grown(self, candidates: Sequence[int], most_of: Callable[[str], int], best: Fit) -> Fit:
         while len(best.chosen) < _MOST_REGRESSORS:
             open_ = self._open(best, candidates, most_of)
-            leaders = self._leaders(open_, self.reductions(best, open_)) if open_ else []
+            if not open_:
+                return best
+            # the best regressor of each effect and form, the best of all first
+            falls: dict[tuple[str, str], tuple[float, int]] = {}
+            for a, fall in zip(open_, self.reductions(best, open_).tolist(), strict=True):
+                family = self.design.regressors[a].name, self.design.regressors[a].form
+                if fall > falls.get(family, (0.0, 0))[0]:
+                    falls[family] = fall, a
+            leaders = sorted(falls.values(), reverse=True)[:_MOST_LEADERS]
             if not leaders:
                 return best
-            larger = self.fits([(*best.chosen, regressor) for regressor in leaders])
+            larger = self.fits([(*best.chosen, a) for _, a in leaders])
             grown = max(larger, key=lambda each: each.score)
             if grown.score < best.score + _LEAST_GAIN:
                 return best
@@ -291,15 +303,6 @@ class SelectionProblem:
             if not ((loaded or form in loads) and _is_load(regressors[a])):
                 found.append(a)
         return found
-
-    def _leaders(self, open_: Sequence[int], falls: Floats) -> list[int]:
-        """Best regressor of each effect and form, the best of all first."""
-        best: dict[tuple[str, str], tuple[float, int]] = {}
-        for a, fall in zip(open_, falls.tolist(), strict=True):
-            family = self.design.regressors[a].name, self.design.regressors[a].form
-            if fall > best.get(family, (0.0, 0))[0]:
-                best[family] = fall, a
-        return [a for _, a in sorted(best.values(), reverse=True)[:_MOST_LEADERS]]
 
     def _pruned(self, best: Fit) -> Fit:
         while len(best.chosen) > 1:
@@ -361,10 +364,7 @@ class SelectionProblem:
         ]
 
     def _named_beyond(self, whole: Fit) -> Fit:
-        """Fit the set with a lag that it needs beyond what a healthy drive may have: it is a cause.
-
-        Its bounds are no calibration, which could be a little off.
-        """
+        """Fit the set with a lag that it needs beyond what a healthy drive may have."""
         design, priors = self.design, self.priors
         nuisances = {design.regressors[k].name: k for k in range(design.nuisances)}
         lacking = []
@@ -448,7 +448,7 @@ class SelectionProblem:
 
 
 def _is_load(regressor: CandidateRegressor) -> bool:
-    """True if a regressor states what loads a spring: the difference of two could be any."""
+    """Flag of what loads a spring: the difference of two could be any."""
     effect = effects().get(regressor.name)
     return effect is not None and effect.has_one_load and regressor.form != "late"
 

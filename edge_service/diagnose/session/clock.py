@@ -3,11 +3,11 @@
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from ...checks.same_axis import by_recording
-from ...messages.samples import Floats
 from ...models.effects.baseline import Motion
 from .run import Run
 
@@ -32,7 +32,9 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
     clock_s = 0.0
     for number, each in enumerate(sorted(recordings, key=_coldness)):
         shift_s = clock_s - _start_s(each) if number else 0.0
-        placed += [_shifted(run, shift_s) for run in each]
+        for run in each:
+            motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
+            placed.append(replace(run, motion=motion))
         clock_s = _end_s(placed[-1:]) + PAUSE_S
     return placed
 
@@ -80,11 +82,6 @@ def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
     )
 
 
-def _shifted(run: Run, shift_s: float) -> Run:
-    motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
-    return replace(run, motion=motion)
-
-
 def _pieces(run: Run) -> Iterator[Run]:
     step = max(round(PIECE_S * len(run.motion) / max(run.duration_s, 1e-9)), 1)
     if len(run.motion) <= 1.5 * step:
@@ -99,17 +96,8 @@ def _cut(run: Run, span: slice) -> Run:
     """Copy of a part: the rest can be forgotten."""
     given = [each.name for each in fields(Motion) if each.init]
     motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
-    return replace(
-        run,
-        motion=motion,
-        moving=run.moving[span].copy(),
-        resolved=run.resolved[span].copy(),
-        clipped=run.clipped[span].copy(),
-        transmission_m=_copied(run.transmission_m, span),
-        temperature_c=_copied(run.temperature_c, span),
-        setpoint_m=_copied(run.setpoint_m, span),
-    )
-
-
-def _copied(values: Floats | None, span: slice) -> Floats | None:
-    return None if values is None else values[span].copy()
+    series = {each.name: getattr(run, each.name) for each in fields(Run)}
+    parts: dict[str, Any] = {
+        name: x[span].copy() for name, x in series.items() if isinstance(x, np.ndarray)
+    }
+    return replace(run, motion=motion, **parts)

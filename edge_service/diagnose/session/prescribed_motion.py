@@ -68,8 +68,7 @@ class PrescribedMotionAxis:
     def with_effects(self, effects: Sequence[ActiveEffect]) -> Forward:
         """Plant with further effects, damped.
 
-        Raises:
-            ValueError: they leave no mass on the table.
+        Raises ValueError: they leave no mass on the table.
         """
         forward = put_into(self.plant, (*self.known, *effects), self.screw_nm)
         plant = forward.plant
@@ -84,8 +83,7 @@ class PrescribedMotionAxis:
             variants: plants with effects.
             number: which of them holds at each sample, (n,).
 
-        Raises:
-            ValueError: a plant leaves the finite numbers.
+        Raises ValueError: a plant leaves the finite numbers.
         """
         motion, ratio = run.motion, self.plant.ratio_m_per_rad
         misread = _chosen(number, [_misread_rad(each, motion.angle_rad) for each in variants])
@@ -132,49 +130,34 @@ class PrescribedMotionAxis:
             screw = self.screw_nm, _PRELOAD_PERCENT
             plant = plants[number[start]]
             out[start:end] = simulate_inverse(plant, *screw, period_s, substeps, state, part)
-        return _at_samples(out[:, TORQUE]), out[:, STRETCH]
+        # means over the periods that begin at the samples, as values there: the mean of two periods
+        # is low by (w T)^2 / 6, which is put back
+        mean = out[:, TORQUE]
+        values = 0.5 * (mean + np.concatenate((mean[:1], mean[:-1])))
+        bend = np.zeros_like(values)
+        bend[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
+        return values - bend / 6.0, out[:, STRETCH]
 
     def _way(self, motion: Motion, speed: Floats, loads: Sequence[Loads], number: Integers) -> Way:
         """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""
 
-        by_time = Loads(*(_chosen(number, each) for each in zip(*loads, strict=True)))
-        by_time = by_time._replace(force_n=by_time.force_n + self._known_force(motion))
-        return Way(_extended(speed), _extended(motion.position_m), Loads(*map(_extended, by_time)))
-
-    def _known_force(self, motion: Motion) -> Floats:
-        """Recorded external force on the table, N, (n,): it is part of the model's load torque."""
+        # the recorded external force on the table is part of the model's load torque
         base = self.baseline
-        inertia = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
-        pushed = motion.load_torque_nm - inertia
-        force: Floats = -pushed / base.ratio_m_per_rad
-        return force
+        inertia_nm = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        known_n = -(motion.load_torque_nm - inertia_nm) / base.ratio_m_per_rad
+        by_time = Loads(*(_chosen(number, each) for each in zip(*loads, strict=True)))
+        by_time = by_time._replace(force_n=by_time.force_n + known_n)
+        return Way(_extended(speed), _extended(motion.position_m), Loads(*map(_extended, by_time)))
 
 
 def _period_s(motion: Motion) -> float:
     return float(motion.time_s[1] - motion.time_s[0])
 
 
-def _at_samples(mean: Floats) -> Floats:
-    """Values at the samples, (n,), from the means over the periods that begin there.
-
-    The mean of two periods is low by (w T)^2 / 6, which is put back.
-    """
-    padded = np.concatenate((mean[:1], mean))
-    values = 0.5 * (padded[1:] + padded[:-1])
-    bend = np.zeros_like(values)
-    bend[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    found: Floats = values - bend / 6.0
-    return found
-
-
 def _command(
     motion: Motion, shaft_nm: Floats, variants: Sequence[Forward], number: Integers
 ) -> Floats:
-    """Torque command behind a torque at the shaft: ahead of it, scaled, and with what was cut off.
-
-    How far a controller asks for more than the drive gives is its own doing; what it asked for
-    beyond the limit in the recording it asks for here.
-    """
+    """Torque command behind a torque at the shaft."""
     lag_s = _of(number, variants, "plant.torque_lag_s")
     command = shaft_nm + lag_s * np.gradient(shaft_nm, motion.time_s)
     command = command * _of(number, variants, "command_per_torque")
@@ -185,10 +168,7 @@ def _command(
 
 
 def _placed(plant: Plant, offset_m: float) -> Plant:
-    """Plant whose positions count as the table's, which is `offset_m` ahead of the travel.
-
-    What the torque path does is put on afterwards.
-    """
+    """Plant whose positions count as the table's, which is `offset_m` ahead of the travel."""
     low_m = plant.tables.position_low_m - offset_m
     return plant._replace(torque_lag_s=0.0, tables=plant.tables._replace(position_low_m=low_m))
 

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from ...recordings.conditioning import (
     with_angle,
 )
 from .clock import on_one_clock
-from .run import FILTER_ORDER, Filter, Run, is_slow
+from .run import FILTER_ORDER, Filter, Run, misses_acceleration
 
 __all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
 
@@ -62,8 +62,7 @@ def runs_of(
     Args:
         least_s: shorter runs are left out.
 
-    Raises:
-        ValueError: one line; no position, or no clock.
+    Raises ValueError: no position, or no clock.
     """
     return on_one_clock(unbroken_runs(recordings, baseline, least_s))
 
@@ -75,8 +74,7 @@ def unbroken_runs(
 ) -> Iterator[Run]:
     """Runs, one after another, each recording on its own clock.
 
-    Raises:
-        ValueError: one line; no position, or no clock.
+    Raises ValueError: no position, or no clock.
     """
     for number, recording in enumerate(recordings):
         frames = iter([recording] if isinstance(recording, SampleFrame) else recording)
@@ -93,8 +91,14 @@ def unbroken_runs(
 
 
 def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
-    slow, raw = is_slow(run.period_s), run.channels
-    smooth = _unfiltered(raw) if slow else _filtered(raw, run.period_s)
+    slow, raw = misses_acceleration(run.period_s), run.channels
+    cutoff_hz = min(MOTION_CUTOFF_HZ, 0.4 / run.period_s)
+    names = (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
+    smooth = {
+        name: raw[name] if slow else low_pass(raw[name], cutoff_hz, FILTER_ORDER, run.period_s)
+        for name in names
+        if name in raw
+    }
     speed = central_difference(smooth[ANGLE], run.period_s)
     noise = {
         name: _slow_noise_rms(raw[name]) if slow else white_noise_rms(raw[name])
@@ -109,17 +113,15 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     else:
         acceleration = central_difference(speed, run.period_s)
         resolved = np.ones(len(run), dtype=np.bool_)
-        cutoff_hz = _cutoff_hz(run.period_s)
         wavers = _CERTAIN_SIGMAS * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
         still = max(STILL_RAD_S, wavers)
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)
-    temperature_c = _inside(raw, TEMPERATURE, inside)
-    if temperature_c is not None:
-        temperature_c = ndimage.uniform_filter1d(
-            temperature_c, max(round(TEMPERATURE_MEAN_S / run.period_s), 1), mode="nearest"
-        )
+    temperature_c = None
+    if TEMPERATURE in raw:
+        reach = max(round(TEMPERATURE_MEAN_S / run.period_s), 1)
+        temperature_c = ndimage.uniform_filter1d(raw[TEMPERATURE][inside], reach, mode="nearest")
     motion = Motion.of_samples(
         baseline,
         run.time_s[inside],
@@ -132,6 +134,10 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         temperature_c=temperature_c,
     )
     motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
+    resolved = resolved[inside]
+    if slow:  # samples that move as those before and after them do
+        same = motion.direction[1:] == motion.direction[:-1]
+        resolved = resolved & np.append(same, True) & np.insert(same, 0, True)
     low_pass_of = Filter.of_period(run.period_s)
     clipped = np.zeros(len(motion), dtype=np.bool_)
     if TORQUE in raw:
@@ -144,11 +150,11 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     return Run(
         motion=motion,
         moving=moving,
-        resolved=resolved[inside] & _going_on(motion.direction) if slow else resolved[inside],
+        resolved=resolved,
         clipped=clipped,
         transmission_m=stretch,
         temperature_c=temperature_c,
-        setpoint_m=_inside(raw, SETPOINT, inside),
+        setpoint_m=raw[SETPOINT][inside] if SETPOINT in raw else None,
         recording=number,
         low_pass=low_pass_of,
         noise=noise,
@@ -156,38 +162,15 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
 
 
 def _clipped(torque_nm: Floats, model_nm: Floats, limit_nm: float, low_pass_of: Filter) -> Booleans:
-    """Samples whose comparison a reading at the limit reaches, (n,).
-
-    A reading at the limit of motion that takes less is a drive that gives less than it reads: that
-    is a fault and stays.
-    """
+    """Samples whose comparison a reading at the limit reaches, (n,)."""
     at_limit = np.abs(torque_nm) >= _AT_LIMIT * limit_nm
     at_limit &= np.abs(model_nm) > limit_nm
     reach: Booleans = ndimage.binary_dilation(at_limit, np.ones(len(low_pass_of.taps), np.bool_))
     return reach
 
 
-def _cutoff_hz(period_s: float) -> float:
-    return min(MOTION_CUTOFF_HZ, 0.4 / period_s)
-
-
-def _filtered(raw: Mapping[str, Floats], period_s: float) -> dict[str, Floats]:
-    return {
-        name: low_pass(values, _cutoff_hz(period_s), FILTER_ORDER, period_s)
-        for name, values in _unfiltered(raw).items()
-    }
-
-
-def _unfiltered(raw: Mapping[str, Floats]) -> dict[str, Floats]:
-    names = (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
-    return {name: raw[name] for name in names if name in raw}
-
-
 def _slow_noise_rms(values: Floats) -> float:
-    """White noise on a series (n,) that is smooth in a tenth of its length at least.
-
-    As `white_noise_rms`, with that quantile of the fifth differences instead of their median.
-    """
+    """White noise on a series (n,) that is smooth in a tenth of its length at least."""
     fifth = np.abs(np.diff(values, 5))
     if not fifth.size:
         return 0.0
@@ -207,18 +190,6 @@ def _second_difference(
     lasting = change <= max(_LASTING_SHARE * strong, _CERTAIN_SIGMAS * math.sqrt(20.0) * noise)
     certain = np.abs(bend) > 0.5 * _CERTAIN_SIGMAS * math.sqrt(6.0) * noise
     return np.where(certain, bend, 0.0), lasting
-
-
-def _going_on(direction: Floats) -> Booleans:
-    """Samples that move as those before and after them do, (n,)."""
-    same = direction[1:] == direction[:-1]
-    going: Booleans = np.append(same, True) & np.insert(same, 0, True)
-    return going
-
-
-def _inside(channels: Mapping[str, Floats], name: str, inside: slice) -> Floats | None:
-    values = channels.get(name)
-    return None if values is None else values[inside]
 
 
 def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Booleans:

@@ -39,7 +39,7 @@ class Filter:
     @classmethod
     def of_period(cls, period_s: float) -> "Filter":
         """Filter of the comparison for a sampling period; none where samples are few."""
-        if is_slow(period_s):
+        if misses_acceleration(period_s):
             return cls(np.ones(1), 1, period_s)
         cutoff_hz = min(CUTOFF_HZ, CUTOFF_SHARE / period_s)
         step = max(math.floor(1.0 / (period_s * cutoff_hz * _ROWS_PER_CUTOFF)), 1)
@@ -88,13 +88,13 @@ def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
     return found
 
 
-def is_slow(period_s: float) -> bool:
-    """Tell whether a sampling period is too long to follow accelerations."""
+def misses_acceleration(period_s: float) -> bool:
+    """Flag of a sampling period that is too long to follow accelerations."""
     return is_below(period_s, SLOW_HZ)
 
 
 def is_below(period_s: float, least_hz: float) -> bool:
-    """Tell whether a sampling period is too long for a rate."""
+    """Flag of a sampling period that is too long for a rate."""
     return period_s * least_hz > 1.0 + 1e-6
 
 
@@ -137,7 +137,7 @@ class Run:
 
     @property
     def has_torque(self) -> bool:
-        """True if the torque was recorded."""
+        """Presence of the torque in the recording."""
         return bool(np.isfinite(self.motion.torque_nm).all())
 
     def resting_zero(self, values: Floats) -> Floats:
@@ -149,9 +149,9 @@ class Run:
         return values[:: self.low_pass.step]
 
     @property
-    def is_slow(self) -> bool:
-        """True if the sampling does not follow accelerations."""
-        return is_slow(self.low_pass.period_s)
+    def misses_acceleration(self) -> bool:
+        """Flag of a sampling that does not follow accelerations."""
+        return misses_acceleration(self.low_pass.period_s)
 
     @property
     def compared_rows(self) -> Booleans:

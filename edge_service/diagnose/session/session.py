@@ -1,5 +1,6 @@
 """Session: all runs of one axis as rows of two channels, what the baseline leaves of each."""
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -96,52 +97,52 @@ class Session:
         """Session of some runs; a channel counts as recorded where any run has it."""
         count = sum(len(run.motion) // run.low_pass.step + 1 for run in runs)
         every = max(-(-count // MOST_ROWS), 1)
-        channels = {}
-        if any(run.has_torque for run in runs):
-            channels[TORQUE_GAP] = _torque_rows(runs, baseline, modelled).thinned(every)
-        if any(run.transmission_m is not None for run in runs):
-            channels[TRANSMISSION_GAP] = _transmission_rows(runs, baseline, modelled).thinned(every)
-        rows = {
-            TORQUE_GAP: _thinned([run.compared_rows & run.has_torque for run in runs], every),
-            TRANSMISSION_GAP: _thinned(
-                [np.full(len(run.compared_rows), run.transmission_m is not None) for run in runs],
-                every,
-            ),
-        }
+        channels, rows = {}, {}
+        for name in CHANNEL_UNITS:
+            if name == TORQUE_GAP:
+                known = [run.has_torque for run in runs]
+                masks = [run.compared_rows & run.has_torque for run in runs]
+            else:
+                known = [run.transmission_m is not None for run in runs]
+                masks = [
+                    np.full(len(run.compared_rows), k) for run, k in zip(runs, known, strict=True)
+                ]
+            held = list(itertools.compress(zip(runs, masks, strict=True), known))
+            if held:
+                parts = [channel_gap(name, run, baseline, modelled) for run, _ in held]
+                gap = np.concatenate(parts)
+                gap = gap - gap.mean() if name == TRANSMISSION_GAP else gap
+                channels[name] = _rows(gap, held).thinned(every)
+            kept, seen = [], 0  # each so-many-th row, counted through all runs
+            for mask in masks:
+                numbers = np.flatnonzero(mask)
+                kept.append(numbers[-seen % every :: every])
+                seen += len(numbers)
+            rows[name] = tuple(kept)
         return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
 
-    def torque_column(self, curve: Callable[[Motion], Floats]) -> Floats:
-        """Column of the torque channel from a function of the motion, (n,)."""
-        return np.concatenate(
-            [
-                run.low_pass.at(np.where(run.moving, curve(run.motion), 0.0), rows)
-                for run, rows in zip(self.runs, self.rows[TORQUE_GAP], strict=True)
-                if len(rows)
-            ]
-        )
-
-    def transmission_column(self, curve: Callable[[Motion], Floats]) -> Floats:
-        """Column of the transmission channel from a function of the motion, mean removed, (n,)."""
-        column: Floats = np.concatenate(
-            [
-                run.low_pass.at(curve(run.motion), rows)
-                for run, rows in zip(self.runs, self.rows[TRANSMISSION_GAP], strict=True)
-                if len(rows)
-            ]
-        )
-        column -= column.mean()
-        return column
-
     def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
-        """Column of a channel from a function of the motion, (n,)."""
-        if channel == TORQUE_GAP:
-            return self.torque_column(curve)
-        return self.transmission_column(curve)
+        """Column of a channel from a function of the motion, (n,).
+
+        The torque counts as zero at rest; the transmission has no mean.
+        """
+        parts = []
+        for run, rows in zip(self.runs, self.rows[channel], strict=True):
+            if len(rows):
+                values = curve(run.motion)
+                if channel == TORQUE_GAP:
+                    values = np.where(run.moving, values, 0.0)
+                parts.append(run.low_pass.at(values, rows))
+        column: Floats = np.concatenate(parts)
+        if channel == TRANSMISSION_GAP:
+            column -= column.mean()
+        return column
 
     def signature(self, channel: str, effect: Effect, values: Mapping[str, float]) -> Floats:
         """Column of an effect in a channel, (n,)."""
-        of = torque_signature if channel == TORQUE_GAP else transmission_signature
-        return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
+        return self.column(
+            channel, lambda motion: _signature(channel, effect, values, motion, self.baseline)
+        )
 
     @property
     def block_s(self) -> float:
@@ -165,52 +166,30 @@ class Session:
         """Root mean square of the torque in motion, N m; NaN where none was recorded."""
         if TORQUE_GAP not in self.channels:
             return math.nan
-        return rms(self.torque_column(lambda motion: motion.torque_nm))
+        return rms(self.column(TORQUE_GAP, lambda motion: motion.torque_nm))
 
 
-def _thinned(kept: Sequence[Booleans], every: int) -> tuple[Integers, ...]:
-    """Numbers of the rows that are kept, each `every`-th of them counted through all runs."""
-    found, seen = [], 0
-    for mask in kept:
-        rows = np.flatnonzero(mask)
-        found.append(rows[-seen % every :: every])
-        seen += len(rows)
-    return tuple(found)
-
-
-def torque_gap(run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Floats:
-    """Measured less modelled torque of a run at the rows that move, N m, (n,)."""
-    model = run.motion.model_torque_nm.copy()
-    for each in modelled:
-        model += torque_signature(each.effect, each.values, run.motion, baseline)
-    return run.resting_zero(run.motion.torque_nm - model)[run.compared_rows]
-
-
-def transmission_gap(
-    run: Run, transmission_m: Floats, baseline: Baseline, modelled: Sequence[ActiveEffect]
+def _signature(
+    channel: str, effect: Effect, values: Mapping[str, float], motion: Motion, baseline: Baseline
 ) -> Floats:
-    """Measured less modelled x - R theta of a run at all rows, m, (n,)."""
-    gap = transmission_m.copy()
+    of = torque_signature if channel == TORQUE_GAP else transmission_signature
+    return of(effect, values, motion, baseline)
+
+
+def channel_gap(
+    channel: str, run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]
+) -> Floats:
+    """Measured less modelled at the rows of a run, N m or m, (n,): x - R theta at all of them."""
+    if channel == TORQUE_GAP:
+        model = run.motion.model_torque_nm.copy()
+        for each in modelled:
+            model += _signature(channel, each.effect, each.values, run.motion, baseline)
+        return run.resting_zero(run.motion.torque_nm - model)[run.compared_rows]
+    assert run.transmission_m is not None
+    gap = run.transmission_m.copy()
     for each in modelled:
-        gap -= transmission_signature(each.effect, each.values, run.motion, baseline)
+        gap -= _signature(channel, each.effect, each.values, run.motion, baseline)
     return run.low_pass(gap)
-
-
-def _torque_rows(runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Rows:
-    kept = [(run, run.compared_rows) for run in runs if run.has_torque]
-    return _rows(np.concatenate([torque_gap(run, baseline, modelled) for run, _ in kept]), kept)
-
-
-def _transmission_rows(
-    runs: Sequence[Run], baseline: Baseline, modelled: Sequence[ActiveEffect]
-) -> Rows:
-    gaps, kept = [], []
-    for run in runs:
-        if run.transmission_m is not None:
-            gaps.append(transmission_gap(run, run.transmission_m, baseline, modelled))
-            kept.append((run, np.ones(len(gaps[-1]), dtype=bool)))
-    gap = np.concatenate(gaps)
-    return _rows(gap - gap.mean(), kept)
 
 
 def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:

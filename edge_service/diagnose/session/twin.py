@@ -9,7 +9,7 @@ from itertools import cycle
 import numpy as np
 
 from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ...messages.samples import Floats, SampleFrame
+from ...messages.samples import SampleFrame
 from ...models.effects.baseline import Baseline
 from ...models.effects.effect import ActiveEffect, Role, Term
 from ...models.effects.learned import model_effects
@@ -75,82 +75,54 @@ def excerpt(runs: Sequence[Run]) -> list[Run]:
 
     Of every kind (what was recorded, and whether anything moves) one is kept at least.
     """
-    every = max(math.ceil(sum(map(_simulated_s, runs)) / LONGEST_TWIN_S), 1)
+    simulated_s = sum(min(run.duration_s, LONGEST_RUN_S) for run in runs)
+    every = max(math.ceil(simulated_s / LONGEST_TWIN_S), 1)
     seen: Counter[tuple[bool, ...]] = Counter()
     kept = []
     for run in runs:
-        kind = (*_recorded(run).values(), bool(run.moving.any()))
+        kind = run.has_torque, run.transmission_m is not None, bool(run.moving.any())
         if seen[kind] % every == 0:
             kept.append(run)
         seen[kind] += 1
     return kept
 
 
-def _simulated_s(run: Run) -> float:
-    return min(run.duration_s, LONGEST_RUN_S)
-
-
-def setpoints_of(run: Run, ratio_m_per_rad: float, longest_s: float = LONGEST_RUN_S) -> Floats:
-    """Position, speed and acceleration to command, (n, 3): recorded, or those of the motion."""
-    period_s = run.period_s
-    count = min(len(run.motion), round(longest_s / period_s))
-    position = ratio_m_per_rad * run.motion.angle_rad if run.setpoint_m is None else run.setpoint_m
-    position = position[:count]
-    speed = np.gradient(position, period_s)
-    return np.column_stack((position, speed, np.gradient(speed, period_s)))
-
-
 def healthy_session(machine: Machine, runs: Sequence[Run], seed: int) -> Session:
-    """Simulate a healthy axis on the motion of runs: drawn parameters, traces, measured noise."""
+    """Healthy axis simulated on the motion of runs: drawn parameters, traces, measured noise."""
     random = np.random.default_rng((seed, 20))
     drawn = _drawn(machine, random)
-    effects = [*model_effects(machine), *_traces(machine, random)]
+    effects = (*model_effects(machine), *_traces(machine, random))
     baseline = rigid_baseline(machine)
     made: list[Run] = []
     for number, run in enumerate(excerpt(runs)):
-        frame = simulated(drawn, run, effects, seed * 1000 + number)
-        made += runs_of([frame], baseline, 3.0 * EDGE_S)
+        period_s = run.period_s
+        settings = FeedDriveSettings.of_machine(drawn, 1.0 / period_s)
+        plant = rigid_plant(settings.plant)
+        sensors = Sensors(
+            torque_noise_nm=run.noise.get(TORQUE, 0.0),
+            angle_noise_rad=run.noise.get(ANGLE, 0.0),
+            table_noise_m=run.noise.get(TABLE_POSITION, 0.0),
+            angle_step_rad=0.0,
+            table_step_m=0.0,
+        )
+        settings = replace(settings, plant=plant, effects=effects, sensors=sensors)
+        position = run.setpoint_m
+        if position is None:
+            position = plant.ratio_m_per_rad * run.motion.angle_rad
+        position = position[: min(len(run.motion), round(LONGEST_RUN_S / period_s))]
+        speed = np.gradient(position, period_s)
+        setpoints = np.column_stack((position, speed, np.gradient(speed, period_s)))
+        drive = FeedDrive(settings, float(position[0]), _PRELOAD_PERCENT, seed * 1000 + number)
+        frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
+        settle = round(max(_SETTLE_S - EDGE_S, 0.0) / period_s)
+        there = {
+            ANGLE: True,
+            TORQUE: run.has_torque,
+            TABLE_POSITION: run.transmission_m is not None,
+        }
+        kept = {name: frame.channels[name][settle:] for name, known in there.items() if known}
+        made += runs_of([SampleFrame(frame.time_s[settle:], kept)], baseline, 3.0 * EDGE_S)
     return Session.of_runs(made, baseline, model_effects(machine))
-
-
-def simulated(
-    machine: Machine, run: Run, effects: Sequence[ActiveEffect], seed: int
-) -> SampleFrame:
-    """Recording that a stiff simulated axis gives on the motion of a run."""
-    period_s = run.period_s
-    settings = FeedDriveSettings.of_machine(machine, 1.0 / period_s)
-    settings = replace(
-        settings,
-        plant=rigid_plant(settings.plant),
-        effects=tuple(effects),
-        sensors=_sensors(run),
-    )
-    setpoints = setpoints_of(run, settings.plant.ratio_m_per_rad)
-    drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, seed)
-    frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
-    kept = [name for name, there in _recorded(run).items() if there]
-    settle = round(max(_SETTLE_S - EDGE_S, 0.0) / period_s)
-    return SampleFrame(
-        frame.time_s[settle:], {name: frame.channels[name][settle:] for name in kept}
-    )
-
-
-def _recorded(run: Run) -> dict[str, bool]:
-    return {
-        ANGLE: True,
-        TORQUE: run.has_torque,
-        TABLE_POSITION: run.transmission_m is not None,
-    }
-
-
-def _sensors(run: Run) -> Sensors:
-    return Sensors(
-        torque_noise_nm=run.noise.get(TORQUE, 0.0),
-        angle_noise_rad=run.noise.get(ANGLE, 0.0),
-        table_noise_m=run.noise.get(TABLE_POSITION, 0.0),
-        angle_step_rad=0.0,
-        table_step_m=0.0,
-    )
 
 
 def _drawn(machine: Machine, random: np.random.Generator) -> Machine:

@@ -97,11 +97,7 @@ def replay(
 
 
 def _beginning(session: Session) -> Session:
-    """Runs up to about `_LONGEST_S`, one at least, beside the bare baseline.
-
-    Raises:
-        ValueError: nothing moves in them.
-    """
+    """Runs up to about `_LONGEST_S`, one at least, beside the bare baseline."""
     ends_s = np.cumsum([run.duration_s for run in session.runs])
     count = max(int(np.searchsorted(ends_s, _LONGEST_S, side="right")), 1)
     runs = session.runs[:count]

@@ -15,7 +15,7 @@ from ...regression.interval_estimate import IntervalEstimate, undetermined
 from ...regression.linear import effective_size
 from ...regression.prepared_run import PreparedRun
 from ..result import Contents, Curve, mean_of, rounded_rpm
-from .points import CruiseSettings, cruises
+from .points import cruises
 
 SEGMENT_REVOLUTIONS = 8
 SAMPLES_PER_REVOLUTION = 128
@@ -32,8 +32,7 @@ _WINDOW_BINS = 1.5
 def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
     """Root mean square of the torque about its mean at each constant speed.
 
-    Raises:
-        ValueError: one line; no cruise of a revolution or more.
+    Raises ValueError: no cruise of a revolution or more.
     """
     ripples: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for cruise in _torque_cruises(runs, least_revolutions=1.0):
@@ -67,8 +66,7 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     Args:
         balls: orders of the balls; None where the machine file does not know them.
 
-    Raises:
-        ValueError: one line; no cruise is long enough.
+    Raises ValueError: no cruise is long enough.
     """
     spectra: dict[str, list[Floats]] = defaultdict(list)
     highest: dict[str, float] = defaultdict(lambda: HIGHEST_ORDER)
@@ -114,11 +112,7 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
 def _ball_figures(
     balls: BallPassOrders | None, power: Floats, order: Floats, rpm: str, highest: float
 ) -> dict[str, IntervalEstimate]:
-    """Root mean squares about the orders of the balls, each with its order as a note.
-
-    Args:
-        power: of the segments, (segments, bins); order: of the bins, (bins,).
-    """
+    """Root mean squares about the orders of the balls, each with its order as a note."""
     if balls is None:
         return {"ball_pass_nm": undetermined("N m", BALLS_UNKNOWN)}
     orders = {
@@ -170,7 +164,7 @@ def _torque_cruises(
     runs: Iterable[PreparedRun], least_revolutions: float
 ) -> Iterable[_TorqueCruise]:
     for run in runs:
-        for inside in cruises(run, CruiseSettings()):
+        for inside in cruises(run):
             angle = run.channels[ANGLE][inside]
             if abs(angle[-1] - angle[0]) > 2.0 * math.pi * (least_revolutions - 0.05):
                 speed = float(np.mean(run.speed_rad_s[inside]))

@@ -1,4 +1,8 @@
-"""The friction curve of an axis with only the parts that its points show."""
+"""The friction curve of an axis, with only the parts that its points show.
+
+The exponential form (Armstrong-Helouvry, 1991) stands for (5.3.12)-(5.3.15); the thesis fits it to
+(speed, torque) points in its Figure 5.10.
+"""
 
 import math
 from collections import defaultdict
@@ -10,8 +14,8 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.screw.friction import exponential_friction
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
+from ...regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
 from ..result import Contents, Curve, mean_of, rounded_rpm
-from .fit import LEAST_ERROR_SHARE, fit_friction
 from .points import FrictionPoint
 
 LEAST_SPEEDS = 4
@@ -20,13 +24,17 @@ STRIBECK_SIGMAS = 3.0
 """A rise shows by so many deviations: at the level of the intervals 1 axis in 40 would have one."""
 NO_STRIBECK = "no rise of the friction at low speed is visible"
 FRICTION_LABELS = ("motor speed, rad/s", "friction torque, N m")
+LEAST_ERROR_SHARE = 1e-3
+"""Share of a torque by which a curve is off where too few points tell how true it is."""
+_LEAST_SHARE = 1e-6
+_REACH = 10.0
+"""Speed scales are searched up to this factor beyond the slowest and the fastest point."""
 
 
 def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
     """Friction curve with its parts, over both directions and over each (5.3.12-5.3.15).
 
-    Raises:
-        ValueError: one line; too few speeds.
+    Raises ValueError: too few speeds.
     """
     speeds = {rounded_rpm(point.speed_rad_s) for point in points}
     if len(speeds) < LEAST_SPEEDS:
@@ -35,16 +43,28 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
         )
     whole = friction_parts(points)
     figures = dict(whole.parameters)
-    curves = _fitted(whole, points)
+    signed = [point.speed_rad_s for point in points]
+    half = np.geomspace(min(map(abs, signed)), max(map(abs, signed)), 60)
+    speed = np.concatenate(
+        (-half[::-1] if min(signed) < 0.0 else [], half if max(signed) > 0.0 else [])
+    )
+    drawn = {"fit": whole.torque_nm(speed), **whole.parts_nm(speed)}
+    curves = [Curve(name, speed, torque, *FRICTION_LABELS) for name, torque in drawn.items()]
     for name, way in (("forward", True), ("backward", False)):
         there = [point for point in points if point.forward is way]
         if there:
-            curves.append(_point_curve(name, there))
+            ordered = sorted(there, key=lambda point: point.speed_rad_s)
+            x, y = (
+                np.array([getattr(point, axis) for point in ordered])
+                for axis in ("speed_rad_s", "torque_nm")
+            )
+            curves.append(Curve(name, x, y, *FRICTION_LABELS))
         if len({rounded_rpm(point.speed_rad_s) for point in there}) >= LEAST_SPEEDS:
             parts = friction_parts(there).parameters
             for part in ("coulomb_nm", "viscous_nm_s_per_rad"):
                 figures[f"{name}_{part}"] = parts[part]
-    return figures | _levels(points), curves
+    levels = {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
+    return figures | levels, curves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,14 +105,71 @@ def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
     """
     full = fit_friction(points)
     excess = full.parameters["stribeck_excess_nm"]
-    if excess.determined and excess.value > STRIBECK_SIGMAS * _sigma_below(excess):
-        return FrictionParts(full.parameters, full.values)
+    if excess.determined:
+        sigma_below = (excess.value - excess.low) / normal_quantile()
+        if excess.value > STRIBECK_SIGMAS * sigma_below:
+            return full
     return _straight(points)
 
 
-def _sigma_below(figure: IntervalEstimate) -> float:
-    """Standard deviation on the side of the lower bound, which may differ from the upper."""
-    return (figure.value - figure.low) / normal_quantile()
+def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
+    """Fit one curve to all points, each with its own error and the scatter that no curve explains.
+
+    With points in one direction only, the offset cannot be told from the Coulomb level and is
+    left out as undetermined. Raises ValueError: fewer points than parameters.
+    """
+    speed = np.array([point.speed_rad_s for point in points])
+    torque = np.array([point.torque_nm for point in points])
+    error = np.array([point.standard_error_nm for point in points])
+    if len(points) == 0:
+        raise ValueError("no cruise at constant speed in the recording; run the friction test")
+    error = np.hypot(error, _LEAST_SHARE * np.abs(torque))
+    both = bool((speed > 0.0).any() and (speed < 0.0).any())
+    slowest, fastest = float(np.min(np.abs(speed))), float(np.max(np.abs(speed)))
+    peak, level = float(np.max(np.abs(torque))), float(np.median(np.abs(torque)))
+    scales = slowest / _REACH, fastest * _REACH
+    unknowns = [
+        Unknown("coulomb_nm", 0.0, 2.0 * peak, "N m", floor=0.0),
+        Unknown("stribeck_excess_nm", 0.0, 10.0 * peak, "N m", floor=0.0),
+        Unknown("stribeck_speed_rad_s", *scales, "rad/s", logarithmic=True),
+        Unknown("viscous_nm_s_per_rad", 0.0, 2.0 * peak / slowest, "N m s/rad", floor=0.0),
+    ]
+    if both:
+        unknowns.append(Unknown("offset_nm", -2.0 * peak, 2.0 * peak, "N m"))
+    names = [unknown.name for unknown in unknowns]
+    starts = [
+        np.array([level, 0.2 * level, scale, 0.0, 0.0][: len(unknowns)])
+        for scale in np.geomspace(*scales, 7)[1:-1].tolist()
+    ]
+
+    def misfit_nm(values: Floats) -> Floats:
+        named = dict(zip(names, values.tolist(), strict=True))
+        return np.asarray(_torque_nm(named, speed) - torque, dtype=np.float64)
+
+    first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)
+    share = unexplained_share(misfit_nm(first), error, np.abs(torque), len(unknowns))
+    error = np.hypot(error, share * np.abs(torque))
+    fit = fit_profiled(lambda values: misfit_nm(values) / error, unknowns, [first, *starts])
+    parameters = dict(fit.parameters)
+    values = dict(zip(names, fit.values.tolist(), strict=True))
+    if not both:
+        parameters["offset_nm"] = undetermined(
+            "N m", "one direction only: cannot be told from coulomb_nm", float(len(points))
+        )
+    return FrictionParts(parameters, values)
+
+
+def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
+    """Friction torque; the force equations hold for torque and speed at the motor as they are."""
+    coulomb = values["coulomb_nm"]
+    friction = exponential_friction(
+        speed_rad_s,
+        coulomb,
+        coulomb + values["stribeck_excess_nm"],
+        values["stribeck_speed_rad_s"],
+        values["viscous_nm_s_per_rad"],
+    )
+    return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
 
 
 def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
@@ -123,11 +200,6 @@ def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
     return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
-def _levels(points: Sequence[FrictionPoint]) -> dict[str, IntervalEstimate]:
-    """Friction at each speed that is there in both directions, N m."""
-    return {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
-
-
 def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
     """Speed, rpm -> forward or not -> points in time order, of speeds run in both directions."""
     groups: dict[str, dict[bool, list[FrictionPoint]]] = defaultdict(lambda: defaultdict(list))
@@ -156,24 +228,3 @@ def mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
     half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
     count = min(way.n_effective for way in ways)
     return IntervalEstimate(value, value - half, value + half, "N m", count)
-
-
-def _point_curve(name: str, points: Sequence[FrictionPoint]) -> Curve:
-    ordered = sorted(points, key=lambda point: point.speed_rad_s)
-    return Curve(
-        name,
-        np.array([point.speed_rad_s for point in ordered]),
-        np.array([point.torque_nm for point in ordered]),
-        *FRICTION_LABELS,
-    )
-
-
-def _fitted(parts: FrictionParts, points: Sequence[FrictionPoint]) -> list[Curve]:
-    """The curve and its parts over the speeds of the points."""
-    speeds = [point.speed_rad_s for point in points]
-    half = np.geomspace(min(map(abs, speeds)), max(map(abs, speeds)), 60)
-    speed = np.concatenate(
-        (-half[::-1] if min(speeds) < 0.0 else [], half if max(speeds) > 0.0 else [])
-    )
-    drawn = {"fit": parts.torque_nm(speed), **parts.parts_nm(speed)}
-    return [Curve(name, speed, torque, *FRICTION_LABELS) for name, torque in drawn.items()]

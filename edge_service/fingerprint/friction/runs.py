@@ -46,8 +46,7 @@ def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> 
     Args:
         recordings: points by the name of their recording.
 
-    Raises:
-        ValueError: one line; fewer than two friction tests, or none of their speeds is shared.
+    Raises ValueError: fewer than two friction tests, or none of their speeds is shared.
     """
     tests = friction_tests(recordings)
     if len(tests) < 2:
@@ -56,14 +55,21 @@ def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> 
     if not shared:
         raise ValueError("the friction tests have no speed in common")
     middle = shared[len(shared) // 2]
-    first, last = tests[0], tests[-1]
-    figures = {
-        f"change_at_{rpm}_rpm_nm": _change(first.speeds[rpm], last.speeds[rpm])
-        for rpm in (middle, *(each for each in shared if each != middle))
-    }
+    first, last = tests[0].speeds, tests[-1].speeds
+    figures = {}
+    for rpm in (middle, *(each for each in shared if each != middle)):
+        ways = [_change(first[rpm][way], last[rpm][way]) for way in (True, False)]
+        figures[f"change_at_{rpm}_rpm_nm"] = mean_of_ways(ways)
+    curves = []
     for number, test in enumerate(tests, start=1):
         figures[f"run_{number}_level_{middle}_rpm_nm"] = mean_level(test.speeds[middle])
-    return figures, [_curve(test, shared) for test in tests]
+        speeds = [
+            np.mean([abs(point.speed_rad_s) for way in test.speeds[rpm].values() for point in way])
+            for rpm in shared
+        ]
+        levels = [mean_level(test.speeds[rpm]).value for rpm in shared]
+        curves.append(Curve(test.name, np.array(speeds), np.array(levels), *FRICTION_LABELS))
+    return figures, curves
 
 
 def friction_tests(recordings: Mapping[str, Sequence[FrictionPoint]]) -> list[FrictionTest]:
@@ -84,18 +90,12 @@ def friction_tests(recordings: Mapping[str, Sequence[FrictionPoint]]) -> list[Fr
     return by_clock if one_clock else found
 
 
-def _change(first: Ways, last: Ways) -> IntervalEstimate:
-    """Friction at one speed in the last test less that in the first, N m.
+def _change(first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]) -> IntervalEstimate:
+    """Friction at one speed, one way, in the last test less that in the first, N m.
 
     Repeats of one test pair off, each at its place on the stroke: what varies along the stroke is
     in both, and leaves the difference alone.
     """
-    return mean_of_ways([_change_one_way(first[way], last[way]) for way in (True, False)])
-
-
-def _change_one_way(
-    first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]
-) -> IntervalEstimate:
     if len(first) == len(last):
         pairs = list(zip(first, last, strict=True))
         return mean_of(
@@ -108,13 +108,3 @@ def _change_one_way(
     half = float(np.hypot(before.high - before.value, after.high - after.value))
     count = min(before.n_effective, after.n_effective)
     return IntervalEstimate(value, value - half, value + half, "N m", count)
-
-
-def _curve(test: FrictionTest, shared: Sequence[str]) -> Curve:
-    """Mean of both directions over the shared speeds."""
-    speeds = [
-        np.mean([abs(point.speed_rad_s) for way in test.speeds[rpm].values() for point in way])
-        for rpm in shared
-    ]
-    levels = [mean_level(test.speeds[rpm]).value for rpm in shared]
-    return Curve(test.name, np.array(speeds), np.array(levels), *FRICTION_LABELS)

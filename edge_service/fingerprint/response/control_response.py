@@ -20,12 +20,11 @@ from ...messages.samples import Floats
 from ...recordings.sinumerik.tuning import MeasuredResponse
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve, Section, examined
-from .frequency_response import FrequencyResponse
+from .frequency_response import LEAST_COHERENCE, FrequencyResponse
 from .segment_spectra import Complexes
 from .two_mass_fit import TwoMassFit, fit_two_mass, modes
 
 LOWEST_HZ = 5.0
-LEAST_COHERENCE = 0.5
 LEAST_PROMINENCE = math.log(2.0)
 """Least rise of a peak, or depth of a notch, over its surroundings."""
 _OUT_OF_NOISE = 6.0
@@ -81,7 +80,6 @@ def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:
         averages=measured.averages,
         unit=measured.unit,
         period_s=0.0,
-        hold=False,
         resolution_hz=0.0,
     )
     section = examined(
@@ -111,22 +109,35 @@ def measure_control_response(measured: FrequencyResponse, *, speed_over_torque: 
         measured: motor speed over torque.
         speed_over_torque: whether it is in rad/(s N m); if not, only its modes are known.
 
-    Raises:
-        ValueError: one line; it is no response of a mass, or has too few frequencies.
+    Raises ValueError: it is no response of a mass, or has too few frequencies.
     """
     coherent = measured.within(LOWEST_HZ, math.inf).coherent(LEAST_COHERENCE)
-    mode = chief_mode(modes_of(coherent))
+    found = modes_of(coherent)
+    mode = None  # the lowest of those that stand out
+    if found:
+        strongest = max(math.log(each.height) for each in found)
+        mode = next(each for each in found if math.log(each.height) >= _STRONG * strongest)
     _check_mass(coherent, math.inf if mode is None else _RIGID * mode.antiresonance_hz)
     unit = "rad/(s N m)" if speed_over_torque else "unit unknown"
     labels = ("frequency, Hz", f"speed over torque, {unit}")
     curve = Curve("measured", measured.frequency_hz, np.abs(measured.response), *labels)
     if mode is None:
-        return (_rigid(coherent) if speed_over_torque else {}) | _without_modes(), (curve,)
-    band = coherent.within(*_band(coherent, mode))
+        note = "no notch with a peak behind it stands out of the response"
+        hidden = {name: undetermined("Hz", note) for name in ("antiresonance_hz", "resonance_hz")}
+        return (_rigid(coherent) if speed_over_torque else {}) | hidden, (curve,)
+    next_hz = min(
+        (each.antiresonance_hz for each in found if each.antiresonance_hz > mode.resonance_hz),
+        default=math.inf,
+    )
+    high_hz = min(_ABOVE * mode.resonance_hz, math.sqrt(mode.resonance_hz * next_hz))
+    band = coherent.within(_BELOW * mode.antiresonance_hz, high_hz)
     fit = fit_two_mass(band)
     misfit = np.log(fit.response(band.frequency_hz) / band.response)
     fit = fit_two_mass(band, independent_share=_independent_share(misfit, band.relative_error))
-    figures = _near(modes(fit), mode)
+    figures = modes(fit)
+    if abs(math.log(figures["antiresonance_hz"].value / mode.antiresonance_hz)) >= _AWAY:
+        note = f"two masses do not fit the notch at {mode.antiresonance_hz:.4g} Hz"
+        figures = {name: undetermined(each.unit, note) for name, each in figures.items()}
     if speed_over_torque:
         figures |= _mechanics(fit, figures["table_share"])
     figures["torque_delay_s"] = fit.delay
@@ -156,14 +167,6 @@ def modes_of(measured: FrequencyResponse) -> list[Mode]:
     return found
 
 
-def chief_mode(found: list[Mode]) -> Mode | None:
-    """The lowest mode of those that stand out; None if none does."""
-    if not found:
-        return None
-    strongest = max(math.log(mode.height) for mode in found)
-    return next(mode for mode in found if math.log(mode.height) >= _STRONG * strongest)
-
-
 def _check_mass(measured: FrequencyResponse, below_hz: float) -> None:
     """Refuse what does not fall below a frequency as the response of a mass does."""
     rigid = measured.within(LOWEST_HZ, below_hz)
@@ -180,33 +183,8 @@ def _check_mass(measured: FrequencyResponse, below_hz: float) -> None:
         )
 
 
-def _band(measured: FrequencyResponse, mode: Mode) -> tuple[float, float]:
-    """Lowest and highest frequency that two masses are held against."""
-    above = [each for each in modes_of(measured) if each.antiresonance_hz > mode.resonance_hz]
-    next_hz = above[0].antiresonance_hz if above else math.inf
-    high = min(_ABOVE * mode.resonance_hz, math.sqrt(mode.resonance_hz * next_hz))
-    return _BELOW * mode.antiresonance_hz, high
-
-
-def _near(figures: dict[str, IntervalEstimate], mode: Mode) -> dict[str, IntervalEstimate]:
-    """Figures of the fitted mode, undetermined unless it is the one that the response shows."""
-    if abs(math.log(figures["antiresonance_hz"].value / mode.antiresonance_hz)) < _AWAY:
-        return figures
-    note = f"two masses do not fit the notch at {mode.antiresonance_hz:.4g} Hz"
-    return {name: undetermined(each.unit, note) for name, each in figures.items()}
-
-
-def _without_modes() -> dict[str, IntervalEstimate]:
-    note = "no notch with a peak behind it stands out of the response"
-    return {name: undetermined("Hz", note) for name in ("antiresonance_hz", "resonance_hz")}
-
-
 def _rigid(measured: FrequencyResponse) -> dict[str, IntervalEstimate]:
-    """Inertia of an axis that shows no mode, 1 / (2 pi f |G|), averaged by its logarithm.
-
-    Raises:
-        ValueError: it seems to have another one at higher frequencies.
-    """
+    """Inertia of an axis that shows no mode, 1 / (2 pi f |G|), averaged by its logarithm."""
     levels = -np.log(2.0 * math.pi * measured.frequency_hz * np.abs(measured.response))
     lower, upper = np.array_split(levels, 2)
     if abs(float(np.median(lower) - np.median(upper))) > _RIGID_WITHIN:

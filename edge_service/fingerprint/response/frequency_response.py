@@ -24,6 +24,8 @@ from ...messages.samples import Booleans, Floats, SampleFrame
 from ...recordings.conditioning import uniform_runs
 from .segment_spectra import Complexes, SegmentSpectra
 
+RESOLUTION_HZ = 1.0
+LEAST_COHERENCE = 0.5
 _WINDOW_AVERAGES = 0.95
 """Share of the half-overlapped Hann segments that are independent (Welch, 1967)."""
 _EXCITED = 0.05
@@ -41,8 +43,8 @@ class FrequencyResponse:
         coherence: share of the output's power that the reference explains, 0 to 1, (n,).
         averages: independent segments behind each value.
         unit: of the response.
-        period_s: of the samples.
-        hold: whether the response is that to a held torque, corrected for a rigid axis.
+        period_s: of the samples, between which the torque was held, corrected for a rigid axis; 0
+            where it is continuous.
         resolution_hz: distance of the bins over which a Hann window has smoothed; 0 is not at all.
         place_rad, spread_rad: mean and standard deviation of the motor's angle at which each
             frequency was excited, (n,); empty where nobody knows.
@@ -55,7 +57,6 @@ class FrequencyResponse:
     averages: float
     unit: str
     period_s: float
-    hold: bool
     resolution_hz: float
     place_rad: Floats = field(default_factory=lambda: np.empty(0))
     spread_rad: Floats = field(default_factory=lambda: np.empty(0))
@@ -85,78 +86,36 @@ class FrequencyResponse:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class ResponseSettings:
-    """Settings for the estimation of a response.
-
-    Attributes:
-        resolution_hz: distance of its frequencies.
-        least_coherence: frequencies with less are left out.
-        hold: the torque is held between samples, as that of a drive is.
-    """
-
-    resolution_hz: float = 1.0
-    least_coherence: float = 0.5
-    hold: bool = True
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.resolution_hz) and self.resolution_hz > 0.0):
-            raise ValueError(f"resolution_hz must be greater than 0, got {self.resolution_hz:g}")
-
-
-def drive_response(
-    recordings: Iterable[SampleFrame], settings: ResponseSettings | None = None
-) -> FrequencyResponse:
+def drive_response(recordings: Iterable[SampleFrame]) -> FrequencyResponse:
     """Motor speed over torque, rad/(s N m), from the differences of the angle.
 
-    Raises:
-        ValueError: one line; a channel is missing, or no run is long enough for the resolution.
+    Raises ValueError: a channel is missing, or no run is long enough for the resolution.
     """
-    settings = settings or ResponseSettings()
-    return _responses(_spectra(recordings, TORQUE, ANGLE, settings), TORQUE, settings, 1)[0]
+    return drive_responses_along(recordings, 1)[0]
 
 
 def drive_responses_along(
-    recordings: Iterable[SampleFrame], settings: ResponseSettings | None = None, places: int = 4
+    recordings: Iterable[SampleFrame], places: int = 4
 ) -> list[FrequencyResponse]:
-    """`drive_response` at several places of the travel, each with as many segments, in order.
-
-    Raises:
-        ValueError: as `drive_response`.
-    """
-    settings = settings or ResponseSettings()
-    return _responses(_spectra(recordings, TORQUE, ANGLE, settings), TORQUE, settings, places)
-
-
-def _spectra(
-    recordings: Iterable[SampleFrame], source: str, sink: str, settings: ResponseSettings
-) -> SegmentSpectra:
-    spectra = SegmentSpectra(settings.resolution_hz)
+    """`drive_response` at several places of the travel, each with as many segments, in order."""
+    spectra = SegmentSpectra(RESOLUTION_HZ)
     for frame in recordings:
-        for run in uniform_runs(frame, (source, sink), optional=(SETPOINT,)):
-            spectra.add(run, source, sink)
+        for run in uniform_runs(frame, (TORQUE, ANGLE), optional=(SETPOINT,)):
+            spectra.add(run)
     if spectra.segments == 0:
         raise ValueError(
-            f"no unbroken run of {1.0 / settings.resolution_hz:g} s, which a resolution of "
-            f"{settings.resolution_hz:g} Hz needs"
+            f"no unbroken run of {1.0 / RESOLUTION_HZ:g} s, which a resolution of "
+            f"{RESOLUTION_HZ:g} Hz needs"
         )
-    return spectra
-
-
-def _responses(
-    spectra: SegmentSpectra, source: str, settings: ResponseSettings, places: int
-) -> list[FrequencyResponse]:
-    found = []
     frequency, period_s = spectra.frequency_hz, spectra.period_s
-    correction = np.ones(len(frequency), dtype=np.complex128)
-    if source == TORQUE:
-        correction = sampling_correction(frequency, period_s, settings.hold)
+    correction = sampling_correction(frequency, period_s)
     parts = spectra.along(places)
     strongest = np.max([part.power for part in parts], axis=0)
+    found = []
     for part in parts:
         coherence = part.coherence()
         excited = part.power > _EXCITED * strongest
-        keep = excited & (coherence >= settings.least_coherence) & (frequency > 0.0)
+        keep = excited & (coherence >= LEAST_COHERENCE) & (frequency > 0.0)
         averages = (1.0 if spectra.periodic else _WINDOW_AVERAGES) * part.segments
         found.append(
             FrequencyResponse(
@@ -165,9 +124,8 @@ def _responses(
                 relative_error=part.relative_error(averages, keep)[keep],
                 coherence=coherence[keep],
                 averages=averages,
-                unit="rad/(s N m)" if source == TORQUE else "m/rad",
+                unit="rad/(s N m)",
                 period_s=period_s,
-                hold=settings.hold and source == TORQUE,
                 resolution_hz=0.0 if spectra.periodic else float(frequency[1]),
                 place_rad=part.place_rad[keep],
                 spread_rad=part.spread_rad[keep],
@@ -176,18 +134,14 @@ def _responses(
     return found
 
 
-def sampling_correction(frequency_hz: Floats, period_s: float, hold: bool) -> Complexes:
-    """Factor from differences of the angle over sampled torque to speed over torque, (n,).
+def sampling_correction(frequency_hz: Floats, period_s: float) -> Complexes:
+    """Factor from differences of the angle over held torque to speed over torque, (n,).
 
-    First differences stand for the speed by (1 - z^-1) / (s T). Where the torque is held between
-    samples, those of an inertia J follow it by T (z + 1) / (2 J z (z - 1)) exactly, and not by
-    1 / (J s): the ratio of the two. What is not rigid is sampled otherwise, which a fit has to
-    know.
+    First differences stand for the speed by (1 - z^-1) / (s T), and those of an inertia J follow a
+    held torque by T (z + 1) / (2 J z (z - 1)) exactly, and not by 1 / (J s): the ratio of the two.
+    What is not rigid is sampled otherwise, which a fit has to know.
     """
     s = 2j * math.pi * np.maximum(frequency_hz, 1e-9)
     z = np.exp(s * period_s)
-    if hold:
-        held: Complexes = 2.0 * z * (z - 1.0) / (s * period_s * (z + 1.0))
-        return held
-    difference: Complexes = s * period_s / (1.0 - 1.0 / z)
-    return difference
+    held: Complexes = 2.0 * z * (z - 1.0) / (s * period_s * (z + 1.0))
+    return held

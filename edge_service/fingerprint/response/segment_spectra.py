@@ -1,7 +1,7 @@
 """Cross spectra of reference, input and output, summed by the place at which they were taken."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,14 +129,13 @@ class SegmentSpectra:
         """(n,)."""
         return np.fft.rfftfreq(self.size, self.period_s).astype(np.float64)
 
-    def add(self, run: UniformRun, source: str, sink: str) -> None:
+    def add(self, run: UniformRun) -> None:
         """Add one run; one too short for a segment adds nothing.
 
-        Raises:
-            ValueError: it has another sampling rate than the runs before.
+        Raises ValueError: it has another sampling rate than the runs before.
         """
         size = round(1.0 / (self.resolution_hz * run.period_s))
-        series = {"u": _rate(run, source), "y": _rate(run, sink), "angle": run.channels[ANGLE][1:]}
+        series = {"u": _rate(run, TORQUE), "y": _rate(run, ANGLE), "angle": run.channels[ANGLE][1:]}
         series["r"] = _rate(run, SETPOINT) if SETPOINT in run.channels else series["u"]
         if len(series["u"]) < size:
             return
@@ -148,28 +147,29 @@ class SegmentSpectra:
                 self.periodic = True
                 self._places.clear()
             if repeated or not self.periodic:
-                self._add_segment(series, slice(start, start + size))
-
-    def _add_segment(self, series: dict[str, Floats], where: slice) -> None:
-        window = np.ones(self.size) if self.periodic else signal.windows.hann(self.size, sym=False)
-        reference, source, sink = (
-            np.fft.rfft((series[name][where] - np.mean(series[name][where])) * window)
-            for name in ("r", "u", "y")
-        )
-        angle = series["angle"][where]
-        place = int(np.mean(angle) // (2.0 * math.pi))
-        empty = np.zeros((7, len(reference)), dtype=np.complex128)
-        self._places.setdefault(place, PlaceSpectra(empty)).add(reference, source, sink, angle)
+                where = slice(start, start + size)
+                window = signal.windows.hann(size, sym=False) if not repeated else np.ones(size)
+                reference, source, sink = (
+                    np.fft.rfft((series[name][where] - np.mean(series[name][where])) * window)
+                    for name in ("r", "u", "y")
+                )
+                angle = series["angle"][where]
+                place = int(np.mean(angle) // (2.0 * math.pi))
+                empty = np.zeros((7, len(reference)), dtype=np.complex128)
+                spectra = self._places.setdefault(place, PlaceSpectra(empty))
+                spectra.add(reference, source, sink, angle)
 
     def along(self, count: int) -> list[PlaceSpectra]:
         """Sums at up to `count` places in order, each with about as many segments."""
         ordered = [self._places[key] for key in sorted(self._places)]
         before = np.cumsum([place.segments for place in ordered]) - 0.5 * ordered[0].segments
         group = np.minimum((before * count / self.segments).astype(int), count - 1)
-        return [
-            _merged([place for place, own in zip(ordered, group, strict=True) if own == each])
-            for each in sorted(set(group.tolist()))
-        ]
+        found = []
+        for each in sorted(set(group.tolist())):
+            parts = [place for place, own in zip(ordered, group, strict=True) if own == each]
+            sums = np.sum([part.sums for part in parts], axis=0)
+            found.append(PlaceSpectra(sums, sum(part.segments for part in parts)))
+        return found
 
 
 def _cut(reference: Floats, size: int) -> Iterator[tuple[int, bool]]:
@@ -186,11 +186,6 @@ def _cut(reference: Floats, size: int) -> Iterator[tuple[int, bool]]:
         repeated = any(float(np.linalg.norm(here - each)) < limit for each in beside)
         yield start, repeated
         start += size if repeated else size // 2
-
-
-def _merged(parts: Sequence[PlaceSpectra]) -> PlaceSpectra:
-    whole = np.sum([part.sums for part in parts], axis=0)
-    return PlaceSpectra(whole, sum(part.segments for part in parts))
 
 
 def _rate(run: UniformRun, name: str) -> Floats:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ...messages.samples import Floats, SampleFrame
 from ...regression.interval_estimate import IntervalEstimate, undetermined
 from ...regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
-from .frequency_response import FrequencyResponse
+from ..result import Contents, Curve
+from .frequency_response import FrequencyResponse, drive_response, drive_responses_along
 from .segment_spectra import Complexes
 from .two_mass_model import Sight, TwoMasses
 
@@ -25,6 +26,9 @@ _LEAST_FREQUENCIES = 10
 _LEAST_SHARE = 1e-5
 _FEW = 400
 """Frequencies on which the first valley is looked for."""
+SHAKEN_HZ, LEAST_SHAKEN = 50.0, 75
+"""No everyday motion moves an axis coherently above so much, at so many frequencies."""
+LOWEST_HZ = 5.0
 MOST_DAMPING = math.sqrt(0.5)
 """Damping ratio above which a mode has no peak."""
 
@@ -42,8 +46,6 @@ class TwoMassFit:
         delay: of the torque path, s.
         viscous: D of (5.3.19), between motor and ground, N m s/rad.
         place_rad: angle of the motor to which the modes belong.
-        reduced_chi2: 1 where the response scatters as its errors say; what it scatters beyond its
-            coherence counts as error.
     """
 
     inertia: IntervalEstimate
@@ -55,12 +57,45 @@ class TwoMassFit:
     delay: IntervalEstimate
     viscous: IntervalEstimate
     place_rad: float
-    reduced_chi2: float
     model: TwoMasses
 
     def response(self, frequency_hz: Floats) -> Complexes:
         """The fitted motor speed over torque, without sampling, rad/(s N m), (n,)."""
         return self.model.speed_over_torque(frequency_hz)
+
+
+def measure_response(recordings: Sequence[SampleFrame]) -> Contents:
+    """Response of the drive to its torque with the modes of two masses (5.3.19-5.3.21).
+
+    Raises ValueError: no recording shakes the axis.
+    """
+    shaken = [frame for frame in recordings if shakes(frame)]
+    if not shaken:
+        raise ValueError(f"no recording moves the axis coherently above {SHAKEN_HZ:g} Hz")
+    measured = drive_response(shaken).within(LOWEST_HZ, math.inf)
+    fit = fit_two_mass(
+        [place.within(LOWEST_HZ, math.inf) for place in drive_responses_along(shaken)]
+    )
+    figures = {
+        **modes(fit),
+        "response_inertia_kg_m2": fit.inertia,
+        "torque_delay_s": fit.delay,
+    }
+    labels = ("frequency, Hz", "speed over torque, rad/(s N m)")
+    frequency = measured.frequency_hz
+    return figures, (
+        Curve("measured", frequency, np.abs(measured.response), *labels),
+        Curve("fit", frequency, np.abs(fit.response(frequency)), *labels),
+    )
+
+
+def shakes(frame: SampleFrame) -> bool:
+    """Coherent motion at high frequencies, as of a chirp or multisine."""
+    try:
+        response = drive_response([frame])
+    except ValueError:  # a channel is missing, or the run is too short
+        return False
+    return int(np.sum(response.within(SHAKEN_HZ, math.inf).coherence > 0.9)) >= LEAST_SHAKEN
 
 
 def fit_two_mass(
@@ -77,8 +112,7 @@ def fit_two_mass(
             fitted.
         independent_share: of the frequencies that count, where neighbours err alike.
 
-    Raises:
-        ValueError: fewer than ten frequencies.
+    Raises ValueError: fewer than ten frequencies.
     """
     places = [measured] if isinstance(measured, FrequencyResponse) else list(measured)
     count = sum(len(place.frequency_hz) for place in places)
@@ -92,7 +126,11 @@ def fit_two_mass(
     unknowns = _unknowns(places, centre_rad)
     misfit = _misfit(places, centre_rad)
     error = _error(places)
-    first = _first_values(places, centre_rad, unknowns)
+    # the best valley of all starts, on few frequencies
+    few = [place.every(max(count // _FEW, 1)) for place in places]
+    misfit_few, error_few = _misfit(few, centre_rad), np.hypot(_error(few), _FIRST_ERROR)
+    starts = [start[: len(unknowns)] for start in _starts(places)]
+    first = best_values(lambda values: misfit_few(values) / error_few, unknowns, starts)
     first = best_values(
         lambda values: misfit(values) / np.hypot(error, _FIRST_ERROR), unknowns, [first]
     )
@@ -107,17 +145,17 @@ def fit_two_mass(
     )
     found = fit.parameters
     notch, damping, ratio = found["antiresonance"], found["damping"], found["ratio"]
+    low, value, high = (1.0 - bound**-2 for bound in (ratio.low, ratio.value, ratio.high))
     return TwoMassFit(
         inertia=found["inertia"],
         antiresonance=notch,
         resonance=_product(notch, ratio),
         antiresonance_damping=damping,
         resonance_damping=_product(damping, ratio),
-        table_share=_table_share(ratio),
+        table_share=IntervalEstimate(value, low, high, "1", ratio.n_effective, ratio.note),
         delay=found["delay"],
         viscous=found["viscous"],
         place_rad=centre_rad,
-        reduced_chi2=fit.reduced_chi2,
         model=TwoMasses(*fit.values.tolist()),
     )
 
@@ -153,18 +191,6 @@ def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:
     return misfit
 
 
-def _first_values(
-    places: Sequence[FrequencyResponse], centre_rad: float, unknowns: Sequence[Unknown]
-) -> Floats:
-    """The best valley of all starts, on few frequencies."""
-    count = sum(len(place.frequency_hz) for place in places)
-    few = [place.every(max(count // _FEW, 1)) for place in places]
-    misfit = _misfit(few, centre_rad)
-    error = np.hypot(_error(few), _FIRST_ERROR)
-    starts = [start[: len(unknowns)] for start in _starts(places)]
-    return best_values(lambda values: misfit(values) / error, unknowns, starts)
-
-
 def _error(places: Sequence[FrequencyResponse]) -> Floats:
     """Standard deviations of the misfit, by coherence."""
     return np.tile(np.concatenate([place.relative_error for place in places]), 2)
@@ -196,7 +222,10 @@ def _starts(places: Sequence[FrequencyResponse]) -> list[Floats]:
     """A notch where the response shows one, near the end of the band, and beyond it."""
     inertia = _low_frequency_inertia(places)
     high_hz = max(float(place.frequency_hz[-1]) for place in places)
-    notches_hz = (_deepest_hz(places), 0.5 * high_hz, high_hz, 0.5 * _BEYOND * high_hz)
+    frequency = np.concatenate([place.frequency_hz for place in places])
+    response = np.concatenate([place.response for place in places])
+    deepest_hz = float(frequency[np.argmin(np.abs(response) * frequency)])
+    notches_hz = (deepest_hz, 0.5 * high_hz, high_hz, 0.5 * _BEYOND * high_hz)
     return [
         np.array([inertia, notch_hz, 0.05, ratio, 0.0, 0.0, 0.0])
         for notch_hz in notches_hz
@@ -212,13 +241,6 @@ def _low_frequency_inertia(places: Sequence[FrequencyResponse]) -> float:
     return float(np.median(1.0 / (2.0 * math.pi * frequency[order] * np.abs(response[order]))))
 
 
-def _deepest_hz(places: Sequence[FrequencyResponse]) -> float:
-    """Frequency where the response falls furthest below that of a rigid axis, Hz."""
-    frequency = np.concatenate([place.frequency_hz for place in places])
-    response = np.concatenate([place.response for place in places])
-    return float(frequency[np.argmin(np.abs(response) * frequency)])
-
-
 def _product(first: IntervalEstimate, second: IntervalEstimate) -> IntervalEstimate:
     """Product of two positive quantities in the unit of the first, with the bounds of both."""
     return IntervalEstimate(
@@ -229,9 +251,3 @@ def _product(first: IntervalEstimate, second: IntervalEstimate) -> IntervalEstim
         min(first.n_effective, second.n_effective),
         first.note or second.note,
     )
-
-
-def _table_share(ratio: IntervalEstimate) -> IntervalEstimate:
-    """J2 / (J1 + J2) = 1 - (w_r / w_a)^-2."""
-    low, value, high = (1.0 - bound**-2 for bound in (ratio.low, ratio.value, ratio.high))
-    return IntervalEstimate(value, low, high, "1", ratio.n_effective, ratio.note)

@@ -99,10 +99,10 @@ class Sight:
         if step > 0.0:
             parts += [np.maximum(frequency - step, 0.5 * frequency), frequency + step]
         s = (2j * math.pi * np.concatenate(parts)).astype(np.complex128)
-        period_s = measured.period_s if measured.hold else 0.0
+        period_s = measured.period_s
         differences: Complexes = np.ones(len(s), dtype=np.complex128)
-        if measured.hold:
-            corrected = sampling_correction(np.concatenate(parts), period_s, True)
+        if period_s > 0.0:
+            corrected = sampling_correction(np.concatenate(parts), period_s)
             differences = corrected * (1.0 - np.exp(-s * period_s)) / period_s
         turned = np.zeros((2, len(frequency)))
         if len(measured.place_rad):
@@ -124,11 +124,7 @@ class Sight:
         return windowed
 
     def _held(self, model: TwoMasses) -> Complexes:
-        """`flexible` as differences of the angle to a held torque show it, (2, k n).
-
-        1 / D held over T is (b1 z + b2) / (z^2 + a1 z + a2) (Franklin, Powell and Workman, Digital
-        Control of Dynamic Systems, 1998, table 4.3).
-        """
+        """`flexible` as differences of the angle to a held torque show it, (2, k n)."""
         peak, damping, share = model.at(self.turned_rad)
         z = np.exp(self.s * self.period_s)
         decay = np.exp(-damping * peak * self.period_s)

@@ -1,10 +1,67 @@
-"""Preload of the nut from a change of the axis' series stiffness (thesis, 5.3.11)."""
+"""Preload of the nut, from the drag (4.3.6) and from a change of the series stiffness (5.3.11)."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
-from ...models.machine import Quantity
+from ...models.machine import Machine, Quantity
 from ...models.screw.nut_law import preload_ratio
 from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
+from ..result import Contents
+
+DRAG_FACTOR_TOLERANCE = 0.1
+"""Drag of one preload differs by 20 % between screws (Table A.1), taken as two deviations."""
+
+
+def measure_preload(
+    coulomb: IntervalEstimate | None,
+    stiffness: Mapping[str, IntervalEstimate],
+    fresh_stiffness: Mapping[str, IntervalEstimate],
+    machine: Machine,
+) -> Contents:
+    """Preload from the drag (4.3.6) and from the change of the stiffness (5.3.11)."""
+    model, found = machine.model, []
+    if model.preload_n is None:
+        change = undetermined("N", "model.preload_n is missing")
+    elif not fresh_stiffness:
+        change = undetermined("N", "needs the stored fingerprint of the fresh axis (--baseline)")
+    else:
+        for name in sorted(stiffness.keys() & fresh_stiffness.keys()):
+            if name.startswith("stiffness_"):
+                both = stiffness[name], fresh_stiffness[name]
+                nut = model.nut_stiffness_n_per_m
+                found.append(preload_from_stiffness(*both, model.preload_n, nut))
+        # where the screw's own compliance disturbs least the interval is the tightest
+        unknown = undetermined("N", "the stiffness is undetermined")
+        change = min(found, key=lambda each: each.high - each.low, default=unknown)
+    drag = preload_from_drag_level(coulomb, machine)
+    return {"preload_from_drag_n": drag, "preload_from_stiffness_n": change}, ()
+
+
+def preload_from_drag_level(coulomb: IntervalEstimate | None, machine: Machine) -> IntervalEstimate:
+    """Preload from the Coulomb level less what guides and bearings rub, N.
+
+    The fresh screw's pair of drag and preload gives the ratio. Where the machine file does not say
+    what else rubs, all of the level may be the screw's or none of it.
+    """
+    model = machine.model
+    if coulomb is None or not coulomb.determined:
+        return undetermined("N", "the Coulomb level is undetermined")
+    if model.preload_n is None or not model.preload_drag_nm or not model.preload_drag_nm.value:
+        return undetermined("N", "model.preload_n or model.preload_drag_nm is missing")
+    newton_per_nm = model.preload_n.value / model.preload_drag_nm.value
+    others = machine.other_drag_nm
+    screw_nm = coulomb.value - others.value
+    shares = (model.preload_n.tolerance, model.preload_drag_nm.tolerance, DRAG_FACTOR_TOLERANCE)
+    sigma = newton_per_nm * math.hypot(coulomb.sigma, others.sigma, screw_nm * math.hypot(*shares))
+    value, half = newton_per_nm * screw_nm, normal_quantile() * sigma
+    found = IntervalEstimate(
+        value, max(value - half, 0.0), max(value + half, 0.0), "N", coulomb.n_effective
+    )
+    if {"guide_force_n", "bearing_drag_nm"} & model.model_fields_set:
+        return found
+    note = "model.guide_force_n and bearing_drag_nm are unknown: an upper bound"
+    return replace(found, low=0.0, note=note)
 
 
 def preload_from_stiffness(
@@ -26,7 +83,7 @@ def preload_from_stiffness(
         fresh_nut_stiffness_n_per_m: of the nut alone with the fresh preload.
     """
     count = min(stiffness.n_effective, fresh_stiffness.n_effective)
-    if not _bounded(stiffness) or not _bounded(fresh_stiffness):
+    if not all(each.determined and each.low > 0.0 for each in (stiffness, fresh_stiffness)):
         return undetermined("N", "the stiffness is undetermined", count)
     change = 1.0 / stiffness.value - 1.0 / fresh_stiffness.value
     half = normal_quantile() * math.hypot(
@@ -57,7 +114,3 @@ def preload_from_stiffness(
         count,
         note,
     )
-
-
-def _bounded(stiffness: IntervalEstimate) -> bool:
-    return stiffness.determined and stiffness.low > 0.0

@@ -37,8 +37,7 @@ class Reversal:
 def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
     """Following error and encoder difference at slow reversals.
 
-    Raises:
-        ValueError: one line; no slow reversal.
+    Raises ValueError: no slow reversal.
     """
     found = [reversal for run in runs for reversal in reversals(run)]
     if not found:

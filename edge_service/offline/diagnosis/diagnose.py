@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...atomic import replaced_file
-from ...checks.session import check_data
+from ...checks.session import DataCheck, check_data
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
 from ...diagnose.pipeline import diagnose_session
 from ...diagnose.preload import (
-    Loss,
     diagnose_beside_loss,
     fresh_screw,
     known_loss,
@@ -92,10 +91,7 @@ def _diagnosed(
         machine, healthy = _healthy(machine, reference, progress)
     runs = read_runs(machine, traces, progress)
     names = [path.name for path in traces]
-    check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
-    if not check.faults:
-        forbidding = [each for each in examine(machine, traces) if each.forbids]
-        check = replace(check, faults=tuple(f"{e.sentence}; {e.remedy}" for e in forbidding))
+    check = _checked(machine, traces, runs)
     if check.faults:
         refused = _bad_data(machine, runs, check.faults, check.remarks)
         _write(out, refused, text, render(machine, names, refused))
@@ -106,8 +102,8 @@ def _diagnosed(
     doubted = doubts(machine, runs)
     fresh, reading = fresh_screw(machine), preload_reading(machine, traces)
     if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
-        loss = Loss(known_loss(session, fresh), reading)
-        found = diagnose_beside_loss(session, machine, loss, progress)
+        course = known_loss(session, fresh)
+        found = diagnose_beside_loss(session, machine, course, reading, progress)
         found = _with_motion(beside_doubts(found, doubted), machine)
     else:
         found = diagnose_session(session, machine, progress=progress)
@@ -129,6 +125,14 @@ def _diagnosed(
         raise ConfigError(f"{machine_file}: {error}") from error
     _write(out, found, augmented, render(machine, names, found, session))
     return Answer(_summary(found, out), found)
+
+
+def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:
+    """Check of a session: what `doctor` forbids comes first, in its words."""
+    names = [path.name for path in traces]
+    check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
+    forbidding = tuple(f"{e.sentence}; {e.remedy}" for e in examine(machine, traces) if e.forbids)
+    return replace(check, faults=forbidding or check.faults)
 
 
 def _bad_data(
@@ -180,8 +184,7 @@ def _healthy(
     runs = read_runs(machine, reference, progress)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
     runs = read_runs(shown, reference, progress)
-    names = [path.name for path in reference]
-    faults = check_data(runs, machine.transmission_ratio_m_per_rad, names).faults
+    faults = _checked(machine, reference, runs).faults
     if faults:
         raise DiagnosisError(f"reference: {'; '.join(faults)}")
     return shown, healthy_machine(runs, rigid_baseline(shown), model_effects(shown))

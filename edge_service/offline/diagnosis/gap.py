@@ -15,8 +15,7 @@ from ...diagnose.session.recordings import unbroken_runs
 from ...diagnose.session.session import (
     TORQUE_GAP,
     TRANSMISSION_GAP,
-    torque_gap,
-    transmission_gap,
+    channel_gap,
 )
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
@@ -51,9 +50,9 @@ def gap(
         baseline = rigid_baseline(machine)
         for run in unbroken_runs(opened_recordings(machine, traces, progress), baseline):
             if run.has_torque:
-                torque.add(torque_gap(run, baseline, modelled))
+                torque.add(channel_gap(TORQUE_GAP, run, baseline, modelled))
             if run.transmission_m is not None:
-                transmission.add(transmission_gap(run, run.transmission_m, baseline, modelled))
+                transmission.add(channel_gap(TRANSMISSION_GAP, run, baseline, modelled))
     found = {TORQUE_GAP: torque.rms, TRANSMISSION_GAP: transmission.deviation}
     known = {name: value for name, value in found.items() if value is not None}
     if not known:

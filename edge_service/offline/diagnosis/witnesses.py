@@ -33,7 +33,7 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
             },
         )
         for run in runs
-        if run.transmission_m is not None and not run.is_slow
+        if run.transmission_m is not None and not run.misses_acceleration
     ]
     if not frames:
         return []

@@ -178,16 +178,21 @@ def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
     session = _session(linear, list(runs_of(frames, rigid_baseline(linear))))
     columns = np.column_stack(
         [
-            session.torque_column(lambda motion: motion.acceleration_rad_s2),
-            session.torque_column(lambda motion: motion.speed_rad_s),
+            session.column(TORQUE_GAP, lambda motion: motion.acceleration_rad_s2),
+            session.column(TORQUE_GAP, lambda motion: motion.speed_rad_s),
         ]
     )
-    off = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
-    better = {}
-    for name, by in zip(("inertia_kg_m2", "viscous_nm_s_per_rad"), off, strict=True):
-        stated: Quantity = getattr(linear.model, name)
-        better[name] = stated.model_copy(update={"value": stated.value + float(by)})
-    return linear.model_copy(update={"model": linear.model.model_copy(update=better)})
+    inertia, viscous = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
+    model = linear.model
+    better = {
+        "inertia_kg_m2": _moved(model.inertia_kg_m2, inertia),
+        "viscous_nm_s_per_rad": _moved(model.viscous_nm_s_per_rad, viscous),
+    }
+    return linear.model_copy(update={"model": model.model_copy(update=better)})
+
+
+def _moved(quantity: Quantity, by: float) -> Quantity:
+    return quantity.model_copy(update={"value": quantity.value + float(by)})
 
 
 def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:
@@ -195,8 +200,9 @@ def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:
     session = _session(machine, list(runs_of(frames, rigid_baseline(machine))))
     effect = get_effect("compliance")
     unit = effect.complete({"level_m_per_n": _UNIT_M_PER_N})
-    column = session.transmission_column(
-        lambda motion: transmission_signature(effect, unit, motion, session.baseline)
+    column = session.column(
+        TRANSMISSION_GAP,
+        lambda motion: transmission_signature(effect, unit, motion, session.baseline),
     )
     gap = session.channels[TRANSMISSION_GAP].gap
     return _UNIT_M_PER_N * float(column @ gap / (column @ column))

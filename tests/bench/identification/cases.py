@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.fingerprint.friction.fit import fit_friction
+from edge_service.fingerprint.friction.curve import fit_friction
 from edge_service.fingerprint.friction.points import friction_points
 from edge_service.fingerprint.response.frequency_response import drive_responses_along
 from edge_service.fingerprint.response.two_mass_fit import fit_two_mass
-from edge_service.fingerprint.transmission.stiffness_fit import fit_stiffness
-from edge_service.fingerprint.transmission.stiffness_point import backlash
+from edge_service.fingerprint.transmission.stiffness import backlash, fit_stiffness
 from edge_service.messages.channels import TORQUE
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import parse_effect
@@ -28,7 +27,6 @@ from edge_service.regression.prepared_run import (
     PreparedRun,
     prepare,
 )
-from edge_service.regression.regressors import DIRECTIONAL, SYMMETRIC
 
 RATE_HZ = 1000.0
 GUIDE_N, BEARING_NM, TABLE_KG = 40.0, 0.05, 20.0
@@ -105,19 +103,14 @@ def _coulomb_nm(machine: Machine, settings: FeedDriveSettings) -> float:
 def _rigid(machine: Machine, seed: int) -> dict[str, Recovered]:
     effect = f"load_offset:constant_nm={CONSTANT_NM},asymmetry_nm={ASYMMETRY_NM}"
     frame, settings = _recorded(machine, "production", seed, effect)
-    lopsided, coulomb = CONSTANT_NM + ASYMMETRY_NM, _coulomb_nm(machine, settings)
-    inertia = machine.model.inertia_kg_m2.value
-    viscous = machine.model.viscous_nm_s_per_rad.value
     truths = {
-        SYMMETRIC: (inertia, viscous, coulomb, lopsided),
-        DIRECTIONAL: (inertia, viscous, viscous, coulomb + lopsided, coulomb - lopsided),
+        "inertia": machine.model.inertia_kg_m2.value,
+        "viscous": machine.model.viscous_nm_s_per_rad.value,
+        "coulomb": _coulomb_nm(machine, settings),
+        "offset": CONSTANT_NM + ASYMMETRY_NM,
     }
-    found = {}
-    for names, truth in truths.items():
-        fit = identify_inverse_dynamics([frame], _preparation(machine), names)
-        for name, value in zip(names, truth, strict=True):
-            found[name] = Recovered(fit.parameters[name], value)
-    return found
+    fit = identify_inverse_dynamics([frame], _preparation(machine))
+    return {name: Recovered(fit.parameters[name], truth) for name, truth in truths.items()}
 
 
 def _friction(machine: Machine, seed: int) -> dict[str, Recovered]:

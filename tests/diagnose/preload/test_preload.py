@@ -8,7 +8,6 @@ import pytest
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.preload import (
-    Loss,
     PreloadReading,
     diagnose_beside_loss,
     fresh_screw,
@@ -70,8 +69,8 @@ def test_the_course_of_a_loss_is_that_of_the_torque(lost, ends):
 def test_a_known_loss_comes_first_and_no_warmth_is_named():
     session, fresh = recorded(np.linspace(90.0, 100.0, SECONDS)), fresh_screw(axis())
     assert fresh is not None
-    loss = Loss(known_loss(session, fresh), PreloadReading(2.0, 0.0, 12.0, two_encoders=True))
-    found = diagnose_beside_loss(session, axis(), loss)
+    reading = PreloadReading(2.0, 0.0, 12.0, two_encoders=True)
+    found = diagnose_beside_loss(session, axis(), known_loss(session, fresh), reading)
     names = [each.name for each in found.effects]
     assert names[0] == "preload_loss"
     sure = {each.name for each in found.effects if each.probability > 0.9}

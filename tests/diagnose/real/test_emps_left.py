@@ -44,8 +44,8 @@ def test_the_published_friction_leaves_the_published_residual_and_a_small_ripple
     assert rows.rms / RATIO == pytest.approx(PUBLISHED_RESIDUAL_N[name], rel=0.12)
     columns = np.column_stack(
         [
-            session.torque_column(
-                lambda motion, order=order, turn=turn: turn(order * motion.angle_rad)
+            session.column(
+                TORQUE_GAP, lambda motion, order=order, turn=turn: turn(order * motion.angle_rad)
             )
             for order in (1, 2)
             for turn in (np.sin, np.cos)
@@ -65,9 +65,9 @@ def test_the_pulses_ask_for_the_lag_of_a_held_command_and_for_no_spring():
     def inertial(motion):
         return INERTIA_KG_M2 * motion.acceleration_rad_s2
 
-    lag = session.torque_column(lambda m: np.gradient(inertial(m), m.time_s))
-    spring = session.torque_column(
-        lambda m: -np.gradient(np.gradient(inertial(m), m.time_s), m.time_s)
+    lag = session.column(TORQUE_GAP, lambda m: np.gradient(inertial(m), m.time_s))
+    spring = session.column(
+        TORQUE_GAP, lambda m: -np.gradient(np.gradient(inertial(m), m.time_s), m.time_s)
     )
     assert abs(np.corrcoef(lag, spring)[0, 1]) < 0.01
     amounts = [float(each @ rows.gap) / float(each @ each) for each in (lag, spring)]

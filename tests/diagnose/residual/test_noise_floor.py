@@ -45,12 +45,12 @@ STRUCTURES: dict[str, Callable[[Motion], Floats]] = {
 
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_structure_is_no_noise(session: Session, name: str) -> None:
-    assert floor_of(session, session.torque_column(STRUCTURES[name])) < 1.4 * NOISE_NM
+    assert floor_of(session, session.column(TORQUE_GAP, STRUCTURES[name])) < 1.4 * NOISE_NM
 
 
 @pytest.mark.parametrize("name", ["nothing", "drag"])
 def test_plain_structure_leaves_it_as_it_is(session: Session, name: str) -> None:
-    found = floor_of(session, session.torque_column(STRUCTURES[name]))
+    found = floor_of(session, session.column(TORQUE_GAP, STRUCTURES[name]))
     assert found == pytest.approx(NOISE_NM, rel=0.05)
 
 

@@ -51,7 +51,7 @@ def posed(seed: int) -> SelectionProblem:
         alternatives=(1,) * len(regressors),
     )
     session = machine = None  # what is scored is the design and its noise
-    return SelectionProblem(session, machine, design, NOISE, {})
+    return SelectionProblem(session, machine, design, NOISE, {}, {})
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -67,15 +67,6 @@ def test_no_set_of_three_is_better_than_the_first(seed: int) -> None:
     found = problem.leading_sets([problem.fit((1,))])
     assert max(each.score for each in found) == pytest.approx(best.score)
     assert best.names in [each.names for each in found]
-
-
-def test_sets_fitted_at_once_are_those_fitted_alone() -> None:
-    problem = posed(7)
-    sets = [(), (3,), (1, 4), (2,), (5, 8), (1, 2, 3)]
-    for each, alone in zip(problem.fits(sets), (problem.fit(s) for s in sets), strict=True):
-        assert each.regressors == alone.regressors
-        assert each.score == pytest.approx(alone.score)
-        assert each.rms == pytest.approx(alone.rms)
 
 
 def test_a_fit_is_the_weighted_least_squares_of_its_columns() -> None:

@@ -12,7 +12,6 @@ from edge_service.diagnose.candidates.design_matrix import healthy_priors
 from edge_service.diagnose.residual.noise import (
     INTERPOLATION_M,
     TOLERANCE_OF_FLOOR,
-    stated_tolerance,
 )
 from edge_service.diagnose.session.twin import parameter_tolerances
 from edge_service.models.effects.effect import MATERIAL_TOLERANCES
@@ -54,18 +53,6 @@ def test_without_one_it_is_a_part_of_the_floor(machine_file: Path, tmp_path: Pat
     assert position["tolerance"] == INTERPOLATION_M
 
 
-def test_a_thousandth_of_the_drives_torque_matters_to_nobody(machine_file: Path) -> None:
-    machine = load_machine(machine_file)
-    axis = machine.axis.model_copy(update={"max_torque_nm": 16.0})
-    found = stated_tolerance(machine.model_copy(update={"axis": axis}), {"torque_nm": 1e-3}, 1.0)
-    assert found == {"torque_nm": pytest.approx(0.016)}
-
-
-def test_noise_of_half_the_torque_is_no_tolerance(machine_file: Path) -> None:
-    found = stated_tolerance(load_machine(machine_file), {"torque_nm": 0.25}, 0.5)
-    assert found == {"torque_nm": pytest.approx(0.05)}
-
-
 @pytest.mark.parametrize("value", ["0.0", "-1.0", '"much"'])
 def test_a_tolerance_that_is_none_is_refused_in_a_line(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], value: str
@@ -96,17 +83,6 @@ def test_a_torque_may_be_recorded_as_it_acts_or_as_it_is_commanded(machine_file:
         reach_s = MATERIAL_TOLERANCES * prior.sigma
         assert prior.mean - reach_s < 0.0
         assert prior.mean + reach_s > 0.5 * period_s + 3e-4
-
-
-def test_the_stated_tolerance_is_taken_channel_by_channel(machine_file: Path) -> None:
-    machine = load_machine(machine_file)
-    stated = machine.tolerance.model_copy(update={"position_m": 2e-6})
-    found = stated_tolerance(
-        machine.model_copy(update={"tolerance": stated}),
-        {"torque_nm": 0.1, "transmission_m": 1e-7},
-        2.0,
-    )
-    assert found == {"torque_nm": TOLERANCE_OF_FLOOR * 0.1, "transmission_m": 2e-6}
 
 
 @pytest.mark.slow

@@ -28,9 +28,6 @@ def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
         ("torque_command_nm", -1.0, "torque sign looks inverted"),
         ("torque_command_nm", 1000.0, "unit"),
         ("torque_command_nm", 0.0, "a channel is stuck"),
-        ("table_position_m", 1000.0, "lead looks like"),
-        ("table_position_m", -1.0, "one of the signs looks inverted"),
-        ("motor_angle_rad", 180.0 / np.pi, "lead looks like"),
     ],
 )
 def test_units_and_signs(machine: Machine, channel: str, factor: float, reason: str) -> None:

@@ -82,15 +82,6 @@ def test_the_zero_of_the_table_encoder_belongs_to_the_axis(machine: Machine) -> 
     assert "their table positions are 1.3 mm apart" in fault
 
 
-def test_all_files_with_another_lead_are_one_axis_and_the_machine_file_is_wrong(
-    machine: Machine,
-) -> None:
-    frames = [frame_of(piece(k, (), lead_m=0.01)) for k in range(2)]
-    faults = checked(machine, *frames).faults
-    assert any("lead looks like" in each for each in faults)
-    assert not any("not of one axis" in each for each in faults)
-
-
 def test_steps_within_the_play_say_nothing_of_the_lead(machine: Machine) -> None:
     """Moves of 20 um in a play of as much: table and motor part, and no unit is wrong for it."""
     time_s = np.arange(20_000) * 1e-3
@@ -107,10 +98,3 @@ def test_steps_within_the_play_say_nothing_of_the_lead(machine: Machine) -> None
     )
     whole = frame_of(recorded((), 3))
     assert not any("moves" in each for each in checked(machine, whole, still).faults)
-
-
-def test_a_setpoint_in_millimetres_is_a_wrong_unit(machine: Machine) -> None:
-    columns = recorded((), 3).columns
-    frame = frame_of(recorded((), 3), position_setpoint_m=1e3 * columns["position_setpoint_m"])
-    (fault,) = checked(machine, frame).faults
-    assert "position_setpoint_m looks 1000 times too large" in fault

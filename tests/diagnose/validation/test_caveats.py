@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
+from edge_service.diagnose.pipeline import caveats_of
 from edge_service.diagnose.result import ChannelGap, Verdict
-from edge_service.diagnose.validation.verdict import caveats_of
 
 from ...bench.real_machines import written
 from ..conftest import recorded
@@ -67,12 +67,6 @@ def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, st
     assert bool(found) == stated
     if stated:
         assert found[0].startswith("torque: 0.0466 N m beyond the floor are left")
-
-
-def test_a_floor_is_held_against_the_torque_itself() -> None:
-    gap, left = {"torque_nm": gap_of(0.02, 0.02)}, {"torque_nm": 0.02}
-    assert caveats_of(gap, left, 0.05, Verdict.NO_GAP) == ()
-    assert len(caveats_of(gap, left, 0.03, Verdict.NO_GAP)) == 1
 
 
 @pytest.mark.slow

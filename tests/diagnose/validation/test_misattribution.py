@@ -8,13 +8,10 @@ import pytest
 from edge_service.diagnose.candidates.regressors import UNKNOWN, null_shapes
 from edge_service.diagnose.residual.structure import predicted_structure
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
-from edge_service.diagnose.validation.doubts import Attribution, is_misattributed
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
 from ..conftest import frame_of, recorded, session_of
-
-EXACT = Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.0, strain=0.98)
 
 
 @pytest.fixture(scope="module")
@@ -56,38 +53,6 @@ def test_noise_is_not_foretold(session: Session) -> None:
     left = noise(session.channels[TORQUE_GAP])
     found = predicted_structure(session, {TORQUE_GAP: left})[TORQUE_GAP]
     assert energy(left - found) > 0.98 * energy(left)
-
-
-def test_an_effect_that_explains_all_is_trusted() -> None:
-    assert EXACT.trust > 0.99
-
-
-@pytest.mark.parametrize(
-    "doubtful",
-    [
-        Attribution(gain=0.98, explained=0.98, missed=0.3, left=0.0, strain=0.98),
-        Attribution(gain=0.3, explained=0.3, missed=0.1, left=0.0, strain=0.98),
-        Attribution(gain=0.98, explained=0.98, missed=0.0, left=0.5, strain=0.98),
-        Attribution(gain=-0.1, explained=-0.1, missed=0.0, left=0.0, strain=0.98),
-    ],
-)
-def test_what_leaves_structure_is_more_likely_an_impostor(doubtful: Attribution) -> None:
-    assert doubtful.trust < 0.5
-    assert is_misattributed({"drag_error": doubtful}, {"drag_error": TORQUE_GAP})
-
-
-def test_effects_that_fit_each_other_are_doubted() -> None:
-    plain = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=1.0)
-    strained = Attribution(gain=1.0, explained=1.0, missed=0.03, left=0.0, strain=40.0)
-    assert plain.trust > 0.9
-    assert strained.trust < 0.2
-
-
-def test_the_leader_of_a_channel_decides() -> None:
-    small = Attribution(gain=0.01, explained=0.01, missed=0.05, left=0.0, strain=0.98)
-    channels = {"drag_error": TORQUE_GAP, "stribeck": TORQUE_GAP}
-    assert small.trust < 0.5
-    assert not is_misattributed({"drag_error": EXACT, "stribeck": small}, channels)
 
 
 def test_nameless_forms_claim_one_channel_each(session: Session) -> None:

@@ -1,0 +1,65 @@
+"""What one command finds wrong in a recording the others say in the same words, and so does a
+running axis."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edge_service.checks.examination import check_plausibility
+from edge_service.checks.live.channel_check import channel_reasons
+from edge_service.cli.entry import main
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.messages.channels import ANGLE, TABLE_POSITION, TIME, TORQUE
+from edge_service.messages.features import Fault
+from edge_service.messages.samples import SampleFrame
+
+from ..fingerprint.test_plausibility import recorded
+
+MACHINE = load_machine(DEFAULT_MACHINE)
+FAULTS: dict[str, tuple[str, Callable[[SampleFrame], SampleFrame]]] = {
+    "sign": ("torque", lambda frame: scaled(frame, TORQUE, -1.0)),
+    "unit": ("torque", lambda frame: scaled(frame, TORQUE, 1e3)),
+    "lead": ("lead", lambda frame: scaled(frame, TABLE_POSITION, 0.5)),
+    "clock": ("rate", lambda frame: SampleFrame(1e3 * frame.time_s, frame.channels)),
+    "stuck": ("signals", lambda frame: scaled(frame, TORQUE, 0.0)),
+}
+"""Question -> check that asks it, and what goes wrong."""
+
+
+def scaled(frame: SampleFrame, channel: str, factor: float) -> SampleFrame:
+    return SampleFrame(
+        frame.time_s, {**frame.channels, channel: factor * frame.channels[channel] + 0.0}
+    )
+
+
+@pytest.fixture(scope="module")
+def healthy() -> SampleFrame:
+    frame = recorded(rows=12_000)
+    kept = {name: frame.channels[name] for name in (ANGLE, TABLE_POSITION, TORQUE)}
+    return SampleFrame(frame.time_s, kept)
+
+
+@pytest.mark.parametrize("question", FAULTS)
+def test_commands_say_what_doctor_says(
+    question: str, healthy: SampleFrame, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, spoil = FAULTS[question]
+    frame = spoil(healthy)
+    found = {each.name: each for each in check_plausibility(MACHINE, [frame])}
+    assert found[name].forbids
+    trace = tmp_path / "trace.csv"
+    head = ",".join([TIME, *frame.channels])
+    table = np.column_stack([frame.time_s, *frame.channels.values()])
+    np.savetxt(trace, table, fmt="%.12g", delimiter=",", header=head, comments="")
+    model = ["--machine", str(DEFAULT_MACHINE), str(trace)]
+    told = found[name].sentence.partition(":")[0]
+    for command, status in {"doctor": 1, "commission": 2, "fingerprint": 2, "diagnose": 3}.items():
+        out = [] if command == "doctor" else ["--out", str(tmp_path / command)]
+        assert main([command, *model, *out]) == status, command
+        said = " ".join("".join(capsys.readouterr()).split())
+        assert told in said, (command, said)
+    if question == "stuck":
+        (reason,) = channel_reasons(Fault.TORQUE_STUCK)
+        assert reason.partition(": ")[2] in found[name].sentence
