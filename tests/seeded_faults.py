@@ -66,7 +66,7 @@ FAULTS = (
         "checks",
         "if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:",
         "if low > 1.0 + FACTOR_TOLERANCE:",
-        ("tests/adopt",),
+        ("tests/adopt/test_judged_factor.py", "tests/adopt"),
     ),
     Fault(
         "downsample",

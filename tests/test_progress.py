@@ -27,7 +27,7 @@ def working() -> None:
 
 def shown(stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setattr("sys.stderr", stderr)
-    working.main([], standalone_mode=False)
+    working.main([], prog_name="working", standalone_mode=False)
     return stderr.getvalue()
 
 
@@ -49,6 +49,7 @@ def test_time_is_told_and_what_is_left(
     stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stderr", stderr)
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     times = iter((0.0, 12.0, *[32.0] * 9))
     line = ProgressLine("diagnose", clock=lambda: next(times))
     line.tell("choosing causes: 40 %")
@@ -64,4 +65,5 @@ def test_time_is_told_and_what_is_left(
 def test_a_service_that_asks_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EDGE_SERVICE_PROGRESS", "1")
     lines = shown(io.StringIO(), monkeypatch).splitlines()
-    assert lines == ["reading [1] a.csv: 10 %", "reading [1] a.csv: 90 %"]
+    said = "edge-service working: reading [1] a.csv"
+    assert lines == [f"{said}, 10 %, 0 s", f"{said}, 90 %, 0 s"]

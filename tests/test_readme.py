@@ -23,7 +23,7 @@ async def test_the_client_of_the_readme_hears_samples_and_preload() -> None:
         assert client.stdout is not None
         heard = set()
         try:
-            async with asyncio.timeout(30.0):
+            async with asyncio.timeout(60.0):
                 while heard < {"torque", "preload"}:
                     heard.add((await client.stdout.readline()).decode().split()[0])
         finally:

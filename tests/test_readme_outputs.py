@@ -18,7 +18,7 @@ async def test_the_bridge_of_the_readme_prints_the_line_protocol() -> None:
         )
         assert bridge.stdout is not None
         try:
-            async with asyncio.timeout(30.0):
+            async with asyncio.timeout(60.0):
                 while True:
                     line = (await bridge.stdout.readline()).decode()
                     assert re.match(r"preload,site=bench,machine=lfd,axis=X status=", line)

@@ -14,7 +14,7 @@ from edge_service.threads import Threads
 
 from .documents import ROOT
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 HUNG = 40
 
 

@@ -1,13 +1,12 @@
 """OPC UA: one subscription to an axis' variables, rows of samples out."""
 
-import asyncio
 import logging
 import math
 import time
 from collections.abc import AsyncGenerator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from asyncua import ua
 
@@ -31,8 +30,6 @@ from .variables import OpcuaConfig
 log = logging.getLogger(__name__)
 MERGE_SHARE = 0.5
 """Changes closer together than this share of the sampling interval were sampled together."""
-MOST_WAITING = 1000
-"""Publications that may wait for a reader that is too slow; the oldest is dropped."""
 _SEVERITY = 0xC000_0000
 _UNCERTAIN = 0x4000_0000
 _OVERFLOW = 0x480
@@ -170,12 +167,11 @@ class OpcuaDriver:
             if signal.channel is not None
         }
         self._channels = tuple(name for name in CHANNELS if name in self._scalings)
-        self._session = OpcuaSession(config)
+        self._counts = {"publications": 0, "changes": 0, "dropped_publications": 0, "sessions": 0}
+        self._session = OpcuaSession(config, self._counts)
         self._granted: Granted | None = None
         self._maker: RowMaker | None = None
-        self._waiting: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue(MOST_WAITING)
         self._qualities = QualityCounts()
-        self._counts = {"publications": 0, "changes": 0, "dropped_publications": 0, "sessions": 0}
 
     @property
     def counters(self) -> dict[str, int]:
@@ -193,14 +189,11 @@ class OpcuaDriver:
         if self._session.connected:
             return
         await self._session.close()
-        self._session, self._waiting = OpcuaSession(self._config), asyncio.Queue(MOST_WAITING)
-        session, waiting = self._session, self._waiting
+        session = self._session = OpcuaSession(self._config, self._counts)
         try:
             await session.connect()
             nodes = await session.find(self._config.signals)
-            self._granted = await session.subscribe(
-                nodes, lambda result: self._receive(waiting, result)
-            )
+            self._granted = await session.subscribe(nodes)
         except DriverMisconfiguredError as error:
             await session.close()
             if self._counts["sessions"]:  # it has worked: the server is on its way up or down
@@ -228,14 +221,13 @@ class OpcuaDriver:
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """A frame per publication until `close`, or DriverUnavailableError."""
-        session, waiting = self._session, self._waiting
-        granted, maker = self._granted, self._maker
+        session, granted, maker = self._session, self._granted, self._maker
         if not session.connected or granted is None or maker is None:
             raise DriverUnavailableError(f"{self._config.url}: the session is not open")
         block = RowBlock(self._channels)
         patience_s = max(LOST_AFTER_S, 3.0 * granted.publishing_s)
         while True:
-            result = await self._next(session, waiting, patience_s)
+            result = await session.next(patience_s)
             if result is None or self._session is not session:
                 return
             for time_s, values in self._rows(maker, result, granted):
@@ -245,11 +237,11 @@ class OpcuaDriver:
 
     async def probe(self) -> Probe:
         """Channels and rate, once all variables have been found. Raises like `open`."""
-        session = OpcuaSession(self._config)
+        session = OpcuaSession(self._config, dict.fromkeys(self._counts, 0))
         try:
             await session.connect()
             nodes = await session.find(self._config.signals)
-            granted = await session.subscribe(nodes, lambda _: None)
+            granted = await session.subscribe(nodes)
         finally:
             await session.close()
         rate_hz = 1.0 / granted.sampling_s if granted.sampling_s > 0.0 else None
@@ -261,43 +253,8 @@ class OpcuaDriver:
 
     async def close(self) -> None:
         """End `frames` and leave; safe twice."""
-        session, waiting = self._session, self._waiting
-        self._session = OpcuaSession(self._config)
-        _push(waiting, None)
+        session, self._session = self._session, OpcuaSession(self._config, self._counts)
         await session.close()
-
-    async def _next(
-        self,
-        session: OpcuaSession,
-        waiting: "asyncio.Queue[ua.PublishResult | None]",
-        patience_s: float,
-    ) -> ua.PublishResult | None:
-        """The next publication; None after `close`."""
-        url = self._config.url
-        getting = asyncio.ensure_future(waiting.get())
-        losing = asyncio.ensure_future(session.lost.wait())
-        try:
-            await asyncio.wait(
-                {getting, losing}, timeout=patience_s, return_when=asyncio.FIRST_COMPLETED
-            )
-            if getting.done():
-                return getting.result()
-            if self._session is not session:
-                return None
-            problem = "connection closed" if losing.done() else f"no message for {patience_s:g} s"
-            await session.close()
-            heed_cancellation()
-            raise DriverUnavailableError(f"{url}: {problem}")
-        finally:
-            getting.cancel()
-            losing.cancel()
-
-    def _receive(
-        self, waiting: "asyncio.Queue[ua.PublishResult | None]", result: ua.PublishResult
-    ) -> None:
-        self._counts["publications"] += 1
-        if not _push(waiting, result):
-            self._counts["dropped_publications"] += 1
 
     def _rows(
         self, maker: RowMaker, result: ua.PublishResult, granted: Granted
@@ -324,15 +281,6 @@ class OpcuaDriver:
         if changes:
             return maker.rows(changes, now_s)
         return maker.unchanged(now_s, granted.publishing_s)
-
-
-def _push(waiting: "asyncio.Queue[ua.PublishResult | None]", result: Any) -> bool:
-    """Put in, dropping the oldest where there is no room; whether there was."""
-    room = not waiting.full()
-    if not room:
-        waiting.get_nowait()
-    waiting.put_nowait(result)
-    return room
 
 
 def _unix_s(moment: datetime | None) -> float | None:

@@ -3,10 +3,9 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import Any
 
 from asyncua import ua
 from asyncua.client.client import Client
@@ -26,6 +25,8 @@ from asyncua.ua.uaerrors import (
 )
 from cryptography import x509
 
+from edge_service.cancellation import heed_cancellation
+
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id, unit_of_code
 
@@ -41,6 +42,8 @@ ANSWER_S = LOST_AFTER_S = 2.0
 MOST_ITEMS = ua.NodeId(
     ua.Int32(ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall)
 )
+MOST_WAITING = 1000
+"""Publications that may wait for a reader that is too slow."""
 QUEUE_SIZE = 20
 """Values that the server keeps for us between two publications."""
 FAILURES = (OSError, TimeoutError, UaError)
@@ -102,20 +105,16 @@ class Granted:
 class OpcuaSession:
     """One connection. Every failure of the library leaves as one of the two driver errors."""
 
-    def __init__(self, config: OpcuaConfig) -> None:
-        self._config = config
+    def __init__(self, config: OpcuaConfig, counts: dict[str, int]) -> None:
+        self._config, self._counts = config, counts
         self._client: Client | None = None
-        self._lost = asyncio.Event()
+        self._is_lost = self._is_closed = False
+        self._waiting: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue(MOST_WAITING)
 
     @property
     def connected(self) -> bool:
         """True while a session is open and no loss of it has been noticed."""
-        return self._client is not None and not self._lost.is_set()
-
-    @property
-    def lost(self) -> asyncio.Event:
-        """Set when the connection is gone."""
-        return self._lost
+        return self._client is not None and not self._is_lost
 
     async def connect(self) -> None:
         """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
@@ -128,7 +127,6 @@ class OpcuaSession:
         if config.user is not None:
             client.set_user(config.user)
             client.set_password(config.plain_password)
-        self._lost = asyncio.Event()
         await self._secure(client)
         try:
             async with translated(self._config.url):
@@ -139,11 +137,26 @@ class OpcuaSession:
         self._client = client
 
     async def close(self) -> None:
-        """Leave; safe twice."""
+        """Leave, which ends `next`; safe twice."""
         client, self._client = self._client, None
-        self._lost.set()
+        self._is_closed = True
+        self._put(None)
         if client is not None:
             await _leave(client)
+
+    async def next(self, patience_s: float) -> ua.PublishResult | None:
+        """The next publication; None after `close`. Raises DriverUnavailableError."""
+        result, problem = None, "connection closed"
+        try:
+            async with asyncio.timeout(patience_s):
+                result = await self._waiting.get()
+        except TimeoutError:
+            problem = f"no message for {patience_s:g} s"
+        if result is None and not self._is_closed:
+            await self.close()
+            heed_cancellation()
+            raise DriverUnavailableError(f"{self._config.url}: {problem}")
+        return result
 
     async def find(self, signals: Sequence[NodeConfig]) -> list[Node]:
         """The variables. Raises DriverMisconfiguredError for one that is not there."""
@@ -158,12 +171,8 @@ class OpcuaSession:
             nodes.append(node)
         return nodes
 
-    async def subscribe(self, nodes: Sequence[Node], callback: Callable[[Any], None]) -> Granted:
-        """Subscribe to all nodes; the client handle of a node is its number.
-
-        Args:
-            callback: called with each publication of the server.
-        """
+    async def subscribe(self, nodes: Sequence[Node]) -> Granted:
+        """Subscribe to all nodes; the client handle of a node is its number."""
         config, session = self._config, self._require().uaclient.session
         asked_ms = 1e3 * config.sampling_s
         keep_alive = max(int(LOST_AFTER_S / config.sampling_s / 3.0), 1)
@@ -191,7 +200,7 @@ class OpcuaSession:
         async with translated(self._config.url):
             (most,) = await session.read_attributes([MOST_ITEMS], AttributeIds.Value)
             at_once = (most.Value.Value if most.Value is not None else 0) or len(items)
-            created = await session.create_subscription(parameters, callback)
+            created = await session.create_subscription(parameters, self._receive)
             results = []
             for start in range(0, len(items), at_once):
                 results += await session.create_monitored_items(
@@ -266,7 +275,19 @@ class OpcuaSession:
             )
 
     async def _note_loss(self, _error: Exception) -> None:
-        self._lost.set()
+        self._is_lost = True
+        self._put(None)
+
+    def _receive(self, result: ua.PublishResult) -> None:
+        self._counts["publications"] += 1
+        self._put(result)
+
+    def _put(self, result: ua.PublishResult | None) -> None:
+        """Hand on, dropping the oldest where the reader is too slow."""
+        if self._waiting.full():
+            self._waiting.get_nowait()
+            self._counts["dropped_publications"] += 1
+        self._waiting.put_nowait(result)
 
     def _require(self) -> Client:
         if self._client is None:

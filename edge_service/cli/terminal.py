@@ -53,11 +53,8 @@ def progress(line: str) -> None:
     """Say what is being done, `stage` or `stage: N %`.
 
     At a terminal it is one line with elapsed and left time, which goes at the end; otherwise a line
-    every ten seconds, or each line for a service that asks.
+    every ten seconds, and at once for a service that asks.
     """
-    if os.environ.get("EDGE_SERVICE_PROGRESS"):
-        click.echo(line, err=True)
-        return
     context = click.get_current_context()
     if _LINE not in context.meta:
         command = context.find_root().invoked_subcommand or context.info_name or ""
@@ -74,6 +71,7 @@ class ProgressLine:
         self._stage, self._share, self._stage_s = "", 0, self._began_s
         self._stop: Callable[[], None] | None = None
         self._is_terminal = sys.stderr.isatty()
+        self._at_once = self._is_terminal or bool(os.environ.get("EDGE_SERVICE_PROGRESS"))
 
     def tell(self, line: str) -> None:
         """Take the stage, with its share."""
@@ -83,7 +81,7 @@ class ProgressLine:
             self._stage, self._stage_s = stage, self._clock()
         if self._stop is None:
             self._stop = repeating(LINE_S if self._is_terminal else PIPE_S, self.draw)
-        if self._is_terminal:
+        if self._at_once:
             self.draw()
 
     def draw(self) -> None:

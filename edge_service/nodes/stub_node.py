@@ -71,7 +71,7 @@ def make_stub(
         wanted = f"axis {axis!r}" if axis else "axis"
         raise ConfigError(f"axes: the configuration has no {wanted} with driver = {name!r}")
     if recording is not None and not recording.is_file():
-        raise ConfigError(f"--recording {recording}: no such file")
+        raise ConfigError(f"--trace {recording}: no such file")
     try:
         axes = [_stub_axis(each, scenario, recording, port) for each in chosen]
         return load_stub(name)(axes)

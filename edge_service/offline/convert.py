@@ -17,7 +17,7 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
 from ..recordings.sinumerik.signals import ControllerAxis
-from ..recordings.writer import TraceFormat, TraceWriter, format_of
+from ..recordings.writer import CSV_SUFFIX, TraceWriter
 from .examination import spread
 from .recordings import Progress, open_recording, reported, silent
 
@@ -89,7 +89,7 @@ def convert(
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
     Args:
-        source: in any form of `recordings/forms`.
+        source: in any form of a recording.
         out: ends in .csv, .parquet or .mcap; appears whole or not at all.
         machine: its [columns], and its lead where `axis` has none.
         axis: which axis of a controller's recording, and what its units need.
@@ -98,7 +98,7 @@ def convert(
     Raises:
         TraceError: one line with the file, what was wrong and what was expected.
     """
-    if keep_all and format_of(out) is TraceFormat.CSV:
+    if keep_all and out.suffix.lower() == CSV_SUFFIX:
         raise TraceError(f"{out}: CSV holds channels only; all columns go into .parquet or .mcap")
     if out.exists() and source.exists() and out.samefile(source):
         raise TraceError(f"{out}: is the recording itself; expected another name")

@@ -87,8 +87,23 @@ class DriftReport:
         return f"{place(each, self.by)}, {ways} ({repeats} repeats)"
 
     def lines(self, each: SectionDrift) -> list[str]:
-        """Sentences about the quantities of a section."""
-        return sentences(each, self.recordings)
+        """A sentence about each quantity of a section, and one about its temperature."""
+        lines = []
+        for drift in each.drifts:
+            first = amount(drift.values[0], drift.changes[-1].unit)
+            words = f"{_short(drift.name)}: {first} at first, change {estimate(drift.changes[-1])}"
+            if drift.since is not None:
+                is_heat = each.may_be_heat and drift.name not in _DEAF_TO_HEAT
+                heat = ", which the heat may explain" if is_heat else ""
+                lines.append(f"{words}: {_by(drift)} since {self.recordings[drift.since]}{heat}")
+                continue
+            later = zip(self.recordings[1:], drift.changed, strict=True)
+            between = ", ".join(name for name, was in later if was)
+            lines.append(f"{words}: {f'only in {between}' if between else 'within the scatter'}")
+        if math.isfinite(each.heat):
+            values = ", ".join(f"{value:.1f}" for value in each.temperature_c)
+            return [*lines, f"temperature: {values} °C"]
+        return [*lines, "temperature: not recorded, so heat cannot be told from wear"]
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able values; what is not recorded is null."""
@@ -231,44 +246,13 @@ def verdict(sections: Sequence[SectionDrift], by: Sequence[str]) -> str:
         if drift.since is not None
     ]
     if changed:
-        return f"changed: {'; '.join(changed)}{_warmer(sections)}"
+        heat = max((each.heat for each in sections if each.may_be_heat), key=abs, default=0.0)
+        way = "warmer" if heat > 0.0 else "colder"
+        warmer = f"; the axis was {abs(heat):.1f} K {way}, which may be all of it but for the load"
+        return f"changed: {'; '.join(changed)}{warmer if heat else ''}"
     names = dict.fromkeys(_short(drift.name) for each in sections for drift in each.drifts)
     moves = "; ".join(place(each, by) for each in sections)
     return f"nothing changed beyond repeat scatter (compared: {', '.join(names)} of {moves})"
-
-
-def _warmer(sections: Sequence[SectionDrift]) -> str:
-    heat = max((each.heat for each in sections if each.may_be_heat), key=abs, default=0.0)
-    if heat == 0.0:
-        return ""
-    way = "warmer" if heat > 0.0 else "colder"
-    return f"; the axis was {abs(heat):.1f} K {way}, which may be all of it but for the load"
-
-
-def sentences(each: SectionDrift, recordings: Sequence[str]) -> list[str]:
-    """A line for each quantity, and one for the temperature."""
-    return [*(_sentence(drift, each, recordings) for drift in each.drifts), _temperature(each)]
-
-
-def _sentence(drift: Drift, each: SectionDrift, recordings: Sequence[str]) -> str:
-    first = amount(drift.values[0], drift.changes[-1].unit)
-    words = f"{_short(drift.name)}: {first} at first, change {estimate(drift.changes[-1])}"
-    if drift.since is not None:
-        heat = ", which the heat may explain" if _is_heat(drift, each) else ""
-        return f"{words}: {_by(drift)} since {recordings[drift.since]}{heat}"
-    between = [name for name, was in zip(recordings[1:], drift.changed, strict=True) if was]
-    return f"{words}: {'only in ' + ', '.join(between) if between else 'within the scatter'}"
-
-
-def _temperature(each: SectionDrift) -> str:
-    if not math.isfinite(each.heat):
-        return "temperature: not recorded, so heat cannot be told from wear"
-    values = ", ".join(f"{value:.1f}" for value in each.temperature_c)
-    return f"temperature: {values} °C"
-
-
-def _is_heat(drift: Drift, each: SectionDrift) -> bool:
-    return each.may_be_heat and drift.name not in _DEAF_TO_HEAT
 
 
 def _by(drift: Drift) -> str:
@@ -283,11 +267,11 @@ def _short(name: str) -> str:
     return name.rpartition("_")[0].replace("_", " ")
 
 
-def draw_drift(
-    sections: Sequence[SectionDrift], recordings: Sequence[str], by: Sequence[str]
-) -> Figure:
+def draw_drift(report: DriftReport) -> Figure:
     """Change against the first recording with its interval; what is beyond the scatter is blue."""
+    sections, recordings = report.sections, report.recordings
     across = max(len(each.drifts) for each in sections)
+    names = [name if len(name) <= 12 else f"{name[:5]}…{name[-6:]}" for name in recordings]
     with mpl.rc_context(STYLE):
         size = (1.75 * across, 0.2 + 2.3 * len(sections))
         figure = Figure(figsize=size, layout="constrained")
@@ -295,28 +279,22 @@ def draw_drift(
         for row, each in zip(panels, sections, strict=True):
             for axes in row[len(each.drifts) :]:
                 axes.set_axis_off()
-            row[0].set_ylabel(
-                place(each, by).replace(" at ", "\nat ").replace(", ", "\n"), fontsize=7
-            )
+            title = place(each, report.by).replace(" at ", "\nat ").replace(", ", "\n")
+            row[0].set_ylabel(title, fontsize=7)
             for axes, drift in zip(row, each.drifts, strict=False):
-                _draw(axes, drift, recordings)
+                _draw(axes, drift)
+                axes.set_xticks(range(len(names)), names, fontsize=6, rotation=30, ha="right")
     return figure
 
 
-def _draw(axes: Axes, drift: Drift, recordings: Sequence[str]) -> None:
+def _draw(axes: Axes, drift: Drift) -> None:
     unit, factor = SHOWN_UNITS.get(drift.changes[0].unit, (drift.changes[0].unit, 1.0))
     axes.axhline(0.0, color=MUTED, lw=1.0)
+    axes.plot(0, 0.0, "o", color=TRUTH, ms=4)
     for number, (change, changed) in enumerate(zip(drift.changes, drift.changed, strict=True), 1):
         colour = ESTIMATE if changed else MUTED
         axes.vlines(number, factor * change.low, factor * change.high, color=colour, lw=2.0)
         axes.plot(number, factor * change.value, "o", color=colour, ms=4)
-    axes.plot(0, 0.0, "o", color=TRUTH, ms=4)
-    names = [_shortened(name) for name in recordings]
-    axes.set_xticks(range(len(recordings)), names, fontsize=6, rotation=30, ha="right")
-    axes.set_title(f"{drift.name.rpartition('_')[0].replace('_', ' ')}, {unit}", fontsize=8)
+    axes.set_title(f"{_short(drift.name)}, {unit}", fontsize=8)
     axes.tick_params(axis="y", labelsize=7)
     axes.margins(x=0.25)
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= 12 else f"{name[:5]}…{name[-6:]}"

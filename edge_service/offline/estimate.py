@@ -139,7 +139,10 @@ def estimate_to_csv(
             )
         if state is not None:
             offline.keep(state)
-    words = f"{out}: {rows} blocks, last status {_ending(last)}"
+    ending = "none" if last is None else last.status.value
+    if last is not None and last.status is not EstimateStatus.ESTIMATED:
+        ending += f" ({'; '.join(last.reasons)})"
+    words = f"{out}: {rows} blocks, last status {ending}"
     return Answer(words, Estimated(out=str(out), blocks=rows, last=last))
 
 
@@ -155,11 +158,3 @@ def estimate_case(
         raise ConfigError(f"{out_dir.name}: estimate takes one recording a case, not a folder")
     out = out_dir / "estimates.csv"
     return estimate_to_csv(traces[0], machine_file, out, config, axis_number=axis_number)
-
-
-def _ending(last: PreloadEstimate | None) -> str:
-    """Status of the last block, with why it is none that may be read."""
-    if last is None:
-        return "none"
-    why = "" if last.status is EstimateStatus.ESTIMATED else f" ({'; '.join(last.reasons)})"
-    return f"{last.status.value}{why}"

@@ -80,7 +80,11 @@ def fingerprint(
         FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
         ExaminationError: a unit, a sign or a column is wrong.
     """
-    _require_names(traces)
+    names = [path.name for path in traces]
+    if not names:
+        raise FingerprintError("no recording given; expected one trace or more")
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise FingerprintError(f"two recordings are called {twice[0]}; expected each once")
     tunings = [path for path in traces if _is_servo_tuning(path)]
     if len(tunings) > 1:
         raise FingerprintError(f"{tunings[1]}: a second servo tuning; expected one at most")
@@ -168,7 +172,7 @@ def render(
     days: DriftReport | None,
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere."""
-    moves = None if days is None else draw_drift(days.sections, days.recordings, days.by)
+    moves = None if days is None else draw_drift(days)
     return rendered(
         "fingerprint.html",
         {"shown": estimate, "brief": brief, "plain": plain},
@@ -183,15 +187,6 @@ def render(
         moves=None if moves is None else as_svg(moves, "drift"),
         quantities=QUANTITIES,
     )
-
-
-def _require_names(traces: Sequence[Path]) -> None:
-    if not traces:
-        raise FingerprintError("no recording given; expected one trace or more")
-    names = [path.name for path in traces]
-    for name in names:
-        if names.count(name) > 1:
-            raise FingerprintError(f"two recordings are called {name}; expected each once")
 
 
 def _is_servo_tuning(source: Path) -> bool:
@@ -214,19 +209,16 @@ def _verdict(
         return f"{known} of {len(sections)} tests are determined"
     changed = [change for change in changes if change.changed]
     if changed:
-        named = ", ".join(map(_change_words, changed))
-        return f"changed against the baseline: {named}"
+        named = []
+        for each in changed:
+            share = each.relative
+            by = f"{100.0 * share:+.0f} %" if abs(share) <= 1.0 else estimate(each.change)
+            named.append(f"{plain(each.name)} {by}")
+        return f"changed against the baseline: {', '.join(named)}"
     if not changes:
         return "changed against the baseline: cannot tell, no figure is determined in both"
     compared = ", ".join(plain(change.name) for change in changes)
     return f"changed against the baseline: nothing of {len(changes)} figures: {compared}"
-
-
-def _change_words(change: FigureChange) -> str:
-    """Name of a figure and its change, as a share where the old value is no smaller."""
-    share = change.relative
-    by = f"{100.0 * share:+.0f} %" if abs(share) <= 1.0 else estimate(change.change)
-    return f"{plain(change.name)} {by}"
 
 
 def _section_lines(

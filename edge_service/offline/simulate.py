@@ -18,7 +18,7 @@ from ..models.machine import Machine
 from ..models.motions.registry import MotionLimits, motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..recordings.columns import TraceError
-from ..recordings.writer import TraceFormat, TraceWriter
+from ..recordings.writer import TraceWriter
 from .commanded_motion import CommandedMotion, MotionWish
 from .document import Document
 
@@ -102,7 +102,6 @@ def simulate_session(
     settings: SimulationSettings,
     motions: Sequence[str],
     out: Path,
-    file_format: TraceFormat = TraceFormat.PARQUET,
     progress: Progress = lambda _: None,
 ) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
@@ -127,7 +126,7 @@ def simulate_session(
         ]
     except ValueError as error:
         raise SimulationError(str(error)) from error
-    paths = _numbered(out, [each.name for each in session], file_format)
+    paths = _numbered(out, [each.name for each in session])
     with contextlib.ExitStack() as files:
         writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
         first = 0
@@ -226,9 +225,9 @@ def _preload_percent(machine: Machine, wanted: float | None) -> float:
     return wanted
 
 
-def _numbered(out: Path, names: Sequence[str], file_format: TraceFormat) -> list[Path]:
+def _numbered(out: Path, names: Sequence[str]) -> list[Path]:
     """A file for each motion in the folder `out`, which is made."""
-    paths = [out / f"{k:02}_{name}.{file_format}" for k, name in enumerate(names, start=1)]
+    paths = [out / f"{k:02}_{name}.parquet" for k, name in enumerate(names, start=1)]
     try:
         out.mkdir(parents=True, exist_ok=True)
         there = {path for path in out.iterdir() if _NUMBERED.fullmatch(path.name)}

@@ -3,7 +3,6 @@
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -17,18 +16,11 @@ from .columns import TraceError
 from .parquet import PARQUET_SUFFIXES
 
 _ROWS_AT_ONCE = 1 << 16
+CSV_SUFFIX, MCAP_SUFFIX = ".csv", ".mcap"
 TOPIC = "axis/samples"
 SCHEMA_NAME = "edge_service.Sample"
 _NS_PER_S = 1_000_000_000
 _SEQUENCE_NUMBERS = 1 << 32
-
-
-class TraceFormat(StrEnum):
-    """The forms of a trace file; MCAP is written only."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-    MCAP = "mcap"
 
 
 class TraceWriter:
@@ -39,31 +31,32 @@ class TraceWriter:
     in its rows.
 
     Args:
-        path: the file to write; one that exists is replaced by `commit`.
+        path: the file to write, .csv, .parquet or .mcap; one that exists is replaced by `commit`.
         channels: the channels to write beside `time_s`, in this order.
-        file_format: CSV, Parquet or MCAP; by default what the suffix of `path` says.
 
     Raises:
         TraceError: unknown suffix, a folder that cannot be written to, or a missing package.
     """
 
-    def __init__(
-        self, path: Path, channels: Sequence[str], file_format: TraceFormat | None = None
-    ) -> None:
+    def __init__(self, path: Path, channels: Sequence[str]) -> None:
         self.path = path
         self.channels = tuple(channels)
         self.rows_written = 0
-        self._format = file_format or format_of(path)
         self._pending: list[SampleFrame] = []
         self._pending_rows = 0
         self._file: BinaryIO | None = None
         self._sink: Any = None
         self._place = contextlib.ExitStack()
+        suffix = path.suffix.lower()
+        if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
+            raise TraceError(
+                f"{path}: the name ends in {suffix!r}; expected .csv, .parquet or .mcap"
+            )
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
         with self._one_line_errors():
             self._file = self._place.enter_context(replaced_bytes(path))
-            self._sink = _open_sink(self._format, self._file, (TIME, *self.channels))
+            self._sink = _open_sink(suffix, self._file, (TIME, *self.channels))
 
     def write(self, frame: SampleFrame) -> None:
         """Add the rows of a frame.
@@ -153,27 +146,16 @@ class TraceWriter:
             raise TraceError(f"{self.path}: {error}") from None
 
 
-def format_of(path: Path) -> TraceFormat:
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        return TraceFormat.CSV
-    if suffix in PARQUET_SUFFIXES:
-        return TraceFormat.PARQUET
-    if suffix == ".mcap":
-        return TraceFormat.MCAP
-    raise TraceError(f"{path}: the name ends in {suffix!r}; expected .csv, .parquet or .mcap")
-
-
-def _open_sink(file_format: TraceFormat, file: BinaryIO, names: Sequence[str]) -> Any:
+def _open_sink(suffix: str, file: BinaryIO, names: Sequence[str]) -> Any:
     """A writer of Arrow tables; the header of a CSV file is written unquoted."""
-    if file_format is TraceFormat.MCAP:
+    if suffix == MCAP_SUFFIX:
         return McapSink(file, names)
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
 
     schema = pa.schema([(name, pa.float64()) for name in names])
-    if file_format is TraceFormat.PARQUET:
+    if suffix in PARQUET_SUFFIXES:
         return pyarrow.parquet.ParquetWriter(file, schema, write_page_checksum=True)
     file.write((",".join(names) + "\n").encode())
     options = pyarrow.csv.WriteOptions(include_header=False)

@@ -62,7 +62,7 @@ def arrived(session: zenoh.Session) -> bool:
 
 async def until(done: Callable[[], bool]) -> None:
     """Declarations travel asynchronously: try again, for a while."""
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(60.0):
         while not await asyncio.to_thread(done):
             await asyncio.sleep(0)
 

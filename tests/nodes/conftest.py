@@ -26,7 +26,7 @@ from edge_service.nodes.estimated_axis import EstimatedAxis
 from edge_service.nodes.service import PIPELINE, run_nodes
 from edge_service.recordings.writer import TraceWriter
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 RATE_HZ = 1000.0
 
 

@@ -40,5 +40,5 @@ async def test_a_stub_plays_the_samples_of_a_recording(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"--recording .*: no such file"):
+    with pytest.raises(ConfigError, match=r"--trace .*: no such file"):
         make_stub("modbus", CONFIG, None, "healthy", tmp_path / "none.csv")

@@ -18,7 +18,6 @@ from edge_service.offline.report.quantities import estimate
 from edge_service.offline.simulate import SimulationSettings, simulate, simulate_session
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import read_trace
-from edge_service.recordings.writer import TraceFormat
 from edge_service.regression.interval_estimate import IntervalEstimate
 
 ROOT = Path(__file__).parents[2]
@@ -198,7 +197,7 @@ def test_the_warm_up_study_comes_out_of_the_fingerprint(rubbing: Path, tmp_path:
     effects = (f"warmup:excess_nm={COLD_NM},time_constant_s={WARM_S}",)
     settings = SimulationSettings(effects=effects)
     runs = tmp_path / "runs"
-    simulate_session(load_machine(rubbing), settings, motions, runs, TraceFormat.PARQUET)
+    simulate_session(load_machine(rubbing), settings, motions, runs)
     summary = fingerprint(rubbing, sorted(runs.iterdir()), tmp_path)
     assert "Friction from test to test: change at 300 rpm -0.0" in summary.words
     section = read_fingerprint(tmp_path / "fingerprint.json").sections["friction_runs"]

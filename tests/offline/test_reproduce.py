@@ -117,7 +117,7 @@ def test_page_is_self_contained_and_complete(
         assert f"Figure {number}:" in page
     targets = set(re.findall(r'<a href="#([^"]+)"', page))
     assert targets <= set(re.findall(r' id="([^"]+)"', page))
-    assert page.count("<svg") == 9
+    assert page.count("<svg") == 8
 
 
 def test_text_has_a_line_per_row(written: tuple[Path, Reproduction, list[str]]) -> None:

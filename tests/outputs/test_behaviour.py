@@ -32,7 +32,7 @@ from edge_service.outputs.base import (
 from ..messages.answers import SILENT, answer
 from .bench import SECRET, OutputBench, event
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 TOLD = [name for name in output_names() if name != "metrics"]
 """Outputs with another side."""
 

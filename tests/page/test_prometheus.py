@@ -62,7 +62,7 @@ async def test_prometheus_scrapes_it(make_service: Any, tmp_path: Path) -> None:
     process, port = await asyncio.to_thread(started, tmp_path)
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
-            async with asyncio.timeout(30.0):
+            async with asyncio.timeout(60.0):
                 while not await _answer(client, "edge_service_preload_percent"):
                     await asyncio.sleep(0.1)
             (series,) = await _answer(client, "edge_service_preload_percent")
@@ -105,7 +105,7 @@ async def test_prometheus_scrapes_it_with_tls_and_a_token(
     process, port = await asyncio.to_thread(started, tmp_path)
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
-            async with asyncio.timeout(30.0):
+            async with asyncio.timeout(60.0):
                 while not await _answer(client, "edge_service_ready"):
                     await asyncio.sleep(0.1)
             assert (await _answer(client, "up"))[0]["value"][1] == "1"

@@ -107,9 +107,12 @@ def against(figure: IntervalEstimate, expected: float | None) -> str:
 
     >>> against(IntervalEstimate(0.02, 0.019, 0.021, "m", 9.0), 0.01)
     '0.02 m, 0.019 to 0.021; expected 0.01'
+    >>> against(IntervalEstimate(0.99996, 0.99992, 1.00001, "", 9.0), 1.0)
+    '1; expected 1'
     """
     if not figure.determined:
         return ""
     unit = f" {figure.unit}" if figure.unit else ""
-    text = f"{figure.value:.6g}{unit}, {figure.low:.6g} to {figure.high:.6g}"
-    return text if expected is None else f"{text}; expected {expected:.6g}"
+    low, value, high = (f"{each:.3g}" for each in (figure.low, figure.value, figure.high))
+    text = f"{value}{unit}" if low == high else f"{value}{unit}, {low} to {high}"
+    return text if expected is None else f"{text}; expected {expected:.3g}"

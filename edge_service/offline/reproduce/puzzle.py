@@ -182,17 +182,12 @@ def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
             session.column(TORQUE_GAP, lambda motion: motion.speed_rad_s),
         ]
     )
-    inertia, viscous = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
-    model = linear.model
-    better = {
-        "inertia_kg_m2": _moved(model.inertia_kg_m2, inertia),
-        "viscous_nm_s_per_rad": _moved(model.viscous_nm_s_per_rad, viscous),
-    }
-    return linear.model_copy(update={"model": model.model_copy(update=better)})
-
-
-def _moved(quantity: Quantity, by: float) -> Quantity:
-    return quantity.model_copy(update={"value": quantity.value + float(by)})
+    off = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
+    better = {}
+    for name, by in zip(("inertia_kg_m2", "viscous_nm_s_per_rad"), off, strict=True):
+        stated: Quantity = getattr(linear.model, name)
+        better[name] = stated.model_copy(update={"value": stated.value + float(by)})
+    return linear.model_copy(update={"model": linear.model.model_copy(update=better)})
 
 
 def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:

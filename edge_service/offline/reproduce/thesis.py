@@ -15,7 +15,7 @@ from ...estimate.imm.mode_weighting import (
 from ...messages.samples import Floats
 from ..recordings import Progress, silent
 from ..report.page import rendered
-from .figures import Drawing, draw_figures
+from .figures import draw_figures
 from .simulation import (
     LEVELS,
     TABLE_WINDOW_STEPS,
@@ -166,7 +166,7 @@ def reproduce(
         "reproduction.html",
         {},
         result=result,
-        figures=draw_figures(Drawing(seed, window_steps, exponent)),
+        figures=draw_figures(seed, window_steps, exponent),
         levels=LEVELS.tolist(),
         table_window_steps=TABLE_WINDOW_STEPS,
     )

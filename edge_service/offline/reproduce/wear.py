@@ -6,7 +6,7 @@ states for a limit stands beside the time at which the limit was crossed.
 
 import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -249,7 +249,8 @@ def draw_wear(test: WearTest, found: WearStudy) -> Figure:
         for column, (limit, came) in enumerate(found.crossings.items()):
             drag.axhline(limit, color=MUTED, linestyle=":", lw=1.0)
             shared = axes = figure.add_subplot(grid[1, column], sharey=shared)
-            for at_h, date in _stated(found, limit):
+            stated = [(e.time_h, e.dates[limit]) for e in found.stages if limit in e.dates]
+            for at_h, date in stated:
                 latest_h = min(date.latest_h, 2.0 * top_h)
                 axes.vlines(at_h, date.earliest_h, latest_h, color=ESTIMATE, lw=2.0)
                 axes.plot(at_h, date.likely_h, "o", color=ESTIMATE, ms=3.5)
@@ -261,9 +262,3 @@ def draw_wear(test: WearTest, found: WearStudy) -> Figure:
             axes.set(xlim=(0.0, float(test.time_h[-1])), ylim=(0.0, top_h))
         figure.axes[1].set_ylabel("date, h from new")
     return figure
-
-
-def _stated(found: WearStudy, limit: float) -> Iterator[tuple[float, Date]]:
-    for stage in found.stages:
-        if limit in stage.dates:
-            yield stage.time_h, stage.dates[limit]

@@ -86,29 +86,9 @@ HOSTILE: dict[str, tuple[Answer, Quality]] = {
     "cut off": (lambda p: [good(p)[0][:-1]], Quality.NO_REPLY),
     "one byte": (lambda _: [b"\x00"], Quality.NO_REPLY),
     "wrong transaction": (lambda p: [b"\x99\x99" + good(p)[0][2:]], Quality.NO_REPLY),
-    "transaction zero": (lambda p: [b"\x00\x00" + good(p)[0][2:]], Quality.NO_REPLY),
-    "too few registers": (
-        lambda p: [reply(p[:2], "0000 0005 01 03 02 4049")],
-        Quality.MALFORMED,
-    ),
-    "too many registers": (
-        lambda p: [reply(p[:2], "0000 0009 01 03 06 4049 0fdb 0000")],
-        Quality.MALFORMED,
-    ),
-    "another function": (
-        lambda p: [reply(p[:2], "0000 0007 01 04 04 4049 0fdb")],
-        Quality.MALFORMED,
-    ),
-    "unknown function": (lambda p: [reply(p[:2], "0000 0002 01 63")], Quality.MALFORMED),
-    "empty exception": (lambda p: [reply(p[:2], "0000 0002 01 83")], Quality.MALFORMED),
     "another unit": (lambda p: [reply(p[:2], "0000 0007 09 03 04 4049 0fdb")], Quality.MALFORMED),
-    "another protocol": (
-        lambda p: [reply(p[:2], "0102 0007 01 03 04 4049 0fdb")],
-        Quality.MALFORMED,
-    ),
     "garbage": (lambda _: [bytes(range(256))], Quality.MALFORMED),
     "never ending": (lambda _: [b"\x00\x09\x00\x00\x00\xfe\x01\x03\xfa"] * 200, Quality.NO_REPLY),
-    "endless length": (lambda p: [reply(p[:2], "0000 ffff 01 03 04")], Quality.MALFORMED),
     "echo": (lambda p: [p], Quality.MALFORMED),
     "exception": (lambda p: [reply(p[:2], "0000 0003 01 83 02")], Quality.DEVICE_EXCEPTION),
 }

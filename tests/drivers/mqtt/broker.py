@@ -9,7 +9,7 @@ import pytest
 
 from ..bench import free_port
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 needs_broker = pytest.mark.skipif(
     MOSQUITTO is None, reason="mosquitto is not installed (apt-get install mosquitto)"

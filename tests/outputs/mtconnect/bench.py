@@ -22,7 +22,7 @@ async def bench(folder: Path) -> AsyncIterator[OutputBench]:
 
     async def heard() -> bool:
         async with connected(taker.port, (folder / DEVICES_FILE).read_text()) as agent:
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(60.0):
                 while "condition_X" not in agent.conditions:
                     await asyncio.sleep(0.01)
             return agent.level("condition_X") == "NORMAL"
