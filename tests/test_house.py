@@ -163,11 +163,11 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 MOST_LINES = {
     "bus": 1031,
     "checks": 3837,
-    "cli": 1580,
+    "cli": 1578,
     "config": 642,
     "diagnose": 5379,
     "downsample": 1341,
-    "drivers": 4415,
+    "drivers": 4384,
     "estimate": 5530,
     "fingerprint": 3133,
     "health": 5744,
@@ -175,12 +175,12 @@ MOST_LINES = {
     "messages": 2384,
     "models": 6255,
     "nodes": 2900,
-    "offline": 7029,
+    "offline": 6888,
     "outputs": 2181,
-    "recordings": 3616,
+    "recordings": 3598,
     "regression": 963,
     "beside the rooms": 775,
-    "tests": 51781,
+    "tests": 51698,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 441
