@@ -1,11 +1,10 @@
-"""Files that appear whole or not at all, are on the disk then, and can be checked when read.
+"""Files that appear whole or not at all, and are on the disk then: the one way to change a file.
 
 Every file that is kept has the mode that the process' umask leaves it, secrets are for their owner
-alone, and a damaged file is set aside under a name that nobody reads.
+alone.
 """
 
 import errno
-import hashlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -13,19 +12,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
-PART, DAMAGED = ".part", ".damaged"
+PART = ".part"
 PRIVATE = 0o600
 """Mode of files that their owner alone may read."""
-_HEAD, _MIDDLE, _TAIL = b'{"sha256": "', b'", "content": ', b"}\n"
-_DIGEST = slice(len(_HEAD), len(_HEAD) + 64)
-_CONTENT = _DIGEST.stop + len(_MIDDLE)
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES)
-_LOST = (errno.EISDIR, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EIO, errno.ELOOP)
-_MOST_ASIDE = 9
-
-
-class DamagedError(Exception):
-    """Reason why a kept file is not what was written."""
 
 
 @contextmanager
@@ -49,43 +39,6 @@ def replaced_bytes(path: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
         yield file
 
 
-def write_checked(path: Path, content: str) -> None:
-    """Write JSON text with its digest, `{"sha256": ..., "content": ...}`. Raises OSError."""
-    text = content.encode()
-    with replaced_bytes(path) as file:
-        file.write(_HEAD + _digest(text) + _MIDDLE + text + _TAIL)
-
-
-def read_checked(path: Path) -> str | None:
-    """JSON text kept in a file of `write_checked`; None if there is no file.
-
-    A file of a version that wrote no digests is given as it is: the caller must doubt its content.
-
-    Raises:
-        DamagedError: it is not what was written.
-        OSError: it cannot be read now.
-    """
-    content = read_kept_bytes(path)
-    if content is None:
-        return None
-    try:
-        return _checked(content).decode()
-    except UnicodeDecodeError as error:
-        raise DamagedError(f"no text ({error.reason})") from None
-
-
-def read_kept_bytes(path: Path) -> bytes | None:
-    """All of a file; None if there is none. DamagedError if it is gone for good, else OSError."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        if error.errno in _LOST:
-            raise DamagedError(f"it cannot be read ({error.strerror})") from None
-        raise
-
-
 def put_in_place(path: Path, place: Path) -> None:
     """Rename a file or folder, in place of one that is there, for good. Raises OSError."""
     path.replace(place)
@@ -102,20 +55,6 @@ def append(path: Path, text: str) -> None:
     """Add text to a file such as a log, of which the last line may be lost. Raises OSError."""
     with path.open("a", encoding="utf-8") as file:
         file.write(text)
-
-
-def set_aside(path: Path) -> Path:
-    """Keep a damaged file beside its place, under a name of its own; returns it. OSError."""
-    aside = aside_name(path)
-    put_in_place(path, aside)
-    return aside
-
-
-def aside_name(path: Path) -> Path:
-    """Name under which a damaged file is kept."""
-    numbers = ("", *(f".{number}" for number in range(2, _MOST_ASIDE + 1)))
-    names = [path.with_name(f"{path.name}{number}{DAMAGED}") for number in numbers]
-    return next((name for name in names if not os.path.lexists(name)), names[-1])
 
 
 def made_folder(folder: Path, mode: int = 0o777) -> None:
@@ -172,18 +111,3 @@ def _keep_owner(handle: int, path: Path) -> None:
     if os.geteuid() == 0 and path.exists():
         old = path.stat()
         os.fchown(handle, old.st_uid, old.st_gid)
-
-
-def _digest(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
-
-
-def _checked(content: bytes) -> bytes:
-    """Content behind its digest, where there is one. Raises DamagedError."""
-    head, middle = content[: _DIGEST.start], content[_DIGEST.stop : _CONTENT]
-    if head != _HEAD and middle != _MIDDLE:
-        return content
-    text = content[_CONTENT : -len(_TAIL)]
-    if content != _HEAD + _digest(text) + _MIDDLE + text + _TAIL:
-        raise DamagedError("its checksum is wrong")
-    return text

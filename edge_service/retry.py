@@ -1,5 +1,6 @@
-"""Pauses between tries to reach what is away: the one backoff of the service."""
+"""Tries to reach what is away: the one backoff of the service, and an end that counts."""
 
+import asyncio
 import random
 from collections.abc import Callable
 
@@ -28,3 +29,14 @@ class Retry:
     def reset(self) -> None:
         """Begin with the shortest again: it was reached."""
         self._next_s = self._first_s
+
+
+def heed_cancellation() -> None:
+    """Raise CancelledError if the running task was asked to end and is still at it.
+
+    `asyncio.wait_for` of Python 3.11 returns the result instead of being cancelled where both come
+    in the same turn of the event loop; a loop around it would go on for ever.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError

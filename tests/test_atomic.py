@@ -1,9 +1,7 @@
-"""Files appear whole or not at all, are on the disk then, and every byte of them is checked."""
+"""Files appear whole or not at all, and are on the disk then."""
 
 import errno
-import json
 import os
-import random
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,20 +9,9 @@ import pytest
 
 from edge_service.atomic import (
     PRIVATE,
-    DamagedError,
-    read_checked,
-    read_kept_bytes,
     replaced_bytes,
     replaced_file,
-    set_aside,
-    write_checked,
 )
-
-CONTENT = json.dumps({"alarm": "rate", "values": [1.5, 2.5], "note": "größer"}, ensure_ascii=False)
-
-
-def _fill(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
 
 
 def test_a_file_appears_with_its_folder(tmp_path: Path) -> None:
@@ -74,7 +61,6 @@ def test_what_root_writes_belongs_to_who_had_it(tmp_path: Path) -> None:
 
 
 WRITERS: list[Callable[[Path], None]] = [
-    lambda path: write_checked(path, CONTENT),
     lambda path: _written(replaced_file, path, "text"),
     lambda path: _written(replaced_bytes, path, b"bytes"),
 ]
@@ -125,85 +111,14 @@ def test_what_fails_is_raised_and_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     target = tmp_path / "file"
-    write_checked(target, "1")
+    _written(replaced_file, target, "1")
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, name, full)
     with pytest.raises(OSError, match="space"):
-        write_checked(target, "2")
+        _written(replaced_file, target, "2")
     monkeypatch.undo()
-    assert read_checked(target) == "1"
+    assert target.read_text() == "1"
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_checked_content_comes_back_and_any_tool_reads_it(tmp_path: Path) -> None:
-    path = tmp_path / "state.json"
-    assert read_checked(path) is None
-    write_checked(path, CONTENT)
-    assert read_checked(path) == CONTENT
-    assert json.loads(path.read_text("utf-8"))["content"] == json.loads(CONTENT)
-
-
-def test_no_flipped_bit_and_no_cut_is_served(tmp_path: Path) -> None:
-    path = tmp_path / "state.json"
-    write_checked(path, CONTENT)
-    whole = path.read_bytes()
-    for bit in range(8 * len(whole)):
-        spoiled = bytearray(whole)
-        spoiled[bit // 8] ^= 1 << bit % 8
-        path.write_bytes(spoiled)
-        with pytest.raises(DamagedError):
-            read_checked(path)
-    for length in range(1, len(whole)):
-        path.write_bytes(whole[:length])
-        with pytest.raises((DamagedError, ValueError)):
-            json.loads(read_checked(path) or "")
-
-
-SPOILERS: dict[str, Callable[[Path], None]] = {
-    "empty": lambda path: _fill(path, b""),
-    "zeros": lambda path: _fill(path, bytes(path.stat().st_size)),
-    "garbage": lambda path: _fill(path, random.Random(1).randbytes(300)),
-    "a folder": lambda path: (path.unlink(), path.mkdir())[-1],
-    "a link to itself": lambda path: (path.unlink(), path.symlink_to(path))[-1],
-}
-
-
-@pytest.mark.parametrize("kind", SPOILERS)
-def test_other_damage_is_no_json(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / "state.json"
-    write_checked(path, CONTENT)
-    SPOILERS[kind](path)
-    with pytest.raises((DamagedError, ValueError)):
-        json.loads(read_checked(path) or "")
-    assert set_aside(path).name == "state.json.damaged"
-    assert not os.path.lexists(path)
-
-
-def test_a_file_of_an_earlier_version_is_given_as_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "state.json"
-    path.write_text(CONTENT, "utf-8")
-    assert read_checked(path) == CONTENT
-
-
-@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM])
-def test_a_lack_of_means_is_no_damage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
-) -> None:
-    def fail(_: Path) -> bytes:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(Path, "read_bytes", fail)
-    with pytest.raises(OSError, match=os.strerror(number)):
-        read_kept_bytes(tmp_path / "file")
-
-
-def test_what_was_set_aside_is_kept_beside_what_follows(tmp_path: Path) -> None:
-    path = tmp_path / "state.json"
-    for number in range(12):
-        path.write_text(str(number))
-        set_aside(path)
-    kept = sorted(each.read_text() for each in tmp_path.iterdir())
-    assert kept == ["0", "1", "11", "2", "3", "4", "5", "6", "7"]

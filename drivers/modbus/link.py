@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from edge_service.cancellation import heed_cancellation
 from edge_service.messages.quality import Quality
+from edge_service.retry import heed_cancellation
 
 from ..base import DriverUnavailableError
 from .registers import FUNCTION_OF, ReadRequest

@@ -13,8 +13,8 @@ from paho.mqtt.reasoncodes import ReasonCode
 from pydantic import Field, SecretStr, field_validator, model_validator
 
 from edge_service.broker_tls import BrokerTlsError, broker_tls
-from edge_service.cancellation import heed_cancellation
 from edge_service.messages.addresses import is_loopback
+from edge_service.retry import heed_cancellation
 
 from ..base import DriverConfig, DriverMisconfiguredError, DriverUnavailableError
 from ..signals import SignalConfig, check_channels

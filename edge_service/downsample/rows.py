@@ -165,6 +165,7 @@ class Gathering:
 
     def __init__(self) -> None:
         self._waiting: list[SampleFrame] = []
+        self._newest_s: Since = -np.inf
 
     def add(self, frame: SampleFrame, due_s: float) -> list[SampleFrame]:
         """Frames that need not wait any longer, in their order.
@@ -172,12 +173,17 @@ class Gathering:
         Args:
             due_s: time of the sample that completes the current interval, s; see `Downsampler`.
         """
+        goes_back = frame.time_s[0] <= self._newest_s  # `due_s` is of the clock before
+        self._newest_s = frame.time_s[-1]
         before = self._waiting[-1] if self._waiting else frame
-        if self._waiting and (
-            before.channels.keys() != frame.channels.keys()
-            or not frame.time_s[0] > before.time_s[-1]
-            or before.quality  # one that is doubted stays by itself
-            or frame.quality
+        if goes_back or (
+            self._waiting
+            and (
+                before.channels.keys() != frame.channels.keys()
+                or not frame.time_s[0] > before.time_s[-1]
+                or before.quality  # one that is doubted stays by itself
+                or frame.quality
+            )
         ):
             return [*self._all(), frame]
         self._waiting.append(frame)

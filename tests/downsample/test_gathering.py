@@ -61,3 +61,9 @@ def test_frames_that_complete_nothing_are_bounded() -> None:
     frames = [SampleFrame(np.array([float(k)]), {}) for k in range(3 * MOST_FRAMES)]
     ready = [each for frame in frames for each in gathering.add(frame, np.inf)]
     assert [len(each) for each in ready] == 3 * [MOST_FRAMES]
+
+
+def test_a_frame_whose_clock_went_back_waits_for_nothing() -> None:
+    gathering, (before, after) = Gathering(), cut([1000])
+    assert gathering.add(after, 0.0) == [after]
+    assert gathering.add(before, 60.0) == [before]
