@@ -17,10 +17,10 @@ from .condition.component import ComponentWatch
 from .condition.input_watch import NS_PER_S
 from .condition.refusal_watch import Refused
 from .model_watch.live_features import ChannelQuality, LiveFeatures, LivePoint
+from .readers import FanOut
 from .settings import AxisLimits
 from .state_settings import Keeping, StateSettings
 from .store.events import EventLog, StoredEvent
-from .store.fan_out import FanOut
 from .store.history import History
 from .store.store import Store
 from .stroke import StrokeModel

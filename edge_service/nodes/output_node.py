@@ -13,7 +13,7 @@ from ..estimate.registry import AUTO
 from ..health.axis_state import AxisState
 from ..health.service_state import ServiceState
 from ..health.state_settings import Keeping, StateSettings
-from ..health.store.events import StoredEvent
+from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
 from ..http_api.words import words_in
@@ -75,10 +75,10 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         raise ConfigError(f"{place}.{error}") from None
 
 
-def outbox_of(store: Store, output: Output, receiver: str) -> Outbox:
+def outbox_of(store: Store, output: Output, receiver: str, log: EventLog | None = None) -> Outbox:
     """Queue of the events for one receiver of an output."""
     name = output.context.name
-    return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds)
+    return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds, log)
 
 
 def method_of(config: EdgeConfig, machine: Machine) -> str:
@@ -155,7 +155,7 @@ async def run(context: NodeContext, name: str) -> None:
     """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
     output, latest = make_output(context.config, name), LatestAnswers(context)
     component = Component(context, name)
-    node = OutputNode(output, component, context.store)
+    node = OutputNode(output, component, context.events)
     retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
 
     async def life() -> None:
@@ -185,8 +185,8 @@ class OutputNode:
         sent: messages that it took.
     """
 
-    def __init__(self, output: Output, component: Component, store: Store) -> None:
-        self._output, self._component, self._store = output, component, store
+    def __init__(self, output: Output, component: Component, events: EventLog) -> None:
+        self._output, self._component, self._events = output, component, events
         self._name = output.context.name
         self._opening = asyncio.Lock()
         self._problems: dict[str, str] = {}
@@ -248,9 +248,9 @@ class OutputNode:
 
     async def deliver(self, receiver: str) -> None:
         """Hand over the events of an outbox in their order; what is refused holds up nobody."""
-        output, run, who = self._output, self._store.run, f"events {receiver}".strip()
+        output, run, who = self._output, self._events.store.run, f"events {receiver}".strip()
         outbox, retry = (
-            outbox_of(self._store, output, receiver),
+            outbox_of(self._events.store, output, receiver, self._events),
             Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S),
         )
         hour: deque[float] = deque()

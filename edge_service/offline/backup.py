@@ -10,25 +10,18 @@ import shutil
 import tempfile
 import tomllib
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, Literal
+from typing import Literal
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from pydantic import ValidationError
 
 from .. import __version__
-from ..atomic import (
-    PRIVATE,
-    made_folder,
-    new_file,
-    put_in_place,
-    replaced_bytes,
-    sync_file,
-)
+from ..atomic import PRIVATE, made_folder, new_file, put_in_place, replaced_bytes, sync_file
 from ..command_answer import Answer
 from ..config import load_config, state_folder
 from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
@@ -94,22 +87,62 @@ def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
         ConfigError: the configuration is wrong.
         BackupError: something cannot be read or written; then nothing was.
     """
-    folder = load_config(config).store.folder
-    beside, outside = _named(config)
-    files = {f"{CONFIG}/{path.relative_to(config.parent).as_posix()}": path for path in beside}
+    folder, place = load_config(config).store.folder, config.parent
+    named = set()
+    for text in _texts(tomllib.loads(config.read_text("utf-8"))):
+        with suppress(OSError, ValueError):  # a text that can be no name
+            if (place / text).is_file():
+                named.add(place / text)
+    beside = {path for path in named if path.is_relative_to(place) and ".." not in path.parts}
+    outside = sorted(named - beside)
+    names = ("axes", "recordings") if recordings else ("axes",)
+    parts = [] if folder is None else [folder / name for name in names]
+    files = {f"{CONFIG}/{path.relative_to(place).as_posix()}": path for path in {config, *beside}}
     try:
         with replaced_bytes(out, PRIVATE) as file, ExitStack() as stack:
-            if folder is not None:
-                copies = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=out.parent)))
-                files |= _state_files(folder, copies / FILE_NAME, recordings=recordings)
-            _write(file, config.name, files)
-    except (OSError, StoreFailedError) as error:
-        raise BackupError(_said(error, out)) from None
+            if folder is not None and (folder / FILE_NAME).exists():
+                copies = stack.enter_context(tempfile.TemporaryDirectory(dir=out.parent))
+                copy = files[f"{STATE}/{FILE_NAME}"] = Path(copies) / FILE_NAME
+                with closing(Store(folder / FILE_NAME, mends=False)) as store:
+                    store.copy_to(copy)
+                copy.chmod((folder / FILE_NAME).stat().st_mode & 0o777)
+            for part in parts:
+                for path in part.rglob("*"):
+                    if path.is_file() and not path.is_symlink():
+                        files[f"{STATE}/{path.relative_to(part.parent).as_posix()}"] = path
+            archive = stack.enter_context(ZipFile(file, "w"))
+            kept = {name: _added(archive, name, files[name]) for name in sorted(files)}
+            made = datetime.now(UTC).isoformat(timespec="seconds")
+            manifest = Manifest(version=__version__, made=made, config=config.name, files=kept)
+            archive.writestr(MANIFEST, manifest.model_dump_json())
+    except OSError as error:
+        raise BackupError(f"{error.filename or out}: {error.strerror}") from None
+    except StoreFailedError as error:
+        raise BackupError(str(error)) from None
     size_mb = out.stat().st_size / 1e6
     lines = [f"not in the backup, because it lies elsewhere: {path}" for path in outside]
     lines.append(f"{out}: written, {size_mb:.1f} MB; it may hold secrets")
     written = BackedUp(out=str(out), size_mb=size_mb, left_out=list(map(str, outside)))
     return Answer("\n".join(lines), written)
+
+
+def _texts(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _texts(each)
+
+
+def _added(archive: ZipFile, name: str, path: Path) -> KeptFile:
+    """Write a file into an archive."""
+    digest, length = hashlib.sha256(), 0
+    with path.open("rb") as source, archive.open(name, "w", force_zip64=True) as member:
+        while content := source.read(_CHUNK_BYTES):
+            digest.update(content)
+            length += len(content)
+            member.write(content)
+    return KeptFile(length=length, sha256=digest.hexdigest(), mode=path.stat().st_mode & 0o666)
 
 
 def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
@@ -126,12 +159,12 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
     """
     try:
         with ZipFile(backup) as archive, ExitStack() as stages:
-            manifest = read_manifest(archive)
+            manifest = _manifest_of(archive)
             lines = _restored(archive, manifest, config.absolute(), stages, force=force)
     except shutil.Error as error:
         raise BackupError(f"{config.parent}: cannot be kept beside it ({error})") from None
     except OSError as error:
-        raise BackupError(_said(error, backup)) from None
+        raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
     except BackupError as error:
         raise BackupError(f"{backup}: {error}") from None
     except _DAMAGE as error:
@@ -139,8 +172,8 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
     return Answer("\n".join(lines), Restored(done=lines))
 
 
-def read_manifest(archive: ZipFile) -> Manifest:
-    """Read the manifest, and check that the archive holds what it says. Raises BackupError."""
+def _manifest_of(archive: ZipFile) -> Manifest:
+    """Manifest of an archive that holds what it says, under names that stay in their place."""
     held = {info.filename: info for info in archive.infolist()}
     described = held.pop(MANIFEST, None)
     if described is None or described.file_size > _MOST_MANIFEST_BYTES:
@@ -155,7 +188,11 @@ def read_manifest(archive: ZipFile) -> Manifest:
         manifest = Manifest.model_validate(document)
     except ValidationError:
         raise BackupError("is damaged: its manifest is none") from None
-    if _minor(manifest.version) > _minor(__version__):
+    made, own = (
+        tuple(int(part) for part in version.split(".")[:2])
+        for version in (manifest.version, __version__)
+    )
+    if made > own:
         problem = f"was made by version {manifest.version}; install that one, this is {__version__}"
         raise BackupError(problem)
     names = {*manifest.files, f"{CONFIG}/{manifest.config}"}
@@ -171,68 +208,6 @@ def read_manifest(archive: ZipFile) -> Manifest:
     return manifest
 
 
-def _minor(version: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in version.split(".")[:2])
-
-
-def _said(error: OSError | StoreFailedError, path: Path) -> str:
-    if isinstance(error, OSError):
-        return f"{error.filename or path}: {error.strerror}"
-    return str(error)
-
-
-def _named(config: Path) -> tuple[list[Path], list[Path]]:
-    """The configuration and the files that it names: those beside it, and those elsewhere."""
-    folder = config.parent
-    named = set()
-    for text in _texts(tomllib.loads(config.read_text("utf-8"))):
-        with suppress(OSError, ValueError):  # a text that can be no name
-            if (folder / text).is_file():
-                named.add(folder / text)
-    beside = {path for path in named if path.is_relative_to(folder) and ".." not in path.parts}
-    return sorted({config, *beside}), sorted(named - beside)
-
-
-def _texts(value: object) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _texts(each)
-
-
-def _state_files(folder: Path, copy: Path, *, recordings: bool) -> dict[str, Path]:
-    """Files of the state by their names in the archive, with a copy of the store as it is now."""
-    files = {}
-    if (folder / FILE_NAME).exists():
-        with closing(Store(folder / FILE_NAME, mends=False)) as store:
-            store.copy_to(copy)
-        copy.chmod((folder / FILE_NAME).stat().st_mode & 0o777)
-        files[f"{STATE}/{FILE_NAME}"] = copy
-    for part in ("axes", "recordings") if recordings else ("axes",):
-        for path in sorted((folder / part).rglob("*")):
-            if path.is_file() and not path.is_symlink():
-                files[f"{STATE}/{path.relative_to(folder).as_posix()}"] = path
-    return files
-
-
-def _write(file: BinaryIO, config: str, files: dict[str, Path]) -> None:
-    kept = {}
-    with ZipFile(file, "w") as archive:
-        for name, path in files.items():
-            digest, length = hashlib.sha256(), 0
-            with path.open("rb") as source, archive.open(name, "w", force_zip64=True) as member:
-                while content := source.read(_CHUNK_BYTES):
-                    digest.update(content)
-                    length += len(content)
-                    member.write(content)
-            mode = path.stat().st_mode & 0o666
-            kept[name] = KeptFile(length=length, sha256=digest.hexdigest(), mode=mode)
-        made = datetime.now(UTC).isoformat(timespec="seconds")
-        manifest = Manifest(version=__version__, made=made, config=config, files=kept)
-        archive.writestr(MANIFEST, manifest.model_dump_json())
-
-
 def _restored(
     archive: ZipFile, manifest: Manifest, config: Path, stages: ExitStack, *, force: bool
 ) -> list[str]:
@@ -240,64 +215,48 @@ def _restored(
     place = config.parent
     written = _unpacked(archive, manifest, CONFIG, _stage(place, stages), place)
     put_in_place(written / manifest.config, written / config.name)
-    _check_config(written, place, force=force)
+    for path in sorted(written.rglob("*")):
+        there = place / path.relative_to(written)
+        if force or not path.is_file() or not os.path.lexists(there):
+            continue
+        if not there.is_file() or there.read_bytes() != path.read_bytes():
+            raise BackupError(f"{there} is there already, and differs; --force replaces it")
+    table = tomllib.loads((written / config.name).read_text("utf-8")).get("store", {})
+    named = table.get("folder") if isinstance(table, dict) else None
+    folder = state_folder(Path(named) if isinstance(named, str) else None, place)
     places, lines = [(written, place)], [f"{config}: restored"]
-    folder = _state_folder(written / config.name, place)
     if not any(name.startswith(f"{STATE}/") for name in manifest.files):
         folder = None
     elif folder is None:
         lines.append("the history is left out: this configuration keeps it in memory only")
     else:
-        _check_state(folder, force=force)
+        folder = Path(os.path.normpath(folder))
+        if not force and folder.exists() and any(folder.iterdir()):
+            raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
+        if is_in_use(folder / FILE_NAME):
+            raise BackupError(f"{folder / FILE_NAME} is in use: stop the service first")
+        _check_mount(folder)
         is_inside = folder.is_relative_to(place)
         stage = written / folder.relative_to(place) if is_inside else _stage(folder, stages)
         _unpacked(archive, manifest, STATE, stage, folder)
         places = [*([] if is_inside else [(stage, folder)]), *places]
         lines.append(f"{folder}: restored")
     _keep_others(place, written, folder)
-    undos: list[Callable[[], None]] = []
-    try:
-        for stage, place in places:
-            undos.append(_swapped(stage, place))
-    except OSError:
-        for undo in reversed(undos):
-            undo()
-        raise
+    _all_in_place(places)
     return lines
-
-
-def _state_folder(config: Path, folder: Path) -> Path | None:
-    """State folder of a configuration that will lie in `folder`; None: it keeps nothing."""
-    table = tomllib.loads(config.read_text("utf-8")).get("store", {})
-    named = table.get("folder") if isinstance(table, dict) else None
-    found = state_folder(Path(named) if isinstance(named, str) else None, folder)
-    return None if found is None else Path(os.path.normpath(found))
-
-
-def _check_config(stage: Path, folder: Path, *, force: bool) -> None:
-    """Refuse to replace what differs, unless it is wanted. Raises BackupError."""
-    for path in sorted(stage.rglob("*")):
-        place = folder / path.relative_to(stage)
-        if force or not path.is_file() or not os.path.lexists(place):
-            continue
-        if not place.is_file() or place.read_bytes() != path.read_bytes():
-            raise BackupError(f"{place} is there already, and differs; --force replaces it")
-
-
-def _check_state(folder: Path, *, force: bool) -> None:
-    """Refuse a store that is there already, and one that a service uses. Raises BackupError."""
-    if not force and folder.exists() and any(folder.iterdir()):
-        raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
-    path = folder / FILE_NAME
-    if path.exists() and is_in_use(path):
-        raise BackupError(f"{path} is in use: stop the service first")
 
 
 def _stage(place: Path, stages: ExitStack) -> Path:
     """Folder to fill beside a place, gone at the end unless it has taken that."""
+    _check_mount(place)
     made_folder(place.parent)
     around = tempfile.TemporaryDirectory(prefix=".restore-", dir=place.parent)
     return Path(stages.enter_context(around)) / place.name
+
+
+def _check_mount(place: Path) -> None:
+    if place.is_mount():
+        raise BackupError(f"{place} is a mount point, which no rename replaces; use a folder in it")
 
 
 def _unpacked(archive: ZipFile, manifest: Manifest, room: str, stage: Path, place: Path) -> Path:
@@ -352,22 +311,19 @@ def _keep_others(folder: Path, stage: Path, state: Path | None) -> None:
     )
 
 
-def _swapped(stage: Path, place: Path) -> Callable[[], None]:
-    """Put a folder in its place; what was there stays beside it. Returns what undoes that."""
-    aside = place.with_name(f"{place.name}.before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}")
-    was_there = place.exists() and any(place.iterdir())
-    if was_there:
-        put_in_place(place, aside)
+def _all_in_place(places: list[tuple[Path, Path]]) -> None:
+    """Rename folders into their places, what was there to `NAME.before-TIME`; all or none."""
+    now = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    done: list[tuple[Path, Path]] = []
     try:
-        put_in_place(stage, place)
+        for stage, place in places:
+            if place.exists() and any(place.iterdir()):
+                aside = place.with_name(f"{place.name}.before-{now}")
+                put_in_place(place, aside)
+                done.append((place, aside))
+            put_in_place(stage, place)
+            done.append((stage, place))
     except OSError:
-        if was_there:
-            put_in_place(aside, place)
+        for before, after in reversed(done):
+            put_in_place(after, before)
         raise
-
-    def undo() -> None:
-        put_in_place(place, stage)
-        if was_there:
-            put_in_place(aside, place)
-
-    return undo

@@ -307,3 +307,12 @@ def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
     assert notes(var(place, "new")) == ["before", "later"]
     assert (place / "new/etc/zenoh.json5").read_bytes() == b"mine"
     assert not [path for path in place.rglob("*") if "before-" in path.name]
+
+
+def test_a_mount_point_is_one_line(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert restored(place) == 0
+    mounted = {place / "new/etc", var(place, "new")}
+    monkeypatch.setattr(Path, "is_mount", lambda path: path in mounted)
+    assert "is a mount point" in refused(place, capsys, "--force")

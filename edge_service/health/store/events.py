@@ -136,6 +136,11 @@ class EventLog:
         numbers = self.save()
         return [StoredEvent(numbers.get(each.id, each.id), each.event) for each in put]
 
+    def held(self) -> list[StoredEvent]:
+        """Events that a failing disk leaves in memory, oldest first."""
+        with self._lock:
+            return list(self._waiting.values()) if self.store.problem else []
+
     @property
     def waiting(self) -> int:
         """Events that are not on the disk yet."""

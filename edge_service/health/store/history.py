@@ -12,7 +12,6 @@ import threading
 import zlib
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
@@ -22,16 +21,16 @@ from ...clock import FUTURE_S
 from ...messages.estimate import PreloadEstimate
 from .rows import (
     NAN,
+    NO_ROWS,
     SINGLE,
     SPAN,
     Bucket,
     Rows,
     aggregate,
+    between,
     buckets,
     filled,
-    in_order,
     joined,
-    no_rows,
     packed,
     record_of,
     rows_of,
@@ -52,35 +51,18 @@ CREATE TABLE IF NOT EXISTS open_history (
 CREATE INDEX IF NOT EXISTS open_history_by_axis ON open_history (axis, hour_s);
 """
 HOUR_S = 3600
+DAY_S = 24 * HOUR_S
+CHUNKS_S = {0: HOUR_S, 60: DAY_S, HOUR_S: 30 * DAY_S}
+"""Length of what is kept as one, s, by the step of its rows, s; 0: single estimates."""
 MOST_WAITING = 36_000
 """Estimates of an axis, an hour of them, that wait for a disk that takes nothing."""
 MEMORY_MB = 64.0
 """Budget where the store lives in memory."""
 _GREATEST = 2**62
+_HOUR_US = HOUR_S * 1_000_000
 _OVER = "SELECT axis, hour_s FROM open_history WHERE hour_s <> ? LIMIT 1"
 _OLDEST = """SELECT axis, step_s, start_s FROM history WHERE step_s < ?
 ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
-
-
-@dataclass(frozen=True, slots=True)
-class Resolution:
-    """Rows of one step.
-
-    Attributes:
-        step_s: 0 for single estimates.
-        chunk_s: length of what is kept as one, s.
-        record: of a row.
-    """
-
-    step_s: int
-    chunk_s: int
-    record: npt.DTypeLike
-
-
-RAW = Resolution(0, HOUR_S, SINGLE)
-MINUTE = Resolution(60, 24 * HOUR_S, SPAN)
-HOUR = Resolution(HOUR_S, 30 * 24 * HOUR_S, SPAN)
-RESOLUTIONS = (RAW, MINUTE, HOUR)
 
 
 class History:
@@ -141,22 +123,22 @@ class History:
         Where the finer rows have made room already, or were damaged, coarser ones stand in; those
         of the open hour are single estimates. Raises StoreFailedError.
         """
-        fine = sum(each.step_s <= finest_step_s for each in RESOLUTIONS)
-        wanted = RESOLUTIONS[max(fine - 1, 0) :]
+        fine = [step_s for step_s in CHUNKS_S if step_s <= finest_step_s]
+        steps_s = [step_s for step_s in CHUNKS_S if step_s >= max(fine, default=0)]
         start_s, end_s = max(start_s, -_GREATEST), min(end_s, _GREATEST)
 
         def work(file: sqlite3.Connection) -> tuple[list[Rows], bytes]:
-            tiers = [self._chunks(file, axis, each, start_s, end_s) for each in wanted]
+            tiers = [self._chunks(file, axis, step_s, start_s, end_s) for step_s in steps_s]
             return tiers, self._open_records(file, axis)
 
         with self._lock:
             waiting = b"".join(self._waiting.get(axis, ()))
         tiers, open_records = self._store.read(work)
-        known = filled(tiers, [each.step_s for each in wanted])
-        fresh = rows_of(open_records + waiting).between(start_s, end_s)
-        if wanted[0] is RAW:
-            fresh = fresh.take(~np.isin(fresh.time_s, known.time_s))
-        return in_order(joined([known, fresh]))
+        known = filled(tiers, steps_s)
+        fresh = between(rows_of(open_records + waiting), start_s, end_s)
+        if steps_s[0] == 0:
+            fresh = _without(fresh, known)
+        return joined(known, fresh)
 
     def buckets(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
         """Buckets of [start_s, end_s) that hold estimates, oldest first; empty ones are left out.
@@ -168,8 +150,7 @@ class History:
 
         Raises StoreFailedError.
         """
-        rows = self.rows(axis, start_s, end_s, step_s)
-        return buckets(aggregate(rows, start_s, step_s))
+        return buckets(aggregate(self.rows(axis, start_s, end_s, step_s), start_s, step_s))
 
     def axes(self) -> list[str]:
         """Axes of which anything is kept. Raises StoreFailedError."""
@@ -190,78 +171,56 @@ class History:
         starts = self._store.read(lambda file: file.execute(found, {"axis": axis}).fetchall())
         with self._lock:
             waiting = np.frombuffer(b"".join(self._waiting.get(axis, ())), SINGLE)
-        hours_s = np.unique(waiting["time_us"] // (HOUR_S * 1_000_000)) * HOUR_S
-        starts += [(RAW.step_s, hour_s) for hour_s in hours_s.tolist()]
-        lengths_s = {each.step_s: each.chunk_s for each in RESOLUTIONS}
-        fine = {start_s for step_s, start_s in starts if step_s == RAW.step_s}
+        hours_s = np.unique(waiting["time_us"] // _HOUR_US) * HOUR_S
+        starts += [(0, hour_s) for hour_s in hours_s.tolist()]
+        fine = {start_s for step_s, start_s in starts if step_s == 0}
         days = {
-            at_s // MINUTE.chunk_s * MINUTE.chunk_s
+            at_s // DAY_S * DAY_S
             for step_s, first_s in starts
-            for at_s in range(first_s, first_s + lengths_s[step_s], HOUR_S)
+            for at_s in range(first_s, first_s + CHUNKS_S[step_s], HOUR_S)
         }
         for day_s in sorted(days):
-            is_fine = any(hour_s in fine for hour_s in range(day_s, day_s + MINUTE.chunk_s, HOUR_S))
-            step_s = HOUR_S if is_fine else MINUTE.chunk_s
-            for first_s in range(day_s, day_s + MINUTE.chunk_s, step_s):
-                span = max(first_s, start_s), min(first_s + step_s, end_s)
-                rows = self.rows(axis, *span, 0.0) if span[0] < span[1] else no_rows()
-                if len(rows):
+            is_fine = any(hour_s in fine for hour_s in range(day_s, day_s + DAY_S, HOUR_S))
+            step_s = HOUR_S if is_fine else DAY_S
+            for first_s in range(day_s, day_s + DAY_S, step_s):
+                first, last = max(first_s, start_s), min(first_s + step_s, end_s)
+                rows = self.rows(axis, first, last, 0.0) if first < last else NO_ROWS
+                if rows.size:
                     yield rows
 
     def _compact(self, file: sqlite3.Connection, axis: str, hour_s: int) -> None:
         """Make chunks of an hour of the open table, beside what is known of that hour already."""
         end_s = hour_s + HOUR_S
-        single = self._chunks(file, axis, RAW, hour_s, end_s)
-        minutes = self._chunks(file, axis, MINUTE, hour_s, end_s)
-        fresh = rows_of(self._open_records(file, axis, hour_s))
-        fresh = fresh.take(~np.isin(fresh.time_s, single.time_s))
-        rows = in_order(joined([single, fresh]))
-        has_all = len(single) >= int(minutes.samples.sum())
-        minutes = aggregate(rows if has_all else joined([minutes, fresh]), hour_s, 60.0)
-        self.replace(file, axis, RAW, rows, hour_s, end_s)
-        self.replace(file, axis, MINUTE, minutes, hour_s, end_s)
-        self.replace(file, axis, HOUR, aggregate(minutes, hour_s, HOUR_S), hour_s, end_s)
+        single = self._chunks(file, axis, 0, hour_s, end_s)
+        minutes = self._chunks(file, axis, 60, hour_s, end_s)
+        fresh = _without(rows_of(self._open_records(file, axis, hour_s)), single)
+        rows = joined(single, fresh)
+        has_all = single.size >= int(minutes["samples"].sum())
+        minutes = aggregate(rows if has_all else joined(minutes, fresh), hour_s, 60.0)
+        hours = aggregate(minutes, hour_s, HOUR_S)
+        for step_s, made in zip(CHUNKS_S, (rows, minutes, hours), strict=True):
+            chunk_s = hour_s // CHUNKS_S[step_s] * CHUNKS_S[step_s]
+            known = self._chunks(file, axis, step_s, chunk_s, chunk_s + CHUNKS_S[step_s])
+            before, after = between(known, -math.inf, hour_s), between(known, end_s, math.inf)
+            put_chunk(file, axis, step_s, chunk_s, joined(before, made, after))
         file.execute("DELETE FROM open_history WHERE axis = ? AND hour_s = ?", (axis, hour_s))
 
-    def replace(
-        self,
-        file: sqlite3.Connection,
-        axis: str,
-        resolution: Resolution,
-        rows: Rows,
-        start_s: int,
-        end_s: int,
-    ) -> None:
-        """Let rows take the place of what the chunk holds of [start_s, end_s)."""
-        chunk_s = start_s // resolution.chunk_s * resolution.chunk_s
-        known = self._chunks(file, axis, resolution, chunk_s, chunk_s + resolution.chunk_s)
-        others = known.take((known.time_s < start_s) | (known.time_s >= end_s))
-        content = packed(in_order(joined([others, rows])), resolution.record)
-        place = (axis, resolution.step_s, chunk_s)
-        row = (*place, content, _digest(content, *place))
-        file.execute("INSERT OR REPLACE INTO history VALUES (?, ?, ?, ?, ?)", row)
-
     def _chunks(
-        self,
-        file: sqlite3.Connection,
-        axis: str,
-        resolution: Resolution,
-        start_s: float,
-        end_s: float,
+        self, file: sqlite3.Connection, axis: str, step_s: int, start_s: float, end_s: float
     ) -> Rows:
         """Rows of one resolution that begin in [start_s, end_s), by time."""
         wanted = """SELECT axis, step_s, start_s, rows, digest FROM history
         WHERE axis = ? AND step_s = ? AND start_s > ? AND start_s < ? ORDER BY start_s"""
-        span = (start_s - resolution.chunk_s, end_s)
-        parts = [no_rows()]
-        for *place, content, digest in file.execute(wanted, (axis, resolution.step_s, *span)):
+        span = (start_s - CHUNKS_S[step_s], end_s)
+        parts = []
+        for *place, content, digest in file.execute(wanted, (axis, step_s, *span)):
             try:
                 if digest != _digest(content, *place):
                     raise ValueError("its checksum is wrong")
-                parts.append(unpacked(content, resolution.record))
+                parts.append(unpacked(content, _record(step_s)))
             except (ValueError, zlib.error) as error:
                 self._note_damage(f"history of axis {axis}, from {place[2]} s on: {error}")
-        return joined(parts).between(start_s, end_s)
+        return between(joined(*parts), start_s, end_s)
 
     def _open_records(
         self, file: sqlite3.Connection, axis: str, hour_s: int | None = None
@@ -299,10 +258,25 @@ class History:
             is_more = self._store.write(remove)
 
 
+def put_chunk(file: sqlite3.Connection, axis: str, step_s: int, chunk_s: int, rows: Rows) -> None:
+    """Write all rows of a chunk, which begins at UNIX time `chunk_s`, in the place of an older."""
+    content, place = packed(rows, _record(step_s)), (axis, step_s, chunk_s)
+    row = (*place, content, _digest(content, *place))
+    file.execute("INSERT OR REPLACE INTO history VALUES (?, ?, ?, ?, ?)", row)
+
+
+def _record(step_s: int) -> npt.DTypeLike:
+    return SINGLE if step_s == 0 else SPAN
+
+
+def _without(rows: Rows, known: Rows) -> Rows:
+    return rows[~np.isin(rows["time_us"], known["time_us"])]
+
+
 def _put_open(file: sqlite3.Connection, taken: dict[str, tuple[bytes, ...]]) -> None:
     for axis, each in taken.items():
         records = np.frombuffer(b"".join(each), SINGLE)
-        hours = records["time_us"] // (HOUR_S * 1_000_000) * HOUR_S
+        hours = records["time_us"] // _HOUR_US * HOUR_S
         for hour_s in np.unique(hours).tolist():
             content = records[hours == hour_s].tobytes()
             row = (axis, hour_s, content, _digest(content, axis, hour_s))

@@ -2,12 +2,13 @@
 
 import sqlite3
 from collections.abc import Collection
+from contextlib import suppress
 from typing import NamedTuple
 
 from ...clock import now_ns
 from .events import SCHEMA as EVENTS
-from .events import StoredEvent, stored_event
-from .store import Store
+from .events import EventLog, StoredEvent, stored_event
+from .store import Store, StoreFailedError
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS outputs (name TEXT PRIMARY KEY, cursor INTEGER NOT NULL);
@@ -45,10 +46,18 @@ class Outbox:
 
     Args:
         kinds: kinds of events that the output delivers; None: all.
+        log: of this process; what a failing disk leaves in its memory is delivered as well.
     """
 
-    def __init__(self, store: Store, output: str, kinds: Collection[str] | None = None) -> None:
-        self._store, self._output = store, output
+    def __init__(
+        self,
+        store: Store,
+        output: str,
+        kinds: Collection[str] | None = None,
+        log: EventLog | None = None,
+    ) -> None:
+        self._store, self._output, self._log, self._kinds = store, output, log, kinds
+        self._unwritten: set[int] = set()
         names = {f"kind{number}": kind for number, kind in enumerate(kinds or ())}
         marks = ", ".join(f":{name}" for name in names)
         self._waiting = _WAITING.format(kinds="" if kinds is None else f"AND kind IN ({marks})")
@@ -58,7 +67,7 @@ class Outbox:
 
     def waiting(self, limit: int) -> list[StoredEvent]:
         """Events to deliver, oldest first."""
-        cursor = self._cursor()
+        cursor = max([self._cursor(), *self._unwritten])
 
         def work(file: sqlite3.Connection) -> list[StoredEvent]:
             statement = f"SELECT id, body, digest {self._waiting} ORDER BY id LIMIT :limit"
@@ -66,17 +75,25 @@ class Outbox:
             rows = file.execute(statement, values)
             return [each for row in rows if (each := stored_event(*row)) is not None]
 
-        return self._store.read(work)
+        found = {each.id: each for each in self._store.read(work)}
+        for each in self._log.held() if self._log is not None else ():
+            if each.id > cursor and (self._kinds is None or each.event.kind in self._kinds):
+                found[each.id] = each
+        return [found[number] for number in sorted(found.keys() - self._unwritten)][:limit]
 
     def delivered(self, event_id: int) -> None:
-        """Pass over an event that was delivered."""
+        """Pass over an event that was delivered; a disk that takes nothing does not double it."""
+        self._unwritten.add(event_id)
 
         def work(file: sqlite3.Connection) -> None:
-            letter = (self._output, event_id)
-            file.execute("DELETE FROM dead_letters WHERE output = ? AND event_id = ?", letter)
-            self._advance(file, event_id)
+            for number in self._unwritten:
+                letter = (self._output, number)
+                file.execute("DELETE FROM dead_letters WHERE output = ? AND event_id = ?", letter)
+            self._advance(file, max(self._unwritten))
 
-        self._store.write(work)
+        with suppress(StoreFailedError):  # the next one writes it
+            self._store.write(work)
+            self._unwritten.clear()
 
     def refused(self, event_id: int, reason: str) -> None:
         """Pass over an event that its receiver will never take: a dead letter, kept 30 days."""

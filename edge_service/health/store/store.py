@@ -43,7 +43,8 @@ class Store:
         mends: False: a file that is damaged, missing or of others is refused, and left as it is.
 
     Attributes:
-        damages: files that were set aside, a line each.
+        damages: what was found damaged: files that were set aside, rows, a line each.
+        is_new_file: a file that was damaged or gone has been begun anew: rows may be lost.
         problem: reason for which nothing can be kept now; empty if it can.
     """
 
@@ -51,6 +52,7 @@ class Store:
         self.path = path
         self._mends = mends
         self.damages: list[str] = []
+        self.is_new_file = False
         self.problem = ""
         self._name = "the store" if path is None else str(path)
         self._threads = Threads("store", 2)
@@ -233,6 +235,7 @@ class Store:
                 raise OSError(0, damage or "there is no such file", str(path))
             self._begin_anew(path)
             if damage:
+                self.is_new_file = True
                 aside = f", kept as {_set_aside(path)}" if path.exists() else ""
                 self.damages.append(f"{path}: {damage}{aside}; begun anew with what can be read")
             _finish(path)
@@ -259,14 +262,16 @@ class Store:
 
 
 def is_in_use(path: Path) -> bool:
-    """True while another process has the file open; a damaged one counts as left alone."""
+    """True while another process has a store open. Raises OSError."""
+    if not path.exists():
+        return False
     try:
         with closing(sqlite3.connect(path, 0.1)) as file:
             file.execute("PRAGMA journal_mode = DELETE")  # for whoever has it alone
     except sqlite3.OperationalError:
         return True
     except sqlite3.DatabaseError:
-        pass  # that is why it is restored
+        pass  # damaged: nobody can use it
     return False
 
 

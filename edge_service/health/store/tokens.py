@@ -7,7 +7,7 @@ import secrets
 import sqlite3
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .store import Store
 
@@ -39,7 +39,7 @@ class Token(BaseModel):
 
     name: str
     role: Role
-    hash: str
+    hash: str = Field(pattern=r"^[0-9a-f]{64}$")
     created_ns: int
     used_ns: int | None = None
 
@@ -49,12 +49,13 @@ class Tokens:
 
     def __init__(self, store: Store) -> None:
         self._store = store
+        self._is_damaged = False
         store.define(SCHEMA)
 
     @property
     def may_be_lost(self) -> bool:
-        """The store was damaged since the service started: that none are left opens nothing."""
-        return bool(self._store.damages)
+        """The file or the table was damaged, so that none are left opens nothing."""
+        return self._store.is_new_file or self._is_damaged
 
     def all(self) -> tuple[Token, ...]:
         """All tokens by name."""
@@ -62,8 +63,16 @@ class Tokens:
         rows = self._store.read(
             lambda file: file.execute(f"SELECT {columns} FROM tokens ORDER BY name").fetchall()
         )
-        names = Token.model_fields
-        return tuple(Token.model_validate(dict(zip(names, row, strict=True))) for row in rows)
+        tokens = []
+        for row in rows:
+            try:
+                found = Token.model_validate(dict(zip(Token.model_fields, row, strict=True)))
+                tokens.append(found)
+            except ValidationError:
+                if not self._is_damaged:
+                    self._store.damages.append("a token is damaged and left out")
+                self._is_damaged = True
+        return tuple(tokens)
 
     def add(self, name: str, role: Role, now_ns: int) -> str:
         """Add a token; returns its secret, which is kept nowhere. Raises TokenError."""

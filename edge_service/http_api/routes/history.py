@@ -11,8 +11,8 @@ from fastapi import APIRouter, Query
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
 
+from ...health.history_file import HistoryForm, write_history
 from ...health.service_state import ServiceState
-from ...health.store.history_file import HistoryForm, write_history
 from ...health.store.store import StoreFailedError
 from ...messages.topics import PRELOAD
 from ..answers import HistoryAnswer

@@ -17,8 +17,15 @@ from scipy.integrate import solve_ivp
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
 from edge_service.estimate.imm.bank import CompiledBank, FilterBank, run_bank
 from edge_service.estimate.imm.filterpy_bank import FilterpyBank
-from edge_service.health.store.history import HOUR, History
-from edge_service.health.store.rows import QUANTITIES, STATUSES, aggregate, single_rows
+from edge_service.health.store.history import CHUNKS_S, HOUR_S, History, put_chunk
+from edge_service.health.store.rows import (
+    QUANTITIES,
+    SINGLE,
+    STATUSES,
+    aggregate,
+    between,
+    rows_of,
+)
 from edge_service.health.store.store import Store
 from edge_service.messages.channels import CHANNELS
 from edge_service.messages.estimate import EstimateStatus
@@ -174,21 +181,24 @@ def history_us(repeats: int) -> tuple[float, float]:
     """
     time_s = np.arange(_BEGIN_S, _BEGIN_S + YEAR_S, 600.0)
     values = np.random.default_rng(1).uniform(4.0, 6.0, (len(QUANTITIES), time_s.size))
-    estimated = np.full(time_s.size, STATUSES.index(EstimateStatus.ESTIMATED))
-    rows = single_rows(time_s, estimated, values[0] - 1.0, values[0] + 1.0, values)
+    single = np.zeros(time_s.size, SINGLE)
+    single["time_us"], single["status"] = time_s * 1e6, STATUSES.index(EstimateStatus.ESTIMATED)
+    single["bounds"] = np.stack([values[0] - 1.0, values[0] + 1.0], axis=1)
+    single["values"] = values.T
     with tempfile.TemporaryDirectory() as folder:
         path, file = Path(folder) / "edge-service.sqlite", Path(folder) / "bare.parquet"
-        hours = aggregate(rows, _BEGIN_S, 3600.0)
-        pq.write_table(pa.table({str(n): each for n, each in enumerate(hours.mean)}), file)
+        hours = aggregate(rows_of(single.tobytes()), _BEGIN_S, 3600.0)
+        means = hours["values"][:, 1].T
+        pq.write_table(pa.table({str(n): each for n, each in enumerate(means)}), file)
         store = Store(path)
-        history = History(store)
+        History(store)
 
         def fill(connection: sqlite3.Connection) -> None:
-            first_s = int(_BEGIN_S // HOUR.chunk_s) * HOUR.chunk_s
-            for start_s in range(first_s, int(_BEGIN_S + YEAR_S), HOUR.chunk_s):
-                end_s = start_s + HOUR.chunk_s
-                part = hours.between(start_s, end_s)
-                history.replace(connection, "X", HOUR, part, start_s, end_s)
+            length_s = CHUNKS_S[HOUR_S]
+            first_s = int(_BEGIN_S // length_s) * length_s
+            for start_s in range(first_s, int(_BEGIN_S + YEAR_S), length_s):
+                part = between(hours, start_s, start_s + length_s)
+                put_chunk(connection, "X", HOUR_S, start_s, part)
 
         store.write(fill)
         store.close()

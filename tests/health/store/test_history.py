@@ -11,8 +11,8 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+from edge_service.health.history_file import HistoryForm, write_history
 from edge_service.health.store.history import HOUR_S, History
-from edge_service.health.store.history_file import HistoryForm, write_history
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 
@@ -51,16 +51,20 @@ def fill(history: History, hours: float, step_s: float = 30.0, axis: str = "X") 
     return times_s
 
 
+def times_of(rows: np.ndarray) -> list[float]:
+    return (rows["time_us"] / 1e6).tolist()
+
+
 def test_every_estimate_is_there_before_and_after_its_hour_is_over(store: Store) -> None:
     history = History(store)
     times_s = fill(history, 2.5)
     history.append("X", round((times_s[-1] + 1.0) * NS), estimate(None))
     rows = history.rows("X", START_S, START_S + 3 * HOUR_S, 0.1)
-    assert rows.time_s.tolist() == [*times_s, times_s[-1] + 1.0]
-    assert rows.mean[0, :-1].tolist() == list(range(len(times_s)))
-    assert np.isnan(rows.mean[0, -1])
+    assert times_of(rows) == [*times_s, times_s[-1] + 1.0]
+    assert rows["values"][:-1, 1, 0].tolist() == list(range(len(times_s)))
+    assert np.isnan(rows["values"][-1, 1, 0])
     again = History(store).rows("X", START_S, START_S + 3 * HOUR_S, 0.1)
-    assert again.time_s.tolist() == times_s.tolist()
+    assert times_of(again) == times_s.tolist()
     assert len(history.rows("Y", START_S, START_S + 3 * HOUR_S, 0.1)) == 0
 
 
@@ -112,7 +116,7 @@ def test_what_the_disk_does_not_take_waits_in_bounded_number(
         assert len(history.rows("X", START_S, START_S + 60, 0.1)) == 10
     history.flush(START_S + 20.0)
     rows = History(store).rows("X", START_S, START_S + 60, 0.1)
-    assert rows.mean[0].tolist() == list(range(5, 15))
+    assert rows["values"][:, 1, 0].tolist() == list(range(5, 15))
 
 
 def test_estimates_make_room_first_and_minutes_stand_in(tmp_path: Path) -> None:
@@ -130,7 +134,7 @@ def test_estimates_make_room_first_and_minutes_stand_in(tmp_path: Path) -> None:
         for number in range(100):
             history.append("X", round((START_S + 3600 * 4 + number) * NS), estimate(1.0))
         history.flush(START_S + 3600 * 5)
-        rows = np.concatenate([each.samples for each in history.spans("X")])
+        rows = np.concatenate([each["samples"] for each in history.spans("X")])
         assert rows.sum() == count + 100
 
 
@@ -141,7 +145,7 @@ def test_a_damaged_chunk_is_left_out_said_once_and_stood_in_for(store: Store) ->
     store.write(lambda file: file.execute(spoil, (START_S,)))
     for _ in range(2):
         rows = history.rows("X", START_S, START_S + 2 * HOUR_S, 0.1)
-        assert int(rows.samples.sum()) == count
+        assert int(rows["samples"].sum()) == count
         assert len(rows) == 60 + count // 2
     assert len(store.damages) == 1
     moved = "UPDATE history SET axis = 'Y' WHERE step_s = 60"

@@ -63,7 +63,7 @@ def check_whole(path: Path, said: set[int]) -> int:
         assert len(notes) - max(said, default=-1) in (1, 2)
         assert load_state(store, "monitor", "X") == {"number": len(notes) - 1}
         rows = History(store).rows("X", START_S, START_S + 10**6, 0.1)
-        numbers = rows.mean[0].astype(int).tolist()
+        numbers = rows["values"][:, 1, 0].astype(int).tolist()
         assert numbers == sorted(set(numbers))
         assert {PER_ROUND * each + k for each in said for k in range(PER_ROUND)} <= set(numbers)
         assert store.damages == []
@@ -124,17 +124,19 @@ def check_true(path: Path, known: int) -> None:
         assert [each for each in notes if each not in told] == []
         assert len({each.message for each in notes}) == len(notes)
         rows = History(store).rows("X", START_S, START_S + 10**6, 0.1)
-        single = rows.samples == 1
-        for time_s, number in zip(rows.time_s[single], rows.mean[0][single], strict=True):
-            within_s = estimate(int(number))[0] / NS - time_s  # of an estimate, or of its minute
+        single = rows[rows["samples"] == 1]
+        for time_us, number in zip(single["time_us"], single["values"][:, 1, 0], strict=True):
+            within_s = (
+                estimate(int(number))[0] / NS - time_us / 1e6
+            )  # of an estimate, or of its minute
             assert -1e-3 < within_s < 60.0
-        assert np.all(np.diff(rows.time_s) > 0.0)
+        assert np.all(np.diff(rows["time_us"]) > 0.0)
         try:
             state = load_state(store, "monitor", "X")
         except DamagedStateError:
             state = None
         assert state in (None, {"number": known - 1})
-        complete = len(notes) == known and int(rows.samples.sum()) == known * PER_ROUND
+        complete = len(notes) == known and int(rows["samples"].sum()) == known * PER_ROUND
         assert complete or store.damages or state is None
         outbox = Outbox(store, "mqtt")
         outbox.waiting(1)

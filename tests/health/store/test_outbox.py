@@ -10,7 +10,7 @@ from edge_service.clock import now_ns
 from edge_service.health.store import outbox as module
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.outbox import Outbox
-from edge_service.health.store.store import Store
+from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.event import Event, Severity
 
 
@@ -109,3 +109,28 @@ def test_a_row_that_is_not_what_was_written_is_passed_over(store: Store) -> None
     change = "UPDATE events SET body = replace(body, 'one', 'ONE')"
     store.write(lambda file: file.execute(change))
     assert texts(outbox) == ["two"]
+
+
+def test_what_a_full_disk_leaves_in_memory_is_delivered_once(store: Store) -> None:
+    log = EventLog(store)
+    outbox = Outbox(store, "notify", ["note"], log)
+    assert texts(outbox) == []
+    pages = store.write(lambda file: file.execute("PRAGMA page_count").fetchone()[0])
+    store.write(lambda file: file.execute(f"PRAGMA max_page_count = {pages}").fetchone())
+    at_ns = now_ns()
+    told = [
+        Event(axis="X", kind=kind, severity=Severity.ERROR, message="x" * 9000, time_ns=at_ns)
+        for kind in ("note", "alarm_raised")
+    ]
+    with pytest.raises(StoreFailedError, match="full"):
+        log.add(told, at_ns)
+    (waiting,) = outbox.waiting(10)
+    assert waiting.event == told[0]
+    outbox.delivered(waiting.id)
+    assert outbox.waiting(10) == []
+    store.write(lambda file: file.execute("PRAGMA max_page_count = 100000").fetchone())
+    log.save()
+    assert log.waiting == 0
+    assert outbox.waiting(10) == []
+    (number,) = tell(store, "next")
+    assert [each.id for each in outbox.waiting(10)] == [number]

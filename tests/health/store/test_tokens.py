@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import Store
 from edge_service.health.store.tokens import TokenError, Tokens, token_of
+from edge_service.messages.event import Event, Severity
 
 
 def test_many_who_add_and_revoke_at_once_lose_nothing(tmp_path: Path) -> None:
@@ -46,3 +48,23 @@ def test_names_are_taken_once_and_revoked_once() -> None:
     with pytest.raises(TokenError, match="no token is named 'Kim'; there are: none"):
         tokens.revoke("Kim")
     assert token_of(secret, tokens.all()) is None
+
+
+def test_only_a_lost_file_or_table_keeps_an_open_page_shut(tmp_path: Path) -> None:
+    path = tmp_path / "edge-service.sqlite"
+    store = Store(path)
+    tokens, log = Tokens(store), EventLog(store)
+    log.add([Event(axis="X", kind="note", severity=Severity.INFO, message="x", time_ns=1)], 1)
+    store.write(lambda file: file.execute("UPDATE events SET body = '{'"))
+    assert log.after(0, 10) == []
+    assert store.damages == ["event 1 is damaged and left out"]
+    assert not tokens.may_be_lost
+    tokens.add("Kim", "operator", 1)
+    store.write(lambda file: file.execute("UPDATE tokens SET hash = 'x'"))
+    assert tokens.all() == ()
+    assert tokens.may_be_lost
+    store.close()
+    path.write_bytes(b"notes")
+    again = Tokens(Store(path))
+    assert again.all() == ()
+    assert again.may_be_lost

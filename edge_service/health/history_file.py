@@ -9,8 +9,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from .history import History
-from .rows import QUANTITIES, STATUSES, Rows, no_rows
+from .store.history import History
+from .store.rows import NO_ROWS, QUANTITIES, STATUSES, Rows
 
 
 class HistoryForm(StrEnum):
@@ -35,7 +35,7 @@ def write_history(
     """
     from pyarrow import csv, parquet
 
-    count, empty = 0, _table("", no_rows())
+    count, empty = 0, _table("", NO_ROWS)
     writer: Any = (
         parquet.ParquetWriter(sink, empty.schema, compression="zstd")
         if form is HistoryForm.PARQUET
@@ -46,7 +46,7 @@ def write_history(
             for rows in history.spans(axis, start_s, end_s):
                 table = _table(axis, rows)
                 writer.write_table(table if form is HistoryForm.PARQUET else _as_text(table))
-                count += len(rows)
+                count += rows.size
     return count
 
 
@@ -54,17 +54,18 @@ def _table(axis: str, rows: Rows) -> Any:
     """Rows as an Arrow table, NaN as null."""
     import pyarrow as pa
 
-    status = pa.array(np.array([each.value for each in STATUSES], object)[rows.status], pa.string())
-    time_us = (rows.time_s * 1e6).round().astype(np.int64)
+    status = pa.array(
+        np.array([each.value for each in STATUSES], object)[rows["status"]], pa.string()
+    )
     columns = {
-        "axis": pa.array([axis] * len(rows), pa.string()),
-        "time": pa.array(time_us, pa.timestamp("us", "UTC")),
+        "axis": pa.array([axis] * rows.size, pa.string()),
+        "time": pa.array(rows["time_us"], pa.timestamp("us", "UTC")),
         "status": status,
-        "samples": pa.array(rows.samples, pa.int64()),
-        "low": pa.array(rows.low, pa.float64(), from_pandas=True),
-        "high": pa.array(rows.high, pa.float64(), from_pandas=True),
+        "samples": pa.array(rows["samples"], pa.int64()),
+        "low": pa.array(rows["bounds"][:, 0], pa.float64(), from_pandas=True),
+        "high": pa.array(rows["bounds"][:, 1], pa.float64(), from_pandas=True),
     }
-    for name, values in zip(QUANTITIES, rows.mean, strict=True):
+    for name, values in zip(QUANTITIES, rows["values"][:, 1].T, strict=True):
         columns[name] = pa.array(values, pa.float64(), from_pandas=True)
     return pa.table(columns)
 
