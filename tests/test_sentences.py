@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 
 import edge_service.health
-from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
+from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
 from edge_service.health.axis_events import (
     clock_changed,
     consistency_changed,
@@ -20,9 +20,9 @@ from edge_service.health.axis_events import (
     recording_kept,
     recording_name,
 )
-from edge_service.health.condition.data_faults import DataFaults
-from edge_service.health.model_watch.channel_model import CHANNELS
-from edge_service.health.model_watch.consistency import Disagreement
+from edge_service.health.channel_model import CHANNELS
+from edge_service.health.consistency import Disagreement
+from edge_service.health.inputs import DataFaults
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.words import words_in
 from edge_service.messages.alarm import Alarm, AlarmKind

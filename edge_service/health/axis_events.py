@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 from ..messages.alarm import Command
 from ..messages.event import Event, Severity
 from ..messages.sentence import Code, told
-from .condition.input_watch import NS_PER_S
-from .model_watch.consistency import CHANNEL_WORDS, Disagreement
+from .consistency import CHANNEL_WORDS, Disagreement
+from .inputs import NS_PER_S
 
 
 def preload_rose(

@@ -1,7 +1,8 @@
 """Monitor of one axis: condition, alarms, trend, use and consistency."""
 
+import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -10,26 +11,85 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..messages.advice import PreloadFall
 from ..messages.alarm import Command, Outcome
-from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.estimate import EstimateStatus, Frozen, PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth, Consistency
 from ..messages.trend import Trend, Use
-from .advice.consistent import consistent, of_fresh
-from .alarms.axis_alarms import AlarmSettings, AxisAlarms
-from .alarms.latch import LatchSnapshot
-from .answered import AnsweredCommand, AnsweredCommands
+from .advice import consistent, of_fresh
+from .alarm_latch import LatchSnapshot
+from .alarms import AlarmSettings, AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
-from .condition.condition_monitor import ConditionMonitor
-from .condition.input_watch import NS_PER_S, moved
-from .model_watch.channel_model import LearnedChannel
-from .model_watch.consistency import ConsistencyWatch, Disagreement
-from .model_watch.friction_watch import FrictionClasses, FrictionWatch
-from .settings import HealthSettings
-from .trend.preload_history import PreloadHistory, PreloadSteps
-from .trend.remaining_life import preload_trend
-from .trend.usage import ScrewGeometry, UsageCounter
+from .channel_model import LearnedChannel
+from .condition import ConditionMonitor
+from .consistency import ConsistencyWatch, Disagreement
+from .friction_watch import FrictionClasses, FrictionWatch
+from .inputs import NS_PER_S, moved
+from .limits import HealthSettings
+from .trend import PreloadHistory, PreloadSteps, preload_trend
+from .usage import ScrewGeometry, UsageCounter
+
+MOST_ANSWERED = 100
+"""Commands of an axis that are known again; the oldest go."""
+_REUSED = "this key was given to another command"
+_NOT_COMPARED = {"key", "origin"}
+
+
+class AnsweredCommand(Frozen):
+    """A command with a key, and its outcome; both are kept with the state that it led to.
+
+    Attributes:
+        sha256: of all of the command but its key and where it came from.
+    """
+
+    key: str
+    sha256: str
+    accepted: bool
+    message: str
+
+
+class AnsweredCommands:
+    """The newest commands with a key of one axis."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, AnsweredCommand] = {}
+
+    def outcome(self, command: Command) -> Outcome | None:
+        """Outcome of the same command; None if its key is new, or it has none."""
+        known = self._known.get(command.key)
+        if known is None:
+            return None
+        if known.sha256 != _digest(command):
+            return Outcome(accepted=False, message=_REUSED, reused=True)
+        return Outcome(accepted=known.accepted, message=known.message)
+
+    def note(self, command: Command, outcome: Outcome) -> None:
+        """Remember what came of a command with a key."""
+        if not command.key:
+            return
+        self._known[command.key] = AnsweredCommand(
+            key=command.key,
+            sha256=_digest(command),
+            accepted=outcome.accepted,
+            message=outcome.message,
+        )
+        while len(self._known) > MOST_ANSWERED:
+            del self._known[next(iter(self._known))]
+
+    def snapshot(self) -> list[AnsweredCommand]:
+        """All that are known, oldest first."""
+        return list(self._known.values())
+
+    def restore(self, known: Iterable[AnsweredCommand]) -> None:
+        """Go on from a snapshot."""
+        self._known = {each.key: each for each in known}
+
+
+def _digest(command: Command) -> str:
+    content = command.model_dump_json(exclude=_NOT_COMPARED)
+    return hashlib.sha256(content.encode()).hexdigest()
+
 
 SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
 _SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0

@@ -1,13 +1,83 @@
-"""Data known of one axis, and the part of them that may be read now."""
+"""Last values of one axis, and what is known of it along its stroke."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.health import AxisCondition, AxisHealth
-from .advice.consistent import consistent
-from .condition.component import ComponentWatch
-from .condition.input_watch import InputWatch
-from .model_watch.live_features import LiveFeatures
-from .settings import AxisLimits
-from .state_settings import Keeping, StateSettings
+from ..messages.samples import Floats
+from ..messages.topics import HEALTH, PRELOAD
+from .advice import consistent
+from .components import ComponentWatch
+from .inputs import InputWatch
+from .limits import AxisLimits
+from .live_features import LiveFeatures
+from .store.events import EventLog
+from .store.history import History
+
+StrokeBand = tuple[Floats, Floats, Floats]
+"""Value, lower and upper bound of a quantity along the stroke, (n,) each."""
+
+
+class StrokeModel(Protocol):
+    """Preload and stiffness along the stroke for a mean preload with its bounds, percent."""
+
+    @property
+    def position_m(self) -> Floats:
+        """Places along the stroke, m, (n,)."""
+        ...
+
+    @property
+    def fresh_percent(self) -> float:
+        """Mean preload when the axis was commissioned, percent."""
+        ...
+
+    @property
+    def knows_stiffness(self) -> bool:
+        """True if `stiffness` can be asked."""
+        ...
+
+    def preload(self, percent: float, low: float, high: float) -> StrokeBand:
+        """Preload at every place, percent."""
+        ...
+
+    def stiffness(self, percent: float, low: float, high: float) -> StrokeBand:
+        """Series stiffness between motor and table at every place, N/m."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class StateSettings:
+    """Sizes and times of the service state.
+
+    Attributes:
+        preload_stale_after_s: an estimate older than this is no longer shown.
+        health_stale_after_s: the same for the condition.
+        component_silent_after_s: a component silent for longer is in error; None to switch off.
+        backlog_capacity: events that may wait for one slow reader.
+    """
+
+    preload_stale_after_s: float = PRELOAD.stale_after_s
+    health_stale_after_s: float = HEALTH.stale_after_s
+    component_silent_after_s: float | None = HEALTH.stale_after_s
+    backlog_capacity: int = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Keeping:
+    """Data that outlive the process; by default none do.
+
+    Attributes:
+        history, events: in the store; in memory if there is none.
+        ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
+        place: where the history is, for people.
+    """
+
+    history: History | None = None
+    events: EventLog | None = None
+    ratios_m_per_rad: Mapping[str, float] = field(default_factory=dict)
+    place: str = "in memory only: it ends with the service"
 
 
 class AxisState:

@@ -11,19 +11,16 @@ from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .alarms.parts import is_down
-from .axis_state import AxisState
-from .condition.component import ComponentWatch
-from .condition.input_watch import NS_PER_S
-from .condition.refusal_watch import Refused
-from .model_watch.live_features import ChannelQuality, LiveFeatures, LivePoint
+from .alarms import is_down
+from .axis_state import AxisState, Keeping, StateSettings, StrokeModel
+from .components import ComponentWatch, Refused
+from .inputs import NS_PER_S
+from .limits import AxisLimits
+from .live_features import ChannelQuality, LiveFeatures, LivePoint
 from .readers import FanOut
-from .settings import AxisLimits
-from .state_settings import Keeping, StateSettings
 from .store.events import EventLog, StoredEvent
 from .store.history import History
 from .store.store import Store
-from .stroke import StrokeModel
 
 _LATEST_NS = 3600 * NS_PER_S
 """Greatest age on arrival: what is older is of another clock, and no history of ours."""

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ..health.model_watch.live_features import ChannelQuality
+from ..health.live_features import ChannelQuality
 from ..messages.alarm import AlarmKind
 from .answers import Answer, Timestamp
 

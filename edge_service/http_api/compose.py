@@ -4,9 +4,9 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from .. import __version__
-from ..health.model_watch.live_features import LivePoint
+from ..health.axis_state import StrokeBand
+from ..health.live_features import LivePoint
 from ..health.service_state import ServiceState
-from ..health.stroke import StrokeBand
 from ..messages.answer import of_fresh, reasons_together
 from ..messages.estimate import PreloadEstimate
 from ..messages.health import AxisHealth

@@ -13,7 +13,7 @@ from ..bus.settings import BusConfigurationError
 from ..bus.subscriber import Subscriber
 from ..clock import now_ns
 from ..config import ConfigError
-from ..health.condition.component import ComponentStatusMachine
+from ..health.components import ComponentStatusMachine
 from ..health.store.store import StoreFailedError
 from ..http_api.serve import AddressError
 from ..messages.codec.interface import T

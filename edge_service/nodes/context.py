@@ -14,8 +14,7 @@ from ..bus.subscriber import Subscriber
 from ..clock import now_ns
 from ..config import AxisConfig, EdgeConfig
 from ..health.store.events import EventLog, StoredEvent
-from ..health.store.states import State
-from ..health.store.store import FILE_NAME, Store, StoreFailedError
+from ..health.store.store import FILE_NAME, State, Store, StoreFailedError
 from ..messages.codec.interface import T
 from ..messages.event import Event, Severity
 from ..messages.header import Header

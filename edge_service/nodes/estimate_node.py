@@ -6,7 +6,7 @@ from functools import partial
 
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig
-from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
+from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.header import Header

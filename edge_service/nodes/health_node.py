@@ -6,14 +6,14 @@ from collections.abc import Callable
 from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig, EdgeConfig
-from ..health.advice.announced import announced
-from ..health.alarms.axis_alarms import AlarmSettings
+from ..health.advice import announced
+from ..health.alarms import AlarmSettings
 from ..health.axis_events import refused_command, state_damaged
 from ..health.axis_monitor import AxisFacts, AxisMonitor
-from ..health.settings import HealthSettings
+from ..health.limits import HealthSettings
 from ..health.store.events import StoredEvent, is_chatter
-from ..health.store.states import DamagedStateError, State, load_state, set_state_aside
-from ..health.trend.usage import ScrewGeometry
+from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
+from ..health.usage import ScrewGeometry
 from ..messages.alarm import Command, Outcome
 from ..messages.codec.interface import CodecError
 from ..messages.estimate import PreloadEstimate

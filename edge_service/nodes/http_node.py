@@ -10,9 +10,9 @@ from pathlib import Path
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig, EdgeConfig
 from ..health.axis_events import clock_changed
-from ..health.condition.refusal_watch import RefusalWatch
+from ..health.axis_state import Keeping
+from ..health.components import RefusalWatch
 from ..health.service_state import ServiceState
-from ..health.state_settings import Keeping
 from ..health.store.events import StoredEvent
 from ..health.store.history import MEMORY_MB, History
 from ..health.store.store import StoreFailedError

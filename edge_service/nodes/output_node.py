@@ -10,9 +10,8 @@ from typing import Any
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
 from ..estimate.registry import AUTO
-from ..health.axis_state import AxisState
+from ..health.axis_state import AxisState, Keeping, StateSettings
 from ..health.service_state import ServiceState
-from ..health.state_settings import Keeping, StateSettings
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
@@ -65,6 +64,7 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         machine=config.service.machine,
         axes=tuple(axis.name for axis in config.axes),
         folder=config.store.folder,
+        page=config.http.url or "",
         knows=knows_of(config),
         words=words_in,
         is_test=is_test,

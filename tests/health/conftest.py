@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from edge_service.health.condition.condition_monitor import ConditionMonitor
-from edge_service.health.settings import HealthSettings
+from edge_service.health.condition import ConditionMonitor
+from edge_service.health.limits import HealthSettings
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from edge_service.health.alarms.axis_alarms import AlarmSettings, SuddenDrop
-from edge_service.health.alarms.latch import AlarmLatch, AlarmRule
+from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
+from edge_service.health.alarms import AlarmSettings, SuddenDrop
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.limits import HealthSettings
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Severity

@@ -2,7 +2,7 @@
 
 import pytest
 
-from edge_service.health.answered import MOST_ANSWERED, AnsweredCommands
+from edge_service.health.axis_monitor import MOST_ANSWERED, AnsweredCommands
 from edge_service.messages.alarm import Command, Outcome
 
 DONE = Outcome(accepted=True, message="done")

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
+from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.preload_history import PreloadHistory
-from edge_service.health.trend.remaining_life import preload_trend
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.trend import PreloadHistory, preload_trend
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event

@@ -4,7 +4,7 @@ from itertools import pairwise, product
 
 import pytest
 
-from edge_service.health.condition.component import ComponentStatusMachine, IllegalTransitionError
+from edge_service.health.components import ComponentStatusMachine, IllegalTransitionError
 from edge_service.messages.health import ComponentStatus
 
 STARTING, OK = ComponentStatus.STARTING, ComponentStatus.OK

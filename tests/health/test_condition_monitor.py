@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from edge_service.health.advice.headline import headline
-from edge_service.health.advice.tasks import advice
-from edge_service.health.settings import HealthSettings
+from edge_service.health.advice import advice, headline
+from edge_service.health.limits import HealthSettings
 from edge_service.messages.advice import Task
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Severity

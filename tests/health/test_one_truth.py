@@ -5,11 +5,11 @@ import re
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.advice.announced import announced
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.advice import announced
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.limits import HealthSettings
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.advice import Level, Subject, Task
 from edge_service.messages.alarm import AlarmKind, Command
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate

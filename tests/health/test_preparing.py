@@ -2,11 +2,11 @@
 
 import pytest
 
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
+from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.advice import Task
 from edge_service.messages.header import Header
 from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus

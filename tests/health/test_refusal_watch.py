@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from edge_service.health.condition.refusal_watch import RefusalWatch
+from edge_service.health.components import RefusalWatch
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS

@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from edge_service.health.alarms.axis_alarms import slowest_loss
-from edge_service.health.trend.preload_history import MOST_POINTS, PreloadHistory, PreloadSteps
-from edge_service.health.trend.remaining_life import preload_trend, project_wear
-from edge_service.health.trend.wear_laws import draw_trends
+from edge_service.health.alarms import slowest_loss
+from edge_service.health.trend import (
+    MOST_POINTS,
+    PreloadHistory,
+    PreloadSteps,
+    preload_trend,
+    project_wear,
+)
+from edge_service.health.wear_laws import draw_trends
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.trend_coverage import coverage, simulate_life

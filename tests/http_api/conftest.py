@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
+from edge_service.health.axis_state import StateSettings
+from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.settings import HealthSettings
-from edge_service.health.state_settings import StateSettings
 from edge_service.http_api.app import create_app
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Event, Severity

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.limits import HealthSettings
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AxisCondition, ComponentStatus
 

@@ -3,8 +3,8 @@
 import httpx
 import numpy as np
 
+from edge_service.health.axis_state import StrokeBand
 from edge_service.health.service_state import ServiceState
-from edge_service.health.stroke import StrokeBand
 from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys
 

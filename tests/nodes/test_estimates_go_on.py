@@ -32,8 +32,7 @@ from edge_service.config import (
 from edge_service.config_tables import StoreConfig
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.store.events import EventLog
-from edge_service.health.store.states import State, load_state
-from edge_service.health.store.store import FILE_NAME, Store
+from edge_service.health.store.store import FILE_NAME, State, Store, load_state
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 from edge_service.messages.features import FeatureBlock

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from edge_service.config import EstimatorConfig, load_machine
 from edge_service.downsample.vibration import AxisVibration
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
+from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.usage import ScrewGeometry
 from edge_service.http_api import compose
 from edge_service.messages.codec.interface import CodecError
 from edge_service.messages.header import Header

@@ -16,11 +16,11 @@ import pytest
 from edge_service.config import EstimatorConfig
 from edge_service.config_tables import StoreConfig
 from edge_service.estimate.registry import make_estimator
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.settings import HealthSettings
-from edge_service.health.store.states import State
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.limits import HealthSettings
+from edge_service.health.store.store import State
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.header import Header
 from edge_service.nodes import estimate_node, health_node

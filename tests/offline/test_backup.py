@@ -288,7 +288,7 @@ def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
     assert restored(place) == 0
     note(var(place, "new"), "later")
     (place / "new/etc/zenoh.json5").write_bytes(b"mine")
-    rename, left = Path.rename, [fails_at]
+    rename, left = Path.replace, [fails_at]
     places = {place / "new/etc", var(place, "new")}
 
     def failing(path: Path, target: Path) -> Path:
@@ -298,7 +298,7 @@ def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
                 raise OSError(16, "Device or resource busy", str(path))
         return rename(path, target)
 
-    monkeypatch.setattr(Path, "rename", failing)
+    monkeypatch.setattr(Path, "replace", failing)
     if restored(place, "--force") == 0:
         assert left[0] >= 0  # there are fewer renames than that
         return

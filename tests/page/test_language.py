@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from edge_service.health.advice import tasks
-from edge_service.health.advice.headline import headline
-from edge_service.health.model_watch.channel_model import CHANNELS
+from edge_service.health import advice as tasks
+from edge_service.health.advice import headline
+from edge_service.health.channel_model import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobCommand, JobState
 from edge_service.messages.advice import Level, Task

@@ -12,9 +12,8 @@ from zlib import crc32
 from pydantic import ValidationError
 
 from ...messages.event import Event
-from .states import SCHEMA as STATES
-from .states import State, put_state
-from .store import Store, StoreFailedError
+from .store import SCHEMA as STATES
+from .store import State, Store, StoreFailedError, put_state
 
 log = logging.getLogger(__name__)
 SCHEMA = """

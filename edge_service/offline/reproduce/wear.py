@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...command_answer import Answer
-from ...health.trend.remaining_life import NS_PER_S, preload_trend
+from ...health.trend import NS_PER_S, preload_trend
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
 from ..report.page import write_study

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.trend.remaining_life import TrendSettings, project_wear
+from edge_service.health.trend import TrendSettings, project_wear
 from edge_service.messages.samples import Floats
 
 from ..table import Table

@@ -10,8 +10,7 @@ import pytest
 
 from edge_service.health.store import events as module
 from edge_service.health.store.events import EventLog
-from edge_service.health.store.states import State, load_state
-from edge_service.health.store.store import Store, StoreFailedError
+from edge_service.health.store.store import State, Store, StoreFailedError, load_state
 from edge_service.messages.event import Event, Severity
 
 NS = 10**9

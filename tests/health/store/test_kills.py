@@ -14,8 +14,13 @@ import pytest
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.history import HOUR_S, History
 from edge_service.health.store.outbox import Outbox
-from edge_service.health.store.states import DamagedStateError, State, load_state
-from edge_service.health.store.store import Store, StoreFailedError
+from edge_service.health.store.store import (
+    DamagedStateError,
+    State,
+    Store,
+    StoreFailedError,
+    load_state,
+)
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event, Severity
 

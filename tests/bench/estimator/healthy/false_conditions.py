@@ -12,10 +12,10 @@ from scipy.stats import chi2
 
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.health.alarms.axis_alarms import AlarmSettings
+from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.settings import HealthSettings
-from edge_service.health.trend.usage import ScrewGeometry
+from edge_service.health.limits import HealthSettings
+from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.event import Event
 from edge_service.messages.features import FeatureBlock

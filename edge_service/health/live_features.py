@@ -5,9 +5,9 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from ...messages.arrays import finite_or_none
-from ...messages.features import Fault, FeatureBlock
-from ..condition.data_faults import fault_name
+from ..messages.arrays import finite_or_none
+from ..messages.features import Fault, FeatureBlock
+from .inputs import fault_name
 
 KEPT = 3000
 _QUALITY_MEMORY = 600

@@ -1,21 +1,106 @@
-"""Alarms of one axis and their causes."""
+"""Alarms of one axis, their causes and their words, which hold while active and after."""
 
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ...messages.advice import PreloadFall
-from ...messages.alarm import Alarm, AlarmKind, Command
-from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from ...messages.event import Event, Severity
-from ...messages.health import AxisCondition, AxisHealth, ComponentHealth, ConsistencyState
-from ...messages.sentence import Code, Told, told
-from ...messages.trend import Trend
-from ..condition.input_watch import NS_PER_S, moved
-from ..model_watch.consistency import CHANNEL_WORDS
-from .latch import AlarmLatch, AlarmRule, LatchSnapshot
-from .parts import Parts
-from .words import H_PER_RATE, SILENT, drop_words, limit_words, rate_words
+from ..messages.advice import PreloadFall
+from ..messages.alarm import Alarm, AlarmKind, Command
+from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ..messages.event import Event, Severity
+from ..messages.health import (
+    AxisCondition,
+    AxisHealth,
+    ComponentHealth,
+    ComponentStatus,
+    ConsistencyState,
+)
+from ..messages.sentence import Code, Told, told
+from ..messages.trend import Trend, TrendStatus
+from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
+from .consistency import CHANNEL_WORDS
+from .inputs import NS_PER_S, moved
+
+H_PER_RATE = 1000.0
+_SPANS = ((H_PER_RATE, "1000_h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
+SILENT = Told("")
+
+
+def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | None) -> Told:
+    """Preload against its limits, in percent of the fresh screw's; empty before the first value.
+
+    Args:
+        health: The condition with its reasons.
+        value_percent: The last value known, percent of the load rating.
+        fresh: The fresh screw's preload, percent of the load rating.
+    """
+    if health.condition in (AxisCondition.WARNING, AxisCondition.FAULT) and health.reasons:
+        return Told(health.reasons[0].partition(": ")[2], health.below)
+    if value_percent is None or not fresh:
+        return SILENT
+    known = health.condition is not AxisCondition.UNAVAILABLE
+    percent = 100.0 * value_percent / fresh
+    return told(Code.PRELOAD_BACK if known else Code.PRELOAD_LAST_KNOWN, percent=percent)
+
+
+def rate_words(trend: Trend | None, loss: float, limit: float) -> Told:
+    """Loss of preload against its limit, percent of the fresh screw's per 1000 h."""
+    if trend is None or trend.status is not TrendStatus.FALLING:
+        return told(Code.PRELOAD_FELL_LATELY)
+    hours, per = _readable_span(loss)
+    words = {"per": f"per {per.replace('_', ' ')}"}
+    return told(Code.PRELOAD_FALLING, words, loss=loss * hours / H_PER_RATE, per=per, limit=limit)
+
+
+def drop_words(before: float, after: float) -> Told:
+    """Sudden fall of the preload, both percent of the fresh screw's."""
+    return told(Code.PRELOAD_FELL_SUDDENLY, points=before - after, before=before, after=after)
+
+
+def _readable_span(percent_per_1000_h: float) -> tuple[float, str]:
+    """Longest time in which less than everything is lost, h, with its code."""
+    short = [span for span in _SPANS if percent_per_1000_h * span[0] < 100.0 * H_PER_RATE]
+    return (short or _SPANS[-1:])[0]
+
+
+DOWN = "tasks_down"
+"""Reading of a component: how many of its tasks do not work."""
+
+
+class Parts:
+    """The parts that an axis rests on."""
+
+    def __init__(self) -> None:
+        self._down: dict[tuple[str, str | None], Told] = {}
+
+    def on_component(self, report: ComponentHealth) -> bool:
+        """Take a report in; True if it changes what is down."""
+        key = (report.component, report.axis)
+        before = self._down.get(key)
+        if is_down(report):
+            self._down[key] = _down_words(report)
+        elif report.status is not ComponentStatus.STARTING:
+            self._down.pop(key, None)
+        return (before is None) is (key in self._down)
+
+    def cause(self) -> tuple[bool, Told]:
+        """True if a part is down, with the first of them in words."""
+        return bool(self._down), next(iter(self._down.values()), SILENT)
+
+
+def _down_words(report: ComponentHealth) -> Told:
+    """A part that does not work; its own words for the reason are in English alone."""
+    words = {"component": report.component, "reason": report.reason}
+    return told(Code.PART_DOWN, words, component=report.component.removesuffix("_process"))
+
+
+def is_down(report: ComponentHealth) -> bool:
+    """Tell whether a component, or a task of it, does not work."""
+    if report.status in (ComponentStatus.STOPPING, ComponentStatus.STOPPED):
+        return False
+    given_up = report.status is ComponentStatus.PERMANENT_ERROR
+    return given_up or report.readings.get(DOWN, 0.0) > 0.0
+
 
 _NIS_MEMORY = 0.98
 _START_S = 30

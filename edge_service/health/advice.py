@@ -1,12 +1,55 @@
-"""Tasks for whoever works at an axis: what, by when, and what else in the same stop."""
+"""One headline for each axis, and advice on what to do, by when, and what else in the same stop."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from ...messages.advice import Advice, Due, Subject, Task
-from ...messages.alarm import AlarmKind
-from ...messages.estimate import EstimateStatus, PreloadEstimate
-from ...messages.health import AxisCondition, AxisHealth
-from ...messages.trend import Trend, TrendStatus
+from ..messages.advice import Advice, Due, Headline, Level, Subject, Task
+from ..messages.alarm import Alarm, AlarmKind
+from ..messages.answer import of_fresh as share_of_fresh
+from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ..messages.event import Event
+from ..messages.health import AxisCondition, AxisHealth
+from ..messages.trend import Trend, TrendStatus
+
+_OF_CONDITION = {
+    AxisCondition.NORMAL: Level.OK,
+    AxisCondition.WARNING: Level.ATTENTION,
+    AxisCondition.FAULT: Level.ACT,
+    AxisCondition.UNAVAILABLE: Level.UNKNOWN,
+}
+_OF_ALARM = dict.fromkeys(AlarmKind, Level.ATTENTION) | {
+    AlarmKind.PRELOAD_LOST: Level.ACT,
+    AlarmKind.SUDDEN_DROP: Level.ACT,
+    AlarmKind.DATA_LOST: Level.UNKNOWN,
+}
+_RANK = list(Level)
+_TEXTS = {
+    AxisCondition.NORMAL: "The preload is within its limits",
+    AxisCondition.WARNING: "The preload is low",
+    AxisCondition.FAULT: "The preload is lost, or nearly so",
+    AxisCondition.UNAVAILABLE: "The preload is not known at present",
+}
+_TEXTS_IN_DOUBT = {
+    AxisCondition.WARNING: "The preload is low, or looks so",
+    AxisCondition.FAULT: "The preload is lost, or looks so",
+}
+
+
+def headline(health: AxisHealth) -> Headline:
+    """Headline of an axis; where condition and alarm are as grave, the condition speaks."""
+    condition = health.condition
+    texts = _TEXTS | (_TEXTS_IN_DOUBT if health.is_in_doubt else {})
+    own = Headline(
+        level=_OF_CONDITION[condition], code=condition.value.lower(), text=texts[condition] + "."
+    )
+    alarms = [_of_alarm(alarm) for alarm in health.alarms if alarm.active]
+    return max((own, *alarms), key=lambda each: _RANK.index(each.level))
+
+
+def _of_alarm(alarm: Alarm) -> Headline:
+    text = alarm.message[:1].upper() + alarm.message[1:]
+    end = "" if text.endswith((".", "?", "!")) else "."
+    return Headline(level=_OF_ALARM[alarm.kind], code=alarm.kind.value, text=text + end)
+
 
 LIKELY_GREASE = 0.9
 """Probability of more friction at the same preload from which regreasing is advised."""
@@ -152,3 +195,56 @@ def _due(trend: Trend | None) -> Due | None:
     if fault is None or fault.earliest_ns is None:
         return None
     return Due(earliest_ns=fault.earliest_ns, likely_ns=fault.likely_ns, latest_ns=fault.latest_ns)
+
+
+_PASSED = {
+    AxisCondition.WARNING: frozenset({"warning"}),
+    AxisCondition.FAULT: frozenset({"warning", "fault"}),
+}
+
+
+def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:
+    """Return the health with number and trend that fit its condition, headline and advice."""
+    trend, number = _ahead(health.trend, health.condition), None
+    if estimate is not None and health.condition is not AxisCondition.UNAVAILABLE:
+        fresh = None if health.limits is None else health.limits.fresh_percent
+        number = share_of_fresh(estimate, fresh)
+    dated = (each for each in (trend.crossings if trend else ()) if each.earliest_ns is not None)
+    told = health.model_copy(
+        update={"trend": trend, "of_fresh": number, "next_limit": next(dated, None)}
+    )
+    return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})
+
+
+def of_fresh(trend: Trend, fresh_percent: float | None) -> Trend:
+    """Return the trend with its rate in percent of the fresh screw's preload as well."""
+    rate = trend.rate_percent_per_h
+    if rate is None or not fresh_percent:
+        return trend
+    share = 100.0 / fresh_percent
+    of_fresh = Interval(value=rate.value * share, low=rate.low * share, high=rate.high * share)
+    return trend.model_copy(update={"rate_fresh_percent_per_h": of_fresh})
+
+
+def _ahead(trend: Trend | None, condition: AxisCondition) -> Trend | None:
+    """Return the trend without dates for limits that the axis has passed already."""
+    passed = _PASSED.get(condition, frozenset())
+    if trend is None or not any(each.limit in passed for each in trend.crossings):
+        return trend
+    crossings = tuple(each for each in trend.crossings if each.limit not in passed)
+    return trend.model_copy(update={"crossings": crossings})
+
+
+def announced(events: Iterable[Event], health: AxisHealth) -> tuple[Event, ...]:
+    """Return the events; those of alarms and condition with the headline's code and first task."""
+    return tuple(_with_advice(event, health) if _calls(event) else event for event in events)
+
+
+def _calls(event: Event) -> bool:
+    return event.kind == "condition_changed" or event.kind.startswith("alarm_")
+
+
+def _with_advice(event: Event, health: AxisHealth) -> Event:
+    headline = None if health.headline is None else health.headline.code
+    task = health.advice[0].task.value if health.advice else None
+    return event.model_copy(update={"data": event.data | {"headline": headline, "task": task}})

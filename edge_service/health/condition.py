@@ -1,16 +1,14 @@
 """Condition of one axis, its data faults and components, and events of their changes."""
 
-from ...messages.estimate import EstimateStatus, PreloadEstimate
-from ...messages.event import Event, Severity
-from ...messages.features import FeatureBlock
-from ...messages.header import Header
-from ...messages.health import AxisCondition, AxisHealth, ComponentHealth
-from ...messages.sentence import Code, Told, told
-from ..settings import HealthSettings
-from .component import ComponentWatch
-from .data_faults import DataFaults
-from .input_watch import NS_PER_S, InputWatch, moved
-from .limits import LimitTracker, PreloadBounds
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import Event, Severity
+from ..messages.features import FeatureBlock
+from ..messages.header import Header
+from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
+from ..messages.sentence import Code, Told, told
+from .components import ComponentWatch
+from .inputs import NS_PER_S, DataFaults, InputWatch, moved
+from .limits import HealthSettings, LimitTracker, PreloadBounds
 
 _SEVERITY = {
     AxisCondition.NORMAL: Severity.INFO,

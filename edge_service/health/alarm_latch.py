@@ -1,11 +1,11 @@
-"""One alarm: delays, acknowledgement, shelving, and an event for every change (after ISA-18.2)."""
+"""One alarm (after ISA-18.2): raised, cleared, acknowledged, shelved."""
 
 from dataclasses import dataclass
 
-from ...messages.alarm import Alarm, AlarmKind, Command
-from ...messages.event import Event, Severity
-from ...messages.sentence import Code, Told, told
-from ..condition.input_watch import NS_PER_S, moved
+from ..messages.alarm import Alarm, AlarmKind, Command
+from ..messages.event import Event, Severity
+from ..messages.sentence import Code, Told, told
+from .inputs import NS_PER_S, moved
 
 _NS_PER_MS = 1_000_000
 

@@ -1,1 +1,0 @@
-"""One headline for each axis, and advice on what to do."""

@@ -1,1 +1,0 @@
-"""Alarms that call for a person (after ISA-18.2)."""

@@ -1,1 +1,0 @@
-"""Condition of an axis, from preload limits and data faults; status of components."""

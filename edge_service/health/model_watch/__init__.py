@@ -1,1 +1,0 @@
-"""Consistency of an axis with its model: innovations, friction curve, live values."""

@@ -1,1 +1,0 @@
-"""Trend of the preload, remaining life, and use of the screw."""
