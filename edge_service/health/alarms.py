@@ -103,6 +103,9 @@ def is_down(report: ComponentHealth) -> bool:
 
 
 _NIS_MEMORY = 0.98
+_MODEL_NIS = 6.0
+"""Mean squared normalised innovation from which the model does not fit; 1 if it does."""
+_SUDDEN_S, _CLEAR_DELAY_S = 10.0, 5.0
 _START_S = 30
 """So long after a start nobody misses data that were never heard."""
 _BEGINNING_S = 20.0
@@ -114,25 +117,17 @@ _DATA_CODES = ("no_input", "stale_input", "no_data")
 
 @dataclass(frozen=True, slots=True)
 class AlarmSettings:
-    """Limits and delays of the alarms.
+    """Limits of the alarms.
 
     Attributes:
         rate_percent_per_1000_h: loss of preload per 1000 h that is too fast, percent of the
             commissioned preload.
-        sudden_drop_percent: a loss within `sudden_drop_within_s` that is sudden, the same unit.
-        sudden_drop_within_s: see there.
-        model_nis: mean of the squared normalised innovations from which the model does not fit;
-            it is 1 if it does.
-        raise_delay_s, clear_delay_s: how long a cause must hold, or be gone.
+        sudden_drop_percent: a loss within 10 s that is sudden, the same unit.
         data_lost_after_s: how long data may be missing.
     """
 
     rate_percent_per_1000_h: float = 20.0
     sudden_drop_percent: float = 15.0
-    sudden_drop_within_s: float = 10.0
-    model_nis: float = 6.0
-    raise_delay_s: float = 0.0
-    clear_delay_s: float = 5.0
     data_lost_after_s: float = 5.0
 
 
@@ -176,20 +171,20 @@ class AxisAlarms:
         self._settings = settings
         self._patient_until_ns = now_ns + _START_S * NS_PER_S
         self._fresh = fresh_percent
-        slow = (settings.raise_delay_s, settings.clear_delay_s)
+        slow = (0.0, _CLEAR_DELAY_S)
         lost = (settings.data_lost_after_s, 1.0)
         rules = {
             AlarmKind.PRELOAD_LOW: AlarmRule(Severity.WARNING, *slow),
             AlarmKind.PRELOAD_LOST: AlarmRule(Severity.ERROR, *slow),
             AlarmKind.RATE: AlarmRule(Severity.WARNING, *slow),
             AlarmKind.SUDDEN_DROP: AlarmRule(Severity.ERROR, 0.0, 0.0, latched=True),
-            AlarmKind.MODEL: AlarmRule(Severity.WARNING, 5.0, settings.clear_delay_s),
+            AlarmKind.MODEL: AlarmRule(Severity.WARNING, 5.0, _CLEAR_DELAY_S),
             AlarmKind.DATA_LOST: AlarmRule(Severity.WARNING, *lost),
-            AlarmKind.SERVICE: AlarmRule(Severity.WARNING, 0.0, settings.clear_delay_s),
+            AlarmKind.SERVICE: AlarmRule(Severity.WARNING, 0.0, _CLEAR_DELAY_S),
         }
         self._latches = {kind: AlarmLatch(axis, kind, rule, now_ns) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
-        self._drop = SuddenDrop(settings.sudden_drop_percent * share, settings.sudden_drop_within_s)
+        self._drop = SuddenDrop(settings.sudden_drop_percent * share, _SUDDEN_S)
         self._parts = Parts()
         self._fallen_ns: int | None = None
         self._percent: float | None = None
@@ -352,7 +347,7 @@ class AxisAlarms:
     def _model(self, health: AxisHealth) -> tuple[bool | None, Told]:
         if _data_lost(health)[0]:
             return None, SILENT
-        limit = self._settings.model_nis
+        limit = _MODEL_NIS
         consistency = health.consistency
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             channel = consistency.channel or ""

@@ -1,7 +1,5 @@
 """Last values of one axis, and what is known of it along its stroke."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Protocol
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
@@ -13,8 +11,6 @@ from .components import ComponentWatch
 from .inputs import InputWatch
 from .limits import AxisLimits
 from .live_features import LiveFeatures
-from .store.events import EventLog
-from .store.history import History
 
 StrokeBand = tuple[Floats, Floats, Floats]
 """Value, lower and upper bound of a quantity along the stroke, (n,) each."""
@@ -47,56 +43,22 @@ class StrokeModel(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class StateSettings:
-    """Sizes and times of the service state.
-
-    Attributes:
-        preload_stale_after_s: an estimate older than this is no longer shown.
-        health_stale_after_s: the same for the condition.
-        component_silent_after_s: a component silent for longer is in error; None to switch off.
-        backlog_capacity: events that may wait for one slow reader.
-    """
-
-    preload_stale_after_s: float = PRELOAD.stale_after_s
-    health_stale_after_s: float = HEALTH.stale_after_s
-    component_silent_after_s: float | None = HEALTH.stale_after_s
-    backlog_capacity: int = 256
-
-
-@dataclass(frozen=True, slots=True)
-class Keeping:
-    """Data that outlive the process; by default none do.
-
-    Attributes:
-        history, events: in the store; in memory if there is none.
-        ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
-        place: where the history is, for people.
-    """
-
-    history: History | None = None
-    events: EventLog | None = None
-    ratios_m_per_rad: Mapping[str, float] = field(default_factory=dict)
-    place: str = "in memory only: it ends with the service"
-
-
 class AxisState:
     """Data known of one axis."""
 
     def __init__(
         self,
         axis: str,
-        limits: AxisLimits | None,
-        settings: StateSettings,
-        keeping: Keeping,
+        limits: AxisLimits | None = None,
+        ratio_m_per_rad: float | None = None,
         components: ComponentWatch | None = None,
     ) -> None:
         self.axis, self.limits = axis, limits
-        self.live = LiveFeatures(keeping.ratios_m_per_rad.get(axis))
-        self._components = components or ComponentWatch(settings.component_silent_after_s)
+        self.live = LiveFeatures(ratio_m_per_rad)
+        self._components = components or ComponentWatch(HEALTH.stale_after_s)
         self.versions: dict[str, int] = {}
-        self.preload_input = InputWatch(settings.preload_stale_after_s)
-        self.health_input = InputWatch(settings.health_stale_after_s)
+        self.preload_input = InputWatch(PRELOAD.stale_after_s)
+        self.health_input = InputWatch(HEALTH.stale_after_s)
         self.estimate: PreloadEstimate | None = None
         self.health: AxisHealth | None = None
 

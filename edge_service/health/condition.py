@@ -6,10 +6,13 @@ from ..messages.features import FeatureBlock
 from ..messages.header import Header
 from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
 from ..messages.sentence import Code, Told, told
+from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .components import ComponentWatch
-from .inputs import NS_PER_S, DataFaults, InputWatch, moved
-from .limits import HealthSettings, LimitTracker, PreloadBounds
+from .inputs import DataFaults, InputWatch, moved
+from .limits import GRACE_NS, HealthSettings, LimitTracker, PreloadBounds
 
+FAULT_CLEAR_S = 5.0
+"""A data fault is over when it was not seen for this long."""
 _SEVERITY = {
     AxisCondition.NORMAL: Severity.INFO,
     AxisCondition.WARNING: Severity.WARNING,
@@ -28,13 +31,13 @@ class ConditionMonitor:
     """Monitor of one axis from its inputs; every call returns the events that it caused.
 
     The condition is UNAVAILABLE without input, with stale input, while no number came for
-    `grace_s`, where no limit is known, and until the first numbers have lasted for `delay_s`.
+    10 s, where no limit is known, and until the first numbers have lasted for 0.3 s.
 
     Args:
         axis: Name of the axis.
         fresh_preload_percent: Preload of the fresh screw in percent of the dynamic load rating;
             None if not known.
-        settings: Limits and delays.
+        settings: Limits.
         now_ns: UNIX time of the start, ns.
     """
 
@@ -46,14 +49,13 @@ class ConditionMonitor:
         now_ns: int,
     ) -> None:
         self.axis = axis
-        self._settings = settings
         limits = settings.limits(fresh_preload_percent)
-        self._limits = None if limits is None else LimitTracker(limits, settings)
+        self._limits = None if limits is None else LimitTracker(limits)
         self._shown_limits = None if limits is None else limits.shown
-        self._preload_input = InputWatch(settings.preload_stale_after_s)
-        self._feature_input = InputWatch(settings.feature_stale_after_s)
-        self._components = ComponentWatch(settings.component_silent_after_s)
-        self._data_faults = DataFaults(axis, settings.fault_clear_s)
+        self._preload_input = InputWatch(PRELOAD.stale_after_s)
+        self._feature_input = InputWatch(FEAT.stale_after_s)
+        self._components = ComponentWatch(HEALTH.stale_after_s)
+        self._data_faults = DataFaults(axis, FAULT_CLEAR_S)
         self.estimate: PreloadEstimate | None = None
         self._estimated_ns: int | None = None
         self._condition = AxisCondition.UNAVAILABLE
@@ -153,7 +155,7 @@ class ConditionMonitor:
         if self.estimate is None:
             reasons = ["no_input: no preload estimate heard yet"]
         else:
-            limit_s = self._settings.preload_stale_after_s
+            limit_s = PRELOAD.stale_after_s
             reasons = [f"stale_input: no new preload estimate for more than {limit_s:g} s"]
         if self._feature_input.is_stale(now_ns):
             reasons.append("no_data: no measured data of the axis either")
@@ -173,7 +175,7 @@ class ConditionMonitor:
     def _within_grace(self, now_ns: int) -> bool:
         if self._estimated_ns is None:
             return False
-        return 0 <= now_ns - self._estimated_ns <= self._settings.grace_s * NS_PER_S
+        return 0 <= now_ns - self._estimated_ns <= GRACE_NS
 
     def _status_events(
         self, before: PreloadEstimate | None, estimate: PreloadEstimate, now_ns: int

@@ -5,8 +5,16 @@ from dataclasses import dataclass
 
 from ..messages.health import AxisCondition, Limits
 from ..messages.sentence import Code, Told, told
-from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .inputs import NS_PER_S, moved
+
+HYSTERESIS_PERCENT = 5.0
+"""How far above a limit the preload must rise to leave it, percent of the fresh preload."""
+GRACE_NS = 10 * NS_PER_S
+"""So long a condition is kept while estimates come, but without a number."""
+_DELAY_NS = round(0.3 * NS_PER_S)
+"""So long the whole interval must lie beyond a limit."""
+_DOUBT_DELAY_NS = 10 * NS_PER_S
+"""So long the value must lie beyond a limit that its interval still straddles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,43 +38,15 @@ class AxisLimits:
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """Limits and delays of the condition; the limits are a convention that the owner may change.
+    """Limits of the condition, a convention that the owner may change.
 
     Attributes:
         warning_below_percent: WARNING below this share of the fresh preload, percent.
         fault_below_percent: FAULT below this share of the fresh preload, percent.
-        hysteresis_percent: how far above a limit the preload must rise to leave it, in percent of
-            the fresh preload.
-        delay_s: how long the whole interval must lie beyond a limit.
-        doubt_delay_s: how long the value must lie beyond a limit that its interval still straddles.
-        grace_s: how long a condition is kept while estimates come, but without a number.
-        fault_clear_s: a data fault is over when it was not seen for this long.
-        preload_stale_after_s: without a preload estimate for this long the input is missing.
-        feature_stale_after_s: the same for feature blocks.
-        component_silent_after_s: a component that reports nothing for this long is in error; None
-            if components report on change only.
     """
 
     warning_below_percent: float = 60.0
     fault_below_percent: float = 30.0
-    hysteresis_percent: float = 5.0
-    delay_s: float = 0.3
-    doubt_delay_s: float = 10.0
-    grace_s: float = 10.0
-    fault_clear_s: float = 5.0
-    preload_stale_after_s: float = PRELOAD.stale_after_s
-    feature_stale_after_s: float = FEAT.stale_after_s
-    component_silent_after_s: float | None = HEALTH.stale_after_s
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.fault_below_percent < self.warning_below_percent < 100.0:
-            raise ValueError(
-                "limits must satisfy 0 < fault_below_percent < warning_below_percent < 100, got "
-                f"{self.fault_below_percent:g} and {self.warning_below_percent:g}"
-            )
-        for name in ("hysteresis_percent", "delay_s", "doubt_delay_s", "grace_s", "fault_clear_s"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name):g}")
 
     def limits(self, fresh_preload_percent: float | None) -> AxisLimits | None:
         """Limits of an axis, or None where the fresh screw's preload is not known.
@@ -76,16 +56,12 @@ class HealthSettings:
         """
         if fresh_preload_percent is None:
             return None
-        if not fresh_preload_percent > 0.0:
-            raise ValueError(
-                f"fresh_preload_percent must be greater than 0, got {fresh_preload_percent:g}"
-            )
         point = fresh_preload_percent / 100.0
         return AxisLimits(
             fresh_percent=fresh_preload_percent,
             warning_percent=self.warning_below_percent * point,
             fault_percent=self.fault_below_percent * point,
-            hysteresis_percent=self.hysteresis_percent * point,
+            hysteresis_percent=HYSTERESIS_PERCENT * point,
         )
 
 
@@ -101,19 +77,17 @@ class PreloadBounds:
 class LimitLatch:
     """Latch that tells whether preload lies below one limit.
 
-    It switches when the whole interval has been beyond the limit for `delay_s`, or the value for
-    `doubt_delay_s`. So a clear drop shows within a few estimates, while a doubtful one (the limit
+    It switches when the whole interval has been beyond the limit for 0.3 s, or the value for
+    10 s. So a clear drop shows within a few estimates, while a doubtful one (the limit
     inside the interval) needs time, but cannot hide behind a wide interval for ever. To switch
     back the value must rise above the limit by the hysteresis. Contrary evidence restarts the
     delay; missing evidence does not, or a real drop could hide behind stop-and-go motion.
     """
 
-    def __init__(self, limit_percent: float, release_percent: float, settings: HealthSettings):
+    def __init__(self, limit_percent: float, release_percent: float) -> None:
         self.below = False
         self.limit_percent = limit_percent
         self.release_percent = release_percent
-        self._delay_ns = round(settings.delay_s * NS_PER_S)
-        self._doubt_delay_ns = round(settings.doubt_delay_s * NS_PER_S)
         self._doubtful_since: int | None = None
         self._certain_since: int | None = None
 
@@ -136,8 +110,8 @@ class LimitLatch:
             certain = beyond and bounds.high < self.limit_percent
         self._doubtful_since = _since(self._doubtful_since, beyond, time_ns)
         self._certain_since = _since(self._certain_since, certain, time_ns)
-        if _lasted(self._certain_since, time_ns, self._delay_ns) or _lasted(
-            self._doubtful_since, time_ns, self._doubt_delay_ns
+        if _lasted(self._certain_since, time_ns, _DELAY_NS) or _lasted(
+            self._doubtful_since, time_ns, _DOUBT_DELAY_NS
         ):
             self.below = not self.below
             self.restart()
@@ -146,19 +120,15 @@ class LimitLatch:
 class LimitTracker:
     """Condition of an axis from its estimates.
 
-    `condition` is None until the first estimates have lasted for `delay_s`: at a start, or after
+    `condition` is None until the first estimates have lasted for 0.3 s: at a start, or after
     an interruption, a screw without preload is never called NORMAL first.
     """
 
-    def __init__(self, limits: AxisLimits, settings: HealthSettings) -> None:
+    def __init__(self, limits: AxisLimits) -> None:
         margin = limits.hysteresis_percent
         self._limits = limits
-        self._warning = LimitLatch(
-            limits.warning_percent, limits.warning_percent + margin, settings
-        )
-        self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin, settings)
-        self._delay_ns = round(settings.delay_s * NS_PER_S)
-        self._longest_gap_ns = round(settings.grace_s * NS_PER_S)
+        self._warning = LimitLatch(limits.warning_percent, limits.warning_percent + margin)
+        self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin)
         self._first_ns: int | None = None
         self._last_ns = 0
         self._confirmed = False
@@ -180,7 +150,7 @@ class LimitTracker:
 
     def update(self, bounds: PreloadBounds, time_ns: int) -> None:
         """Take one estimate in; `time_ns` is the time of its newest sample."""
-        if not 0 <= time_ns - self._last_ns <= self._longest_gap_ns:
+        if not 0 <= time_ns - self._last_ns <= GRACE_NS:
             self.restart()
         if self._first_ns is None:
             self._first_ns = time_ns
@@ -188,7 +158,7 @@ class LimitTracker:
         self._bounds = bounds
         self._warning.update(bounds, time_ns)
         self._fault.update(bounds, time_ns)
-        self._confirmed = self._confirmed or time_ns - self._first_ns >= self._delay_ns
+        self._confirmed = self._confirmed or time_ns - self._first_ns >= _DELAY_NS
 
     @property
     def condition(self) -> AxisCondition | None:

@@ -12,7 +12,7 @@ from ..messages.health import AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .alarms import is_down
-from .axis_state import AxisState, Keeping, StateSettings, StrokeModel
+from .axis_state import AxisState, StrokeModel
 from .components import ComponentWatch, Refused
 from .inputs import NS_PER_S
 from .limits import AxisLimits
@@ -22,6 +22,8 @@ from .store.events import EventLog, StoredEvent
 from .store.history import History
 from .store.store import Store
 
+BACKLOG = 256
+"""Events that may wait for one slow reader."""
 _LATEST_NS = 3600 * NS_PER_S
 """Greatest age on arrival: what is older is of another clock, and no history of ours."""
 
@@ -51,8 +53,9 @@ class ServiceState:
     Args:
         axes: The configured axes with their limits (for display only), in the order of display.
         now_ns: UNIX time of the start, ns.
-        settings: Sizes and times.
-        keeping: What outlives the process.
+        events, history: in the store; in memory without.
+        kept: where the history is, for people.
+        ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
         strokes: What is known of each axis along its stroke.
         place: Site and machine that the axes belong to.
         refused: Payloads refused on the bus so far, by key and reason.
@@ -63,28 +66,29 @@ class ServiceState:
         self,
         axes: Mapping[str, AxisLimits | None],
         now_ns: int,
-        settings: StateSettings | None = None,
-        keeping: Keeping | None = None,
+        events: EventLog | None = None,
+        history: History | None = None,
+        kept: str = "in memory only: it ends with the service",
+        ratios_m_per_rad: Mapping[str, float] | None = None,
         strokes: Mapping[str, StrokeModel | None] | None = None,
         place: MachineKeys | None = None,
         refused: Callable[[], Refused] = Counter,
         configuration: str = "",
     ) -> None:
-        settings, keeping = settings or StateSettings(), keeping or Keeping()
         self._started_ns = now_ns
         self.place = place or MachineKeys("", "")
         self.refused = refused
         self.configuration = configuration
-        self.keeping = keeping
-        self._components = ComponentWatch(settings.component_silent_after_s)
+        self.kept = kept
+        self._components = ComponentWatch(HEALTH.stale_after_s)
         self._axes = {
-            axis: AxisState(axis, limits, settings, keeping, self._components)
+            axis: AxisState(axis, limits, (ratios_m_per_rad or {}).get(axis), self._components)
             for axis, limits in axes.items()
         }
         self._strokes = dict(strokes or {})
-        self.events = keeping.events or EventLog(Store(None))
-        self.history = keeping.history or History(self.events.store)
-        self.readers = FanOut(settings.backlog_capacity)
+        self.events = events or EventLog(Store(None))
+        self.history = history or History(self.events.store)
+        self.readers = FanOut(BACKLOG)
         self.ignored_payloads = 0
 
     @property

@@ -77,7 +77,7 @@ def axes_answer(state: ServiceState, now_ns: int) -> AxesAnswer:
         site=state.place.site,
         machine=state.place.machine,
         axes=sorted(rows, key=lambda row: row.urgency),
-        history=state.keeping.place,
+        history=state.kept,
     )
 
 

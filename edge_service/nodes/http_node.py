@@ -10,7 +10,6 @@ from pathlib import Path
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig, EdgeConfig
 from ..health.axis_events import clock_changed
-from ..health.axis_state import Keeping
 from ..health.components import RefusalWatch
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
@@ -278,21 +277,18 @@ class HttpNode:
 def _state_of(context: NodeContext) -> ServiceState:
     config, machines = context.config, context.machines
     kept = config.store.folder is not None
-    keeping = Keeping(
-        history=History(context.store, config.store.budget_mb if kept else MEMORY_MB),
-        events=context.events,
-        ratios_m_per_rad={
-            axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
-        },
-        place=_place(config),
-    )
     return ServiceState(
         {
             axis: health_settings(config, axis).limits(each.fresh_preload_percent)
             for axis, each in machines.items()
         },
         now_ns(),
-        keeping=keeping,
+        events=context.events,
+        history=History(context.store, config.store.budget_mb if kept else MEMORY_MB),
+        kept=_place(config),
+        ratios_m_per_rad={
+            axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
+        },
         strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
         refused=context.bus.refused,

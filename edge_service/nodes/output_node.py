@@ -10,7 +10,7 @@ from typing import Any
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
 from ..estimate.registry import AUTO
-from ..health.axis_state import AxisState, Keeping, StateSettings
+from ..health.axis_state import AxisState
 from ..health.service_state import ServiceState
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
@@ -113,9 +113,7 @@ class LatestAnswers:
         machines = context.machines
         self._fresh = {axis: machine.fresh_preload_percent for axis, machine in machines.items()}
         self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
-        self._states = {
-            axis: AxisState(axis, None, StateSettings(), Keeping()) for axis in machines
-        }
+        self._states = {axis: AxisState(axis) for axis in machines}
 
     def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in; one that is older than the last is ignored."""

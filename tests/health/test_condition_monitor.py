@@ -2,10 +2,7 @@
 
 from dataclasses import replace
 
-import pytest
-
 from edge_service.health.advice import advice, headline
-from edge_service.health.limits import HealthSettings
 from edge_service.messages.advice import Task
 from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from edge_service.messages.event import Severity
@@ -273,23 +270,3 @@ def test_components_of_other_axes_are_ignored(scene):
     report = ComponentHealth(component="acquire", axis="Y", status=ComponentStatus.OK)
     assert scene.monitor.on_component(report, scene.now_ns) == ()
     assert scene.monitor.health(scene.now_ns).components == ()
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"warning_below_percent": 20.0},
-        {"fault_below_percent": 0.0},
-        {"warning_below_percent": 100.0},
-        {"delay_s": -1.0},
-        {"grace_s": float("nan")},
-    ],
-)
-def test_settings_that_make_no_sense_are_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong)).split("_")[0]):
-        HealthSettings(**wrong)
-
-
-def test_fresh_preload_must_be_positive():
-    with pytest.raises(ValueError, match="fresh_preload_percent"):
-        HealthSettings().limits(0.0)

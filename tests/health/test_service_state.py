@@ -5,7 +5,6 @@ import asyncio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.axis_state import StateSettings
 from edge_service.health.readers import FanOut
 from edge_service.health.service_state import ServiceState
 from edge_service.health.store.events import StoredEvent
@@ -19,8 +18,8 @@ START_NS = 1_700_000_000 * NS
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "nis")
 
 
-def _state(**settings: object) -> ServiceState:
-    return ServiceState({"X": None, "Y": None}, START_NS, StateSettings(**settings))
+def _state() -> ServiceState:
+    return ServiceState({"X": None, "Y": None}, START_NS)
 
 
 def _header(sequence: int, time_ns: int, boot_epoch: int = START_NS) -> Header:

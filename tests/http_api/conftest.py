@@ -1,12 +1,11 @@
 """A service state and its application, with a clock that the test moves."""
 
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import httpx
 import pytest
 
-from edge_service.health.axis_state import StateSettings
 from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
@@ -43,11 +42,10 @@ class Scene:
 
     now_ns: int = START_NS
     sequence: int = 0
-    settings: StateSettings = field(default_factory=StateSettings)
 
     def __post_init__(self) -> None:
         axes = {"X": HealthSettings().limits(10.0), "Y": None}
-        self.state = ServiceState(axes, self.now_ns, self.settings)
+        self.state = ServiceState(axes, self.now_ns)
         self.app = create_app(self.state, lambda: self.now_ns)
 
     def wait(self, seconds: float) -> None:
