@@ -16,7 +16,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.smoke
 @pytest.mark.usefixtures("cache")
 def test_three_files_and_a_loop_that_closes(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

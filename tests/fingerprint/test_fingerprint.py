@@ -148,7 +148,6 @@ def test_a_worn_axis_is_called_changed(healthy: AxisFingerprint, worn: AxisFinge
 
 
 @pytest.mark.slow
-@pytest.mark.smoke
 def test_the_same_axis_on_another_day_has_not_changed(
     machine: Machine, fresh_settings: FeedDriveSettings, healthy: AxisFingerprint
 ) -> None:

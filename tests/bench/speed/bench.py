@@ -45,8 +45,7 @@ class SpeedBench:
         """Measure some parts. Raises BenchError."""
         begun_s, stolen_s = time.monotonic(), read_stolen_s()
         write_recording(self._recording, 60.0 if self._quick else 200.0)
-        with self._service(1):  # has the kernels on the disk before anything is timed
-            pass
+        self._started()  # has the kernels on the disk before anything is timed
         figures: list[Figure] = []
         for name in SPEED_PARTS:
             if name in parts:
@@ -148,16 +147,17 @@ class SpeedBench:
         name = "GET /preload: processor"
         return [Figure(name, ours, "us", theirs, "bare uvicorn", at_least=0.25)]
 
+    def _started(self) -> tuple[float, float]:
+        """Time from the start of a service to its page, and to the first `estimated`, s."""
+        with service(self._folder, self._kernels, self._recording, 1) as process:
+            poller = PreloadPoller(*process.wait_for_address(_PATIENCE_S), "A1")
+            page_s = process.since_start_s()
+            while poller.ask().status != "estimated" and process.since_start_s() < _PATIENCE_S:
+                time.sleep(0.01)
+            return page_s, process.since_start_s()
+
     def _start(self) -> list[Figure]:
-        times = []
-        for _ in range(self._repeats):
-            with service(self._folder, self._kernels, self._recording, 1) as process:
-                poller = PreloadPoller(*process.wait_for_address(_PATIENCE_S), "A1")
-                page_s = process.since_start_s()
-                while poller.ask().status != "estimated" and process.since_start_s() < _PATIENCE_S:
-                    time.sleep(0.01)
-                first_s = process.since_start_s()
-            times.append((self._spent("--help")[0], page_s, first_s))
+        times = [(self._spent("--help")[0], *self._started()) for _ in range(self._repeats)]
         helped, page, first = np.median(times, axis=0)
         return [
             Figure("edge-service --help", float(helped), "s", at_most=0.3),

@@ -21,7 +21,7 @@ def replay_figures(folder: Path, kernels: Path, recording_s: float) -> list[Figu
     traces = [folder / "short.csv", folder / "long.csv"]
     for trace, duration_s in zip(traces, (SHORT_S, recording_s), strict=True):
         write_recording(trace, duration_s)
-    free = ["--speed", "0", "--port", "0", "--bus", "tcp/127.0.0.1:0"]
+    free = ["--speed", "0", "--port", "0"]
     out = ["--out", str(folder / "estimates.csv")]
 
     def run(*arguments: str) -> FinishedRun:
