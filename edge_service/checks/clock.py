@@ -1,5 +1,6 @@
 """Check of the clock: its rate, its gaps, and whether it counts seconds."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 
@@ -35,38 +36,25 @@ def check_clock(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
 
 
 def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
-    """Unit that every witness needs; nothing where there is none, or one contradicts."""
-    witnesses = [*_by_speeds(recordings), *_by_inertia(machine, recordings)]
+    """Unit that every witness needs; nothing where there is none, or one contradicts.
+
+    A speed is too large by the factor of the clock, an inertia by its square.
+    """
+    witnesses = []  # ratio to what it should be, and the factor by which it may be off
+    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
+        with contextlib.suppress(ValueError):
+            factor = regress_channel(recordings, speed, position, derivative=1).factor
+            if factor.determined and factor.low > 0.0:
+                witnesses.append((factor.value, 1.0 + 5.0 * FACTOR_TOLERANCE))
+    if any(TORQUE in frame.channels for frame in recordings):
+        with contextlib.suppress(ValueError):
+            inertia = measured_inertia(machine, recordings)
+            if inertia.determined and inertia.low > 0.0:
+                ratio = inertia.value / machine.model.inertia_kg_m2.value
+                witnesses.append((math.sqrt(ratio), math.sqrt(INERTIA_FACTOR)))
     for unit, scale in UNITS.items():
         if witnesses and all(
             abs(math.log(ratio * float(scale))) < math.log(within) for ratio, within in witnesses
         ):
             return unit
     return ""
-
-
-def _by_speeds(recordings: Sequence[SampleFrame]) -> list[tuple[float, float]]:
-    """Each recorded speed over the derivative of its position, and how far it may be off."""
-    found = []
-    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
-        try:
-            factor = regress_channel(recordings, speed, position, derivative=1).factor
-        except ValueError:
-            continue
-        if factor.determined and factor.low > 0.0:
-            found.append((factor.value, 1.0 + 5.0 * FACTOR_TOLERANCE))
-    return found
-
-
-def _by_inertia(machine: Machine, recordings: Sequence[SampleFrame]) -> list[tuple[float, float]]:
-    """Root of the inertia over the stated one, and how far it may be off."""
-    if not any(TORQUE in frame.channels for frame in recordings):
-        return []
-    try:
-        inertia = measured_inertia(machine, recordings)
-    except ValueError:
-        return []
-    if not inertia.determined or inertia.low <= 0.0:
-        return []
-    ratio = inertia.value / machine.model.inertia_kg_m2.value
-    return [(math.sqrt(ratio), math.sqrt(INERTIA_FACTOR))]

@@ -33,27 +33,16 @@ def understand(
     """
     found = Understanding(lead_m=known.lead_m)
     columns, table = list(with_quantities(names, values)), dict(values)
-    _tell_unnamed(names, columns, found)
+    for before, after in zip(names, columns, strict=True):
+        if before.quantity is not after.quantity:
+            words = f"{after.name!r} moves like a {after.quantity.value}"
+            found.say("columns", words, assumed=True)
     time_s = find_clock(columns, table, known, found)
     if time_s is None:
         return found
     motion = Motion(columns, table, time_s, known, found)
     motion.find()
     _find_effort(columns, table, motion.speed(), known, found)
-    _plain_channels(columns, found)
-    return found
-
-
-def _tell_unnamed(
-    names: Sequence[ColumnName], columns: Sequence[ColumnName], found: Understanding
-) -> None:
-    for before, after in zip(names, columns, strict=True):
-        if before.quantity is not after.quantity:
-            words = f"{after.name!r} moves like a {after.quantity.value}"
-            found.say("columns", words, assumed=True)
-
-
-def _plain_channels(columns: Sequence[ColumnName], found: Understanding) -> None:
     for quantity, channel, unit in _PLAIN:
         for each in columns:
             if each.quantity is quantity and channel not in found.columns:
@@ -61,6 +50,7 @@ def _plain_channels(columns: Sequence[ColumnName], found: Understanding) -> None
                 if known_unit or quantity is Quantity.TEMPERATURE:
                     found.columns[channel] = Choice(each.name, SI[known_unit or unit][0])
                     found.say(channel, f"{each.name!r} in {known_unit or unit}")
+    return found
 
 
 def _find_effort(
@@ -105,15 +95,6 @@ def _share(effort: Floats, speed: Floats | None) -> float:
     return 0.0 if speed is None else abs(follows(effort, speed))
 
 
-def _current_unit(column: ColumnName, values: Floats, found: Understanding) -> str:
-    """A or mA: no feed drive takes hundreds of amperes."""
-    if column.unit in _CURRENT_A:
-        return column.unit
-    unit = "A" if float(np.nanpercentile(np.abs(values), 99.0)) < _MOST_A else "mA"
-    found.say(TORQUE, f"{column.name!r} is taken as a current in {unit}", assumed=True)
-    return unit
-
-
 def _effort_scale(
     column: ColumnName, values: Floats, known: Known, found: Understanding
 ) -> tuple[float | None, str]:
@@ -122,7 +103,12 @@ def _effort_scale(
         return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
     unit, per_unit = column.unit or "unit", 1.0
     if column.quantity is Quantity.CURRENT:
-        unit, per_unit = "A", _CURRENT_A[_current_unit(column, values, found)]
+        current = column.unit
+        if current not in _CURRENT_A:  # no feed drive takes hundreds of amperes
+            high = float(np.nanpercentile(np.abs(values), 99.0))
+            current = "A" if high < _MOST_A else "mA"
+            found.say(TORQUE, f"{column.name!r} is taken as a current in {current}", assumed=True)
+        unit, per_unit = "A", _CURRENT_A[current]
     if known.torque_constant is not None:
         scale = per_unit * known.torque_constant
         return scale, f"{column.name!r} times {known.torque_constant:g} N m/{unit}, as given"

@@ -9,7 +9,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.effect import Term
 from ...models.effects.registry import effects_where, error_of
-from ..candidates.force_pulses import FORCE, ForcePulse
+from ..candidates.design_matrix import FORCE, ForcePulse
 from ..candidates.regressors import UNKNOWN
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP

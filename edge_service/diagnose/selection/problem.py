@@ -15,8 +15,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind, Term
 from ...models.effects.registry import effects, effects_where, error_of
 from ...models.machine import Machine
-from ..candidates.design_matrix import DesignMatrix, healthy_priors
-from ..candidates.force_pulses import FORCE, force_pulses
+from ..candidates.design_matrix import FORCE, DesignMatrix, force_pulses, healthy_priors
 from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise

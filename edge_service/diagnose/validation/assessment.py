@@ -12,7 +12,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.effects.registry import effects_where
-from ..candidates.force_pulses import FORCE
+from ..candidates.design_matrix import FORCE
 from ..candidates.regressors import UNKNOWN
 from ..estimation.estimates import Contributions
 from ..residual.structure import predicted_structure

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
-from ..candidates.force_pulses import FORCE
+from ..candidates.design_matrix import FORCE
 from ..estimation.estimates import Estimates
 from ..result import Shrink
 from ..session.session import FOLDS, Integers, Rows
@@ -128,8 +128,20 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     """
     random = np.random.default_rng(11)
     proportions = random.standard_gamma(_SHAPE, (_RESAMPLES, _REGIMES))
-    regime = regime_of(rows)
-    weights = _part_weights(int(rows.block.max()) + 1)
+    # regimes: speed in four classes, accelerating or not, which side of the travel
+    known = rows.variables
+    speed = np.abs(known["motor_speed_rad_s"])
+    acceleration = np.abs(known["motor_acceleration_rad_s2"])
+    place = known["table_position_m"]
+    edges = np.quantile(speed, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
+    regime = 4 * np.digitize(speed, edges) + 2 * (acceleration > np.median(acceleration))
+    regime = (regime + (place > np.median(place))).astype(np.int64)
+    # weight of each block, (k, count): those of one part of the session
+    blocks = int(rows.block.max()) + 1
+    length = max(round(blocks * _PART), 1)
+    first = np.random.default_rng(7).integers(0, blocks - length + 1, _RESAMPLES)[:, None]
+    block = np.arange(blocks)
+    weights = ((block >= first) & (block < first + length)).astype(np.float64)
 
     def drawn(series: Floats) -> Floats:
         """Energy of a series (n,) on other motions, (k,)."""
@@ -142,26 +154,6 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
     estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
     return _of_draws(float(estimate), _shrink(before, chosen))
-
-
-def regime_of(rows: Rows) -> Integers:
-    """Number of each row's regime, (n,): speed in four classes, accelerating or not, which side."""
-    known = rows.variables
-    speed = np.abs(known["motor_speed_rad_s"])
-    acceleration = np.abs(known["motor_acceleration_rad_s2"])
-    place = known["table_position_m"]
-    edges = np.quantile(speed, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
-    found = 4 * np.digitize(speed, edges) + 2 * (acceleration > np.median(acceleration))
-    regime: Integers = (found + (place > np.median(place))).astype(np.int64)
-    return regime
-
-
-def _part_weights(count: int) -> Floats:
-    """Weight of each block, (k, count): those of one part of the session."""
-    length = max(round(count * _PART), 1)
-    first = np.random.default_rng(7).integers(0, count - length + 1, _RESAMPLES)[:, None]
-    block = np.arange(count)
-    return ((block >= first) & (block < first + length)).astype(np.float64)
 
 
 def _of_draws(estimate: float, draws: Floats) -> Shrink:

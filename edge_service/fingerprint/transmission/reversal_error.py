@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,20 +19,6 @@ _AFTER_S = 0.1
 _MEAN_S = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Reversal:
-    """One slow reversal.
-
-    Attributes:
-        following_peak_m: greatest following error within 0.1 s after it; NaN without setpoints.
-        encoder_step_m: change of motor encoder less table encoder, positive where the table stays
-            behind; NaN with one encoder.
-    """
-
-    following_peak_m: float
-    encoder_step_m: float
-
-
 def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
     """Following error and encoder difference at slow reversals.
 
@@ -44,8 +29,9 @@ def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
         raise ValueError(
             f"no reversal below {SLOW_M_S:g} m/s with {LEAST_TRAVEL_M:g} m of travel on both sides"
         )
-    peaks = [each.following_peak_m for each in found if math.isfinite(each.following_peak_m)]
-    steps = [each.encoder_step_m for each in found if math.isfinite(each.encoder_step_m)]
+    peaks, steps = (
+        [each for each in column if math.isfinite(each)] for column in zip(*found, strict=True)
+    )
     figures = {
         "following_peak_m": _mean(peaks, f"needs {SETPOINT} and a position"),
         "encoder_step_m": _mean(steps, f"needs {TABLE_POSITION} beside {ANGLE}"),
@@ -60,14 +46,20 @@ def _mean(values: Sequence[float], lacking: str) -> IntervalEstimate:
     return undetermined("m", _ONE if values else lacking, len(values))
 
 
-def reversals(run: PreparedRun) -> list[Reversal]:
-    """Slow reversals of a run, a rest between the two directions or not."""
+def reversals(run: PreparedRun) -> list[tuple[float, float]]:
+    """Slow reversals of a run, a rest between the two directions or not.
+
+    Of each the greatest following error within 0.1 s after it, NaN without setpoints, and the
+    change of motor encoder less table encoder, positive where the table stays behind, NaN with one
+    encoder; m.
+    """
     way = np.where(run.moving, np.sign(run.speed_rad_s), 0.0)
     moving = np.flatnonzero(way)
     turns = np.flatnonzero(way[moving[1:]] != way[moving[:-1]])
     ratio = run.settings.ratio_m_per_rad
     motor = run.channels[ANGLE] * ratio
-    margin = math.ceil(_AFTER_S / run.period_s)
+    table, setpoint = run.channels.get(TABLE_POSITION), run.channels.get(SETPOINT)
+    margin, mean = math.ceil(_AFTER_S / run.period_s), math.ceil(_MEAN_S / run.period_s)
     edges = [moving[0], *(moving[turn] for turn in turns), moving[-1]] if len(moving) else []
     found = []
     for k, turn in enumerate(turns, start=1):
@@ -76,24 +68,18 @@ def reversals(run: PreparedRun) -> list[Reversal]:
         next_stop = int(edges[k + 1])
         travels = abs(motor[before] - motor[edges[k - 1]]), abs(motor[next_stop] - motor[after])
         slow = float(np.max(np.abs(run.speed_rad_s[window]))) * ratio < SLOW_M_S
-        if slow and min(travels) > LEAST_TRAVEL_M and after + margin < len(run):
-            found.append(_reversal(run, before, after))
+        if not (slow and min(travels) > LEAST_TRAVEL_M and after + margin < len(run)):
+            continue
+        peak = step = math.nan
+        earlier, later = slice(max(before - mean, 0), before), slice(before, after + margin)
+        if setpoint is not None:
+            error = setpoint - (motor if table is None else table)
+            error = error - np.mean(error[earlier])
+            peak = float(np.max(np.abs(error[later])))
+        if table is not None:
+            stretch = motor - table
+            now = np.mean(stretch[after + margin - mean : after + margin])
+            change = float(now - np.mean(stretch[earlier]))
+            step = change * math.copysign(1.0, run.speed_rad_s[after])
+        found.append((peak, step))
     return found
-
-
-def _reversal(run: PreparedRun, before: int, after: int) -> Reversal:
-    motor = run.channels[ANGLE] * run.settings.ratio_m_per_rad
-    table = run.channels.get(TABLE_POSITION)
-    setpoint = run.channels.get(SETPOINT)
-    reach, mean = math.ceil(_AFTER_S / run.period_s), math.ceil(_MEAN_S / run.period_s)
-    peak = step = math.nan
-    if setpoint is not None:
-        error = setpoint - (motor if table is None else table)
-        error = error - np.mean(error[max(before - mean, 0) : before])
-        peak = float(np.max(np.abs(error[before : after + reach])))
-    if table is not None:
-        stretch = motor - table
-        was = np.mean(stretch[max(before - mean, 0) : before])
-        now = np.mean(stretch[after + reach - mean : after + reach])
-        step = float(now - was) * math.copysign(1.0, run.speed_rad_s[after])
-    return Reversal(peak, step)
