@@ -217,11 +217,7 @@ class _Profile:
         root, own = math.sqrt(self.limit), float(self.spread[index, index])
 
         def beyond(at: float) -> float:
-            """Excess of the root of the rise: nearly linear in the distance, 0 at the bound.
-
-            Beside the minimum that the curvature predicts the other valleys that fit nearly as well
-            are tried: a profile may pass into one.
-            """
+            """Excess of the root of the rise: nearly linear in the distance, 0 at the bound."""
             near = self.best
             if own > 0.0:
                 moved = near + self.spread[:, index] / own * (at - near[index])
