@@ -59,7 +59,7 @@ class Finding:
 
     @property
     def is_doubtful(self) -> bool:
-        """True if something is wrong, or may be."""
+        """Something is wrong, or may be."""
         return self.verdict is Verdict.DOUBTFUL
 
 

@@ -106,7 +106,7 @@ def _judged_inertia(
 
 
 def _apart(inertia: IntervalEstimate, stated: Quantity, factor: float) -> bool:
-    """True if the whole interval is further off than a factor, and than what is stated."""
+    """Interval that is wholly further off than a factor, and than what is stated."""
     reach = SIGMAS * stated.sigma
     high = max(factor * stated.value, stated.value + reach)
     low = min(stated.value / factor, stated.value - reach)

@@ -43,7 +43,7 @@ class Choice:
     direction: str = ""
 
     def is_plain(self, channel: str) -> bool:
-        """True if a reader takes the column for the channel without being told."""
+        """Column that a reader takes for the channel without being told."""
         return self == Choice(channel, 1.0)
 
 

@@ -127,7 +127,7 @@ def smoothed_speed(position: Floats, time_s: Floats, window: int = WINDOW) -> Fl
 
 
 def is_unsigned(effort: Floats, speed: Floats) -> bool:
-    """True if an effort keeps one sign where friction, in both directions, changes it.
+    """Effort that keeps one sign where friction, in both directions, changes it.
 
     A load that pulls one way, such as gravity, keeps the sign too, but it differs between the
     directions by twice the friction, and is as large at rest.

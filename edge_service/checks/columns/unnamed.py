@@ -71,7 +71,7 @@ def _found(
 
 
 def is_clock(values: Floats) -> bool:
-    """True if a column counts up by nearly even steps, apart from new starts and gaps."""
+    """Column that counts up by nearly even steps, apart from new starts and gaps."""
     steps = np.diff(_known(values))
     if steps.size < 10 or not np.all(np.isfinite(steps)):
         return False
@@ -109,7 +109,7 @@ def _later(position: str, names: list[str], values: Mapping[str, Floats], window
 
 
 def _comes_after(one: Floats, other: Floats) -> bool:
-    """True if one position follows the other: by samples, or with more noise of its own."""
+    """Position that follows the other: by samples, or with more noise of its own."""
     late = lags(one, other)
     if late:
         return late > 0.0

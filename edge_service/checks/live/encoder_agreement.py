@@ -117,7 +117,7 @@ class Agreement:
         return _parted_m(pieces, self._contact, self._anchors, self._limits, rough)
 
     def is_elsewhere(self, piece: Floats, rough: Floats) -> bool:
-        """True if a piece lies at another level than the last that agreed."""
+        """Piece at another level than the last that agreed."""
         return _is_elsewhere(piece, self._anchors, self._limits, rough)
 
     @property
@@ -160,7 +160,7 @@ def pieces_of(rows: Floats, ratio_m_per_rad: float, skew_s: float) -> Floats:
 
 @compiled
 def _rests(piece: Floats, limits: Floats) -> bool:
-    """True if the screw stands still."""
+    """Screw at a standstill."""
     return bool(abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO])
 
 
@@ -195,7 +195,7 @@ def _parted_m(
 
 @compiled
 def _is_elsewhere(piece: Floats, anchors: Floats, limits: Floats, rough: Floats) -> bool:
-    """True if a piece lies at another level than the last that agreed."""
+    """Piece at another level than the last that agreed."""
     for name in (HELD, REST):
         if not np.isnan(anchors[name, TIME]):
             apart_m = abs(piece[PARTED] - anchors[name, PARTED])
