@@ -162,14 +162,14 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 1031,
-    "checks": 3837,
+    "checks": 3811,
     "cli": 1578,
     "config": 642,
-    "diagnose": 5379,
+    "diagnose": 5361,
     "downsample": 1347,
     "drivers": 4384,
     "estimate": 5530,
-    "fingerprint": 3133,
+    "fingerprint": 3119,
     "health": 5514,
     "http_api": 3233,
     "messages": 2384,
@@ -178,12 +178,12 @@ MOST_LINES = {
     "offline": 6844,
     "outputs": 2181,
     "recordings": 3598,
-    "regression": 963,
+    "regression": 959,
     "beside the rooms": 697,
     "tests": 51741,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 422
+MOST_FILES = 421
 """Modules of the product."""
 
 
