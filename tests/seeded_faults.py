@@ -82,8 +82,8 @@ FAULTS = (
     ),
     Fault(
         "health",
-        "limits.warning_percent, limits.warning_percent + margin, settings",
-        "limits.fault_percent, limits.fault_percent + margin, settings",
+        "limits.warning_percent, limits.warning_percent + margin",
+        "limits.fault_percent, limits.fault_percent + margin",
         ("tests/health",),
     ),
     Fault(
