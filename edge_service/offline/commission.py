@@ -136,7 +136,8 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     for name in _IDENTIFIED:
         quantity = getattr(machine.model, name)
         if quantity is not None:
-            model[name] = _inline(quantity)
+            model[name] = tomlkit.inline_table()
+            model[name].update({"value": quantity.value, "tolerance": quantity.tolerance})
     assert machine.commissioned is not None
     document.pop("commissioned", None)
     learned = tomlkit.table()
@@ -151,15 +152,18 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
         document["effects"] = effects
 
 
-def _inline(quantity: Quantity) -> tomlkit.items.InlineTable:
-    table = tomlkit.inline_table()
-    table["value"], table["tolerance"] = quantity.value, quantity.tolerance
-    return table
-
-
 def _learned(out: Path, machine: Machine, doubt: str | None) -> Learned:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
+    transmission, mass, stretch = learned.transmission, model.table_mass_kg, None
+    if transmission is not None and mass is not None:
+        stretch = Stretch(
+            stiffness_n_per_m=mass.value / transmission.stretch_per_acceleration_s2,
+            reference_m=transmission.reference_m,
+            nut_share=transmission.nut_share,
+            nut_share_sigma=transmission.nut_share_sigma,
+            nut_stiffness_is_stated=model.nut_stiffness_n_per_m is not None,
+        )
     return Learned(
         out=str(out),
         motion_s=learned.motion_s,
@@ -168,23 +172,8 @@ def _learned(out: Path, machine: Machine, doubt: str | None) -> Learned:
         coulomb_nm=learned.coulomb_nm,
         guide_force_n=model.guide_force_n.value,
         bearing_drag_nm=model.bearing_drag_nm.value,
-        stretch=_stretch(machine),
+        stretch=stretch,
         assumed_fresh_because=doubt,
-    )
-
-
-def _stretch(machine: Machine) -> Stretch | None:
-    assert machine.commissioned is not None
-    transmission, mass = machine.commissioned.transmission, machine.model.table_mass_kg
-    if transmission is None:
-        return None
-    assert mass is not None
-    return Stretch(
-        stiffness_n_per_m=mass.value / transmission.stretch_per_acceleration_s2,
-        reference_m=transmission.reference_m,
-        nut_share=transmission.nut_share,
-        nut_share_sigma=transmission.nut_share_sigma,
-        nut_stiffness_is_stated=machine.model.nut_stiffness_n_per_m is not None,
     )
 
 
@@ -197,21 +186,19 @@ def _lines(found: Learned) -> Iterator[str]:
         f"  Coulomb friction {found.coulomb_nm:.4g} N m in all, of it "
         f"guides {found.guide_force_n:.3g} N, bearings {found.bearing_drag_nm:.3g} N m"
     )
-    yield from _stretch_lines(found.stretch)
-    if found.assumed_fresh_because is not None:
-        yield f"  the screw is assumed to be fresh: {found.assumed_fresh_because}"
-
-
-def _stretch_lines(stretch: Stretch | None) -> Iterator[str]:
+    stretch = found.stretch
     if stretch is None:
         yield (
             "  no stretch between two encoders: preload will rest on torque alone, and its "
             "interval will hold what warm-up and lubrication may do to friction"
         )
-        return
-    yield (
-        f"  series stiffness {stretch.stiffness_n_per_m:.3g} N/m at {stretch.reference_m:.3g} m, "
-        f"nut's share {stretch.nut_share:.2f} +- {stretch.nut_share_sigma:.2f}"
-    )
-    if not stretch.nut_stiffness_is_stated:
-        yield "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
+    else:
+        yield (
+            f"  series stiffness {stretch.stiffness_n_per_m:.3g} N/m at "
+            f"{stretch.reference_m:.3g} m, "
+            f"nut's share {stretch.nut_share:.2f} +- {stretch.nut_share_sigma:.2f}"
+        )
+        if not stretch.nut_stiffness_is_stated:
+            yield "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
+    if found.assumed_fresh_because is not None:
+        yield f"  the screw is assumed to be fresh: {found.assumed_fresh_because}"

@@ -9,7 +9,6 @@ from pathlib import Path
 from ..command_answer import Answer
 from ..diagnose.experiment import (
     DECISIVE,
-    Proposal,
     Separation,
     least_strength,
     propose,
@@ -84,7 +83,8 @@ def tied_effects(diagnosis: Path) -> dict[str, Values]:
         for each in named:
             if len(each["class"]) > 1 or each["probability"] < _DOUBTED:
                 tied |= {rival: tied.get(rival, {}) for rival in each["class"]}
-                tied[each["name"]] = _values(each)
+                first = (each.get("entries") or [{}])[0]
+                tied[each["name"]] = {key: float(value) for key, value in first.items()}
     except OSError as error:
         raise DiagnosisError(f"{diagnosis}: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -92,13 +92,6 @@ def tied_effects(diagnosis: Path) -> dict[str, Values]:
     if len(tied) < 2:
         raise DiagnosisError(f"{diagnosis}: names no effects that are tied; give them by --effect")
     return dict(sorted(tied.items()))
-
-
-def _values(effect: Mapping[str, object]) -> Values:
-    """Values of the first entry of a named effect, as far as they are numbers."""
-    entries = effect.get("entries")
-    first = entries[0] if isinstance(entries, list) and entries else {}
-    return {name: float(value) for name, value in first.items()}
 
 
 def next_motion(
@@ -134,19 +127,18 @@ def next_motion(
     found = NextMotion(
         decides=best.decides,
         hardest_pair=[worst.effect, worst.rival or "a healthy axis"],
-        proposals=[_proposed(each) for each in shown],
+        proposals=[
+            ProposedMotion(
+                motion=each.candidate.motion,
+                duration_s=each.candidate.duration_s,
+                given_s=each.candidate.given_s,
+                log_evidence=each.evidence,
+            )
+            for each in shown
+        ],
         file=written,
     )
     return Answer(found.as_text(), found)
-
-
-def _proposed(each: Proposal) -> ProposedMotion:
-    return ProposedMotion(
-        motion=each.candidate.motion,
-        duration_s=each.candidate.duration_s,
-        given_s=each.candidate.given_s,
-        log_evidence=each.evidence,
-    )
 
 
 def _odds(evidence: float) -> str:

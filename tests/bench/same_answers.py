@@ -10,6 +10,7 @@ by byte. Pages and pictures are not compared. Exit status 1 where an answer diff
 
 import argparse
 import filecmp
+import re
 import shutil
 import subprocess
 import sys
@@ -48,7 +49,8 @@ def asked(arguments: Sequence[str | Path], said: Path) -> None:
     """Run a command of the project; keep what it prints, and its exit status, in a file."""
     command = [sys.executable, "-m", "edge_service", *map(str, arguments)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    said.write_text(f"{done.stdout}{done.stderr}exit {done.returncode}\n", "utf-8")
+    beside = re.sub(r"(?m)^edge-service [a-z-]+: .+ \d+ s\n", "", done.stderr)  # progress
+    said.write_text(f"{done.stdout}{beside}exit {done.returncode}\n", "utf-8")
 
 
 def make_recordings(folder: Path) -> None:
