@@ -8,8 +8,8 @@ from ..checks.live.repeats import LEAST_ROWS
 from ..messages.row_faults import FORCE, TEMP, THETA, T, U, X
 from ..messages.samples import Floats
 from ..models.compiled import compiled
-from ..models.held_torque import LONGEST_HOLD_S
 from ..models.reductions import greatest, least, median, sum_of
+from ..models.steady_limits import LONGEST_HOLD_S
 
 
 @compiled

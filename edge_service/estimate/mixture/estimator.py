@@ -7,8 +7,8 @@ from typing import Any
 from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
 from ...messages.features import Fault, FeatureBlock, Phase
 from ...messages.stored import Number, Stored
-from ...models.held_torque import LONGEST_HOLD_S
 from ...models.machine import Machine
+from ...models.steady_limits import LONGEST_HOLD_S
 from ..effect_compensation import EffectCompensation
 from ..interface import EstimatorOptions, UnsuitableMachineError
 from ..validity import Validity
