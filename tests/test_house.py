@@ -183,7 +183,7 @@ MOST_LINES = {
     "tests": 51743,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 421
+MOST_FILES = 420
 """Modules of the product."""
 
 
