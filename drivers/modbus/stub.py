@@ -12,7 +12,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from ..base import DriverMisconfiguredError
 from ..signals import Scaling
 from ..stub import Fault, FaultKind, Following, StubAxis
-from .registers import ModbusConfig, Order, RegisterConfig, Table, encode_number
+from .registers import ModbusConfig, Order, Table, encode_number
 
 FAULT_ADDRESS = 65_000
 """Holding register: write a fault's number here, its amount in thousandths into the next one."""
@@ -123,18 +123,17 @@ class ModbusStub:
                 word_order = register.word_order or config.word_order
                 if self.fault.kind is FaultKind.WORD_ORDER:
                     word_order = _OPPOSITE[word_order]
-                value = self._raw(axis, register)
+                scaling = self._scalings.get((axis.name, register.address, register.table))
+                latest = axis.latest.get(register.channel or "")
+                if scaling is None:
+                    value = axis.samples % 30_000 if register.equals is None else register.equals
+                elif latest is not None:
+                    value = scaling.raw(latest)
+                else:
+                    value = float("nan") if register.type.startswith("float") else 0.0
                 words = encode_number(value, register.type, word_order, config.byte_order)
                 first = register.address - start
                 registers[first : first + len(words)] = words
-
-    def _raw(self, axis: StubAxis, register: RegisterConfig) -> float:
-        if register.channel is None:
-            return axis.samples % 30_000 if register.equals is None else register.equals
-        value = axis.latest.get(register.channel)
-        if value is None:
-            return float("nan") if register.type.startswith("float") else 0.0
-        return self._scalings[axis.name, register.address, register.table].raw(value)
 
 
 def _taken(axes: Sequence[StubAxis], table: Table) -> dict[int, bool]:

@@ -166,8 +166,25 @@ class OpcuaSession:
         nodes = []
         for number, signal in enumerate(signals):
             key = f"signals[{number}]"
-            node = await self._find(client, signal.node, namespaces, f"{key}.node")
-            await self._check_unit(node, signal, f"{key}.unit")
+            try:
+                if is_path(signal.node):
+                    path = browse_path(signal.node, namespaces)
+                    node = await client.nodes.objects.get_child(path)
+                else:
+                    node = client.get_node(node_id(signal.node, namespaces))
+                await node.read_browse_name()
+            except NOT_THERE as error:
+                raise DriverMisconfiguredError(
+                    f"{key}.node", f"{signal.node!r}: {say(error)}"
+                ) from None
+            except FAILURES as error:
+                raise DriverUnavailableError(f"{self._config.url}: {say(error)}") from None
+            unit, declared = await _stated_unit(node), signal.declared_unit
+            if unit is not None and unit != declared and signal.scale == 1.0:
+                raise DriverMisconfiguredError(
+                    f"{key}.unit",
+                    f"{declared!r}, but the server states {unit!r} for {signal.node}",
+                )
             nodes.append(node)
         return nodes
 
@@ -247,33 +264,6 @@ class OpcuaSession:
         except (ValueError, TypeError, OSError) as error:
             raise DriverMisconfiguredError("certificate", f"cannot be used: {error}") from None
 
-    async def _find(self, client: Client, name: str, namespaces: list[str], key: str) -> Node:
-        try:
-            if is_path(name):
-                node = await client.nodes.objects.get_child(browse_path(name, namespaces))
-            else:
-                node = client.get_node(node_id(name, namespaces))
-            await node.read_browse_name()
-        except NOT_THERE as error:
-            raise DriverMisconfiguredError(key, f"{name!r}: {say(error)}") from None
-        except FAILURES as error:
-            raise DriverUnavailableError(f"{self._config.url}: {say(error)}") from None
-        return node
-
-    async def _check_unit(self, node: Node, signal: NodeConfig, key: str) -> None:
-        """Hold the declared unit against the one that the variable itself states, if it does."""
-        try:
-            stated = await (await node.get_child("0:EngineeringUnits")).read_value()
-            code = int(stated.UnitId)
-        except (*FAILURES, AttributeError, TypeError):
-            return
-        unit = unit_of_code(code)
-        declared = signal.declared_unit
-        if unit is not None and unit != declared and signal.scale == 1.0:
-            raise DriverMisconfiguredError(
-                key, f"{declared!r}, but the server states {unit!r} for {signal.node}"
-            )
-
     async def _note_loss(self, _error: Exception) -> None:
         self._is_lost = True
         self._put(None)
@@ -293,6 +283,15 @@ class OpcuaSession:
         if self._client is None:
             raise DriverUnavailableError(f"{self._config.url}: the session is not open")
         return self._client
+
+
+async def _stated_unit(node: Node) -> str | None:
+    """Unit that a variable itself states, if it does and it is one of ours."""
+    try:
+        stated = await (await node.get_child("0:EngineeringUnits")).read_value()
+        return unit_of_code(int(stated.UnitId))
+    except (*FAILURES, AttributeError, TypeError):
+        return None
 
 
 async def _leave(client: Client) -> None:

@@ -1,5 +1,6 @@
 """Sample frames as rows of one table, and the faults of time that part them."""
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..messages.channels import (
     MOTOR_SPEED,
     SETPOINT,
     TABLE_POSITION,
+    TABLE_SPEED,
     TEMPERATURE,
     TORQUE,
 )
@@ -31,6 +33,8 @@ from ..messages.row_faults import (
 from ..messages.samples import Floats, SampleFrame
 from ..messages.stored import Since
 
+DERIVED = (MOTOR_SPEED, TABLE_SPEED)
+"""Not kept in a ring: they follow from the positions."""
 MOST_FRAMES = 256
 """Frames that wait together at the most."""
 _CHANNEL_COLUMNS = {
@@ -104,7 +108,9 @@ class RowScreen:
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""
         self.counters.rows += len(rows)
-        if self._is_faultless(rows):
+        time_s = rows[:, T]
+        rising = time_s[0] > self.newest_s and bool((np.diff(time_s) > 0.0).all())
+        if rising and not self.pending and not np.isnan(rows[:, self._required]).any():
             self.newest_s = float(rows[-1, T])
             return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []
@@ -114,12 +120,6 @@ class RowScreen:
                 self.pending = int(Fault.TIME_BACKWARDS)
             parts.append(self._screen(rows[part.rows], part))
         return parts
-
-    def _is_faultless(self, rows: Floats) -> bool:
-        """True if no row has to be set aside: by far the most frequent case."""
-        time_s = rows[:, T]
-        rising = time_s[0] > self.newest_s and bool((np.diff(time_s) > 0.0).all())
-        return rising and not self.pending and not np.isnan(rows[:, self._required]).any()
 
     def _screen(self, rows: Floats, part: ClockPart) -> Screened:
         repeated, backwards = part.repeated, part.backwards
@@ -135,13 +135,11 @@ class RowScreen:
             | backwards * int(Fault.TIME_BACKWARDS)
             | (missing | timeless) * int(Fault.HOLE)
         )
-        absent = tuple(self._why(rows[index]) for index in np.flatnonzero(missing))
+        absent = tuple(
+            (float(row[T]), Fault.NO_POSITION if np.isnan(row[THETA]) else Fault.NO_TORQUE)
+            for row in rows[missing]
+        )
         return Screened(*self._keep(rows, bits), part.new_clock, absent)
-
-    def _why(self, row: Floats) -> tuple[float, Fault]:
-        """Time of a row without a needed value, and the fault of the missing one."""
-        lacking = Fault.NO_POSITION if np.isnan(row[THETA]) else Fault.NO_TORQUE
-        return float(row[T]), lacking
 
     def _keep(
         self, rows: Floats, bits: npt.NDArray[np.int64]
@@ -200,3 +198,50 @@ class Gathering:
             for name in frames[0].channels
         }
         return [SampleFrame(np.concatenate([each.time_s for each in frames]), channels)]
+
+
+class SampleRing:
+    """Ring of the last seconds of an axis.
+
+    Args:
+        keep_s: length, s.
+        most_rows: never more than this, whatever the rate.
+    """
+
+    def __init__(self, keep_s: float, most_rows: int) -> None:
+        self.keep_s = keep_s
+        self._most_rows = most_rows
+        self._pieces: deque[tuple[tuple[str, ...], Floats]] = deque()
+        self._rows = 0
+
+    @property
+    def newest_s(self) -> float:
+        """Time of the newest sample, s; NaN while there is none."""
+        return float(self._pieces[-1][1][0, -1]) if self._pieces else float("nan")
+
+    def push(self, frame: SampleFrame) -> None:
+        """Append samples; older ones than `keep_s` go."""
+        if not len(frame):
+            return
+        if self._pieces and frame.time_s[0] < self._pieces[-1][1][0, 0]:
+            self._pieces.clear()  # a new clock
+            self._rows = 0
+        names = tuple(name for name in frame.channels if name not in DERIVED)
+        self._pieces.append(
+            (names, np.array([frame.time_s, *(frame.channels[name] for name in names)]))
+        )
+        self._rows += len(frame)
+        oldest_s = self.newest_s - self.keep_s
+        while self._pieces and (
+            self._pieces[0][1][0, -1] < oldest_s or self._rows > self._most_rows
+        ):
+            self._rows -= self._pieces.popleft()[1].shape[1]
+
+    def cut(self, from_s: float, to_s: float) -> list[SampleFrame]:
+        """Samples within [from, to), in pieces."""
+        found = []
+        for names, piece in self._pieces:
+            rows = piece[:, (piece[0] >= from_s) & (piece[0] < to_s)]
+            if rows.shape[1]:
+                found.append(SampleFrame(rows[0], dict(zip(names, rows[1:], strict=True))))
+        return found

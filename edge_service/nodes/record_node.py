@@ -14,7 +14,7 @@ from ..bus.session import Bus
 from ..bus.settings import BusSettings
 from ..clock import is_future, now_ns
 from ..config import ConfigError, EdgeConfig
-from ..downsample.sample_ring import SampleRing
+from ..downsample.rows import SampleRing
 from ..messages.event import Event
 from ..messages.samples import SampleFrame
 from ..messages.topics import RAW
