@@ -52,6 +52,7 @@ def test_a_gone_key_names_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ("driver", "settings", "said"),
     [
         ("modbus", {"host": "mill"}, "axes.X.settings.host: gone; url = "),
+        ("simulated", {"life_h": 1.0}, "axes.X.settings.life_h: now life_s"),
         ("folder", {"folder": ".", "ledger": "a"}, "axes.X.settings.ledger: gone; what was read"),
         (
             "mqtt",
