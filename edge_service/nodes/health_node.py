@@ -86,10 +86,9 @@ class Monitors:
             self._context.events.put((state_damaged(axis, words, at_ns),), at_ns)
         return self._made(axis)
 
-    def keep(self) -> None:
-        """Keep the state of every axis."""
-        for axis in self.axes:
-            self._announce(axis, (), keeps=True)
+    def keep(self, axis: str) -> None:
+        """Keep the state of an axis."""
+        self._announce(axis, (), keeps=True)
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
@@ -202,6 +201,11 @@ async def run(context: NodeContext) -> None:
             with component.bears(f"the time that passes on axis {axis}"):
                 monitors.tick(axis)
 
+    def keep() -> None:
+        for axis in monitors.axes:
+            with component.bears(f"the state of axis {axis}"):
+                monitors.keep(axis)
+
     async def foresee() -> None:
         for axis in monitors.axes:
             with component.bears(f"the trend of axis {axis}"):
@@ -216,10 +220,10 @@ async def run(context: NodeContext) -> None:
         component.follow(context.subscribe(COMMAND), monitors.take_command)
         component.repeat(HEALTH_PERIOD_S, tick)
         component.repeat(HEALTH_PERIOD_S, foresee)
-        component.repeat(SAVE_PERIOD_S, monitors.keep)
+        component.repeat(SAVE_PERIOD_S, keep)
         monitors.serve_commands()
         try:
             with CLOCK.telling(monitors.move):
                 await context.forever()
         finally:
-            monitors.keep()
+            keep()

@@ -108,7 +108,7 @@ def test_states_of_any_content_are_set_aside_named_and_counted(
         estimators.load()
         assert monitors.damaged == estimators.damaged == 1
         use(monitors.axes["X"])
-        monitors.keep()
+        monitors.keep("X")
         context.dispatcher.flush()
         (*_, told) = context.events.page(10)
         assert told.event.kind == "store_damaged"
