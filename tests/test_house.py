@@ -174,7 +174,7 @@ MOST_LINES = {
     "http_api": 3233,
     "messages": 2384,
     "models": 6255,
-    "nodes": 2893,
+    "nodes": 2897,
     "offline": 6823,
     "outputs": 2181,
     "recordings": 3598,
