@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from edge_service.atomic import replaced_file, set_aside
+from edge_service.atomic import put_in_place, replaced_file
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
 
@@ -153,7 +153,8 @@ class Ledger:
                     continue
                 self._entries[entry.digest] = entry
             if len(self._entries) < len(lines):
-                aside, known = set_aside(path), len(self._entries)
+                aside, known = path.with_name(f"{path.name}.damaged"), len(self._entries)
+                put_in_place(path, aside)
                 log.warning("%s: damaged; set aside as %s, %d traces known", path, aside, known)
         except OSError as error:
             raise DriverUnavailableError(f"{path}: cannot be read ({error.strerror})") from None

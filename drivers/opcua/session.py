@@ -25,7 +25,7 @@ from asyncua.ua.uaerrors import (
 )
 from cryptography import x509
 
-from edge_service.cancellation import heed_cancellation
+from edge_service.retry import heed_cancellation
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id, unit_of_code
