@@ -167,7 +167,7 @@ MOST_LINES = {
     "config": 642,
     "diagnose": 5361,
     "downsample": 1334,
-    "drivers": 4382,
+    "drivers": 4383,
     "estimate": 5530,
     "fingerprint": 3119,
     "health": 5514,
