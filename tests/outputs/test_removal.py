@@ -17,7 +17,7 @@ TABLES = {
 }
 CHILD = """
 import importlib, json, os, pkgutil, sys
-for usual in ("zenoh", "edge_service.http_api.app", "edge_service.nodes.wiring.stages"):
+for usual in ("zenoh", "edge_service.http_api.app", "edge_service.nodes.stages"):
     importlib.import_module(usual)
 from edge_service.outputs import base
 
