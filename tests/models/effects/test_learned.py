@@ -23,7 +23,14 @@ from edge_service.models.machine import Machine
 NODES = 41
 NO_MODEL = {
     *("noise_density_nm2_s", "noise_slow_rad_s", "noise_density_m2_s", "edge_noise_rad2_s2"),
-    *("motion_s", "slowest_rad_s", "cruise_rad_s2", "assumed_fresh", "sample_period_s"),
+    *(
+        "motion_s",
+        "slowest_rad_s",
+        "cruise_rad_s2",
+        "assumed_fresh",
+        "sample_period_s",
+        "interval_s",
+    ),
     *("stretch_sigma_s2", "map_sigma_m", "nut_share", "nut_share_sigma"),
 }
 """What says how certain, noisy or steady; the nut's share of a spring that is known as a whole."""
