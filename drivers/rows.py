@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import Quality, SampleFrame
 
 FRAME_S = 0.1
 """Axis time of a frame."""

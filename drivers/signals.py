@@ -6,9 +6,15 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from edge_service.messages.channels import ANGLE, CHANNELS, TABLE_POSITION, TORQUE
-from edge_service.messages.quality import Quality
-from edge_service.messages.units import SI, factor_to
+from edge_service.messages.samples import (
+    ANGLE,
+    CHANNELS,
+    SI,
+    TABLE_POSITION,
+    TORQUE,
+    Quality,
+    factor_to,
+)
 from edge_service.models.machine import Machine
 
 from .base import DriverMisconfiguredError

@@ -10,8 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from edge_service.messages.channels import ANGLE, CHANNELS
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, CHANNELS, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings

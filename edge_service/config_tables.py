@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from .messages.names import Column
+from .messages.keys import Column
 
 
 class Table(BaseModel):

@@ -15,8 +15,7 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_CONFIG, DEFAULT_MACHINE, load_config, load_machine
-from edge_service.messages.channels import TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.stub_node import make_stub

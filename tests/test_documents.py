@@ -13,9 +13,9 @@ import pytest
 from edge_service import exit_status
 from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import cli
-from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.features import Fault
-from edge_service.messages.quality import Quality
+from edge_service.messages.health import AlarmKind
+from edge_service.messages.samples import Quality
 from edge_service.models.machine import (
     AxisConfig,
     ColumnConfig,

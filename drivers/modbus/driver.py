@@ -6,9 +6,7 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequen
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edge_service.messages.channels import CHANNELS
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import CHANNELS, Quality, SampleFrame
 from edge_service.models.machine import Machine
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from edge_service.messages.quality import Quality
+from edge_service.messages.samples import Quality
 from edge_service.retry import heed_cancellation
 
 from ..base import DriverUnavailableError

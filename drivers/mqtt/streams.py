@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.channels import CHANNELS, TIME
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import Booleans, Floats, SampleFrame
+from edge_service.messages.samples import CHANNELS, TIME, Booleans, Floats, Quality, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
 from edge_service.recordings.reader import read_source

@@ -10,9 +10,7 @@ from typing import ClassVar
 
 from asyncua import ua
 
-from edge_service.messages.channels import CHANNELS
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import CHANNELS, Quality, SampleFrame
 from edge_service.retry import heed_cancellation
 
 from ..base import (

@@ -10,7 +10,7 @@ import zenoh
 from zenoh import ext
 
 from ..clock import now_ns
-from ..messages.codec.bounded_json import parse_bounded
+from ..messages.codec import parse_bounded
 from ..messages.health import AxisHealth
 from ..messages.keys import ROOT
 from ..messages.topics import HEALTH

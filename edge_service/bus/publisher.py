@@ -8,9 +8,7 @@ from typing import Any, Generic
 import zenoh
 from zenoh import ext
 
-from ..messages.codec.interface import T
-from ..messages.codec.json_message import JSON_ENCODING
-from ..messages.header import Header
+from ..messages.codec import JSON_ENCODING, Header, T
 from ..messages.topics import Keep, Topic
 
 MOST_KEPT, LONGEST_KEPT = 64, 16_384
@@ -18,7 +16,7 @@ MOST_KEPT, LONGEST_KEPT = 64, 16_384
 _HEARTBEAT_S = 10.0
 """Period in which the number of the last payload is told, by which a reader learns what it missed.
 
-Told once, it would be lost with the router that was to pass it on.
+Statement once, it would be lost with the router that was to pass it on.
 """
 
 
@@ -28,11 +26,6 @@ class Decoding(Generic[T]):
     def __init__(self, topic: Topic[T]) -> None:
         self._topic = topic
         self._recent: OrderedDict[bytes, tuple[str, Header, T]] = OrderedDict()
-
-    def sent(self, payload: bytes, axis: str | None, header: Header, value: T) -> None:
-        """Take what this process has encoded: if it keeps all bounds it need not be decoded."""
-        if self._topic.holds(value):
-            self._keep(payload, (axis or "", header, value))
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis, header and payload. Raises CodecError."""
@@ -54,7 +47,6 @@ class Publisher(Generic[T]):
 
     Args:
         boot_epoch: UNIX time at which the numbering began, ns.
-        decoding: of the topic in this process.
     """
 
     def __init__(
@@ -64,7 +56,6 @@ class Publisher(Generic[T]):
         topic: Topic[T],
         axis: str | None,
         boot_epoch: int,
-        decoding: Decoding[T],
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
@@ -99,7 +90,6 @@ class Publisher(Generic[T]):
         )
         self.boot_epoch = boot_epoch
         self._numbers = count()
-        self._decoding = decoding
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
         """Encode with the next header and put; returns the header that went out.
@@ -110,7 +100,6 @@ class Publisher(Generic[T]):
         sequence = next(self._numbers)
         header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
         self._last = self._topic.encode(self._axis, header, payload)
-        self._decoding.sent(self._last, self._axis, header, payload)
         self._publisher.put(self._last)
         return header
 

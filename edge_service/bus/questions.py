@@ -6,7 +6,7 @@ from functools import partial
 
 import zenoh
 
-from ..messages.codec.json_message import JSON_ENCODING
+from ..messages.codec import JSON_ENCODING
 
 MOST_OPEN = 64
 """Questions that are answered at a time; further ones get no answer."""

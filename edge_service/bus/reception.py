@@ -8,7 +8,7 @@ from functools import reduce
 from operator import or_
 from threading import Lock
 
-from ..messages.header import Header
+from ..messages.codec import Header
 
 OTHERS = "(others)"
 MOST_KEYS, MOST_LETTERS = 32, 120

@@ -11,7 +11,7 @@ import zenoh
 
 from ..clock import now_ns
 from ..messages.addresses import split_endpoint
-from ..messages.codec.interface import T
+from ..messages.codec import T
 from ..messages.topics import Topic
 from ..threads import Threads
 from .publisher import Decoding, Publisher
@@ -69,10 +69,7 @@ class Bus:
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
         """The publisher of a key; it answers queries for its last payload if the topic keeps it."""
         if key not in self._publishers:
-            decoding = self._decoding_of(topic)
-            self._publishers[key] = Publisher(
-                self._session, key, topic, axis, self._boot_epoch, decoding
-            )
+            self._publishers[key] = Publisher(self._session, key, topic, axis, self._boot_epoch)
         return self._publishers[key]
 
     def subscribe(
@@ -119,8 +116,9 @@ class Bus:
         """Undeclare everything and close; safe twice."""
         if self._session.is_closed():
             return
-        for declared in (*self._subscribers, *self._publishers.values(), *self._answering):
-            declared.close()
+        declared: list[Any] = [*self._subscribers, *self._publishers.values(), *self._answering]
+        for each in declared:
+            each.close()
         await _OPENERS.run(self._session.close)
 
 

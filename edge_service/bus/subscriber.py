@@ -14,8 +14,7 @@ from typing import Generic
 import zenoh
 
 from ..clock import CLOCK
-from ..messages.codec.interface import CodecError, T
-from ..messages.header import Header
+from ..messages.codec import CodecError, Header, T
 from ..messages.keys import axis_of
 from ..messages.topics import Topic
 from .publisher import Decoding

@@ -4,8 +4,15 @@ import contextlib
 import math
 from collections.abc import Sequence
 
-from ..messages.channels import ANGLE, MOTOR_SPEED, TABLE_POSITION, TABLE_SPEED, TIME, TORQUE
-from ..messages.samples import SampleFrame
+from ..messages.samples import (
+    ANGLE,
+    MOTOR_SPEED,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TIME,
+    TORQUE,
+    SampleFrame,
+)
 from ..models.machine import Machine
 from .channel_regression import regress_channel
 from .finding import FACTOR_TOLERANCE, Finding, Verdict

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..messages.channels import (
+from ..messages.samples import (
     ANGLE,
     MOTOR_SPEED,
     SETPOINT,
@@ -19,8 +19,8 @@ from ..messages.channels import (
     TABLE_SPEED,
     TEMPERATURE,
     TORQUE,
+    SampleFrame,
 )
-from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from .clock import check_clock
 from .finding import Finding, Verdict

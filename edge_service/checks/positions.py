@@ -7,8 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TABLE_SPEED
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    Floats,
+    SampleFrame,
+)
 from ..models.machine import Machine
 from ..regression.interval_estimate import IntervalEstimate
 from ..regression.linear import least_squares

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.channels import ANGLE
 from ..messages.row_faults import CLOCK_RESET_S
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import ANGLE, Floats, SampleFrame
 from ..models.machine import Machine
 from ..recordings.conditioning import with_angle
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.channels import TORQUE
+from ..messages.samples import TORQUE
 from .finding import usual_mistake, wrongly
 from .same_axis import Run, by_recording, fits_of, inconsistency
 from .torque import INVERTED

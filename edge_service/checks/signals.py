@@ -6,16 +6,17 @@ from collections.abc import Set as AbstractSet
 
 import numpy as np
 
-from ..messages.channels import (
+from ..messages.features import FAULT_WORDS, Fault
+from ..messages.samples import (
     ANGLE,
     CHANNELS,
     SETPOINT,
     TABLE_POSITION,
     TEMPERATURE,
     TORQUE,
+    Floats,
+    SampleFrame,
 )
-from ..messages.features import FAULT_WORDS, Fault
-from ..messages.samples import Floats, SampleFrame
 from ..models.machine import Machine
 from .finding import Finding, Verdict
 from .sampling import motion_speeds

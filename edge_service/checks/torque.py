@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from ..models.machine import Machine, Quantity
 from ..regression.interval_estimate import IntervalEstimate
 from ..regression.inverse_dynamics import InverseDynamics, identify_inverse_dynamics

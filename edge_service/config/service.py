@@ -14,9 +14,7 @@ from ..config_tables import (
 )
 from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import is_http_url, is_loopback, split_endpoint
-from ..messages.components import check_component
-from ..messages.keys import MachineKeys
-from ..messages.names import check_part
+from ..messages.keys import MachineKeys, check_component, check_part
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "defaults" / "machine.toml"
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from ..models.effects.registry import get_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine

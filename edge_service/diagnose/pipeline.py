@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from ..messages.arrays import finite_or_none
+from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine

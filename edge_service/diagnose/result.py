@@ -9,9 +9,9 @@ from typing import Literal
 from pydantic import ConfigDict, Field, InstanceOf
 from pydantic.json_schema import SkipJsonSchema
 
-from ..messages.arrays import finite_or_none
-from ..messages.estimate import Frozen
+from ..messages.interval import Frozen
 from ..messages.samples import Floats
+from ..messages.stored import finite_or_none
 from ..models.effects.registry import effects_where
 
 SURE = 0.9

@@ -9,13 +9,10 @@ import numpy.typing as npt
 
 from ..checks.live.channel_check import ChannelCheck
 from ..checks.live.channel_limits import ChannelLimits
-from ..messages.arrays import decoded, encoded
-from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
-from ..messages.quality import is_uncertain
 from ..messages.row_faults import T
-from ..messages.samples import Floats, SampleFrame
-from ..messages.stored import Stored
+from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame, is_uncertain
+from ..messages.stored import Stored, decoded, encoded
 from .rows import RowScreen, Screened, table_of
 from .statistics import (
     IntervalRows,

@@ -6,16 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.channels import (
-    ANGLE,
-    EXTERNAL_FORCE,
-    MOTOR_SPEED,
-    SETPOINT,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    TEMPERATURE,
-    TORQUE,
-)
 from ..messages.features import Fault
 from ..messages.row_faults import (
     FORCE,
@@ -30,7 +20,18 @@ from ..messages.row_faults import (
     X,
     clock_parts,
 )
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import (
+    ANGLE,
+    EXTERNAL_FORCE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TEMPERATURE,
+    TORQUE,
+    Floats,
+    SampleFrame,
+)
 from ..messages.stored import Since
 
 DERIVED = (MOTOR_SPEED, TABLE_SPEED)

@@ -11,10 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..messages.channels import ANGLE
 from ..messages.features import VibrationColumn
-from ..messages.samples import Floats, SampleFrame
-from ..messages.waveform import Waveform
+from ..messages.samples import ANGLE, Floats, SampleFrame, Waveform
 from ..models.machine import Machine
 
 INTERVAL_S = 1.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..messages.arrays import finite_or_none
+from ..messages.stored import finite_or_none
 from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile
 from .result import AxisFingerprint, Status
 

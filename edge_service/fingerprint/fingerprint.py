@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from ..checks.sampling import TOO_SLOW, clock_of
-from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ..messages.samples import SampleFrame
+from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ..models.machine import Machine
 from ..regression.interval_estimate import undetermined
 from ..regression.inverse_dynamics import identify_inverse_dynamics

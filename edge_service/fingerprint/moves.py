@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE
-from ..messages.samples import SampleFrame
+from ..messages.samples import ANGLE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE, SampleFrame
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 CUTOFF_HZ = 20.0

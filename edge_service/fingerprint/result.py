@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter
 
-from ..messages.arrays import finite_or_none
 from ..messages.samples import Floats
+from ..messages.stored import finite_or_none
 from ..regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
 
 SCHEMA = "fingerprint/1"

@@ -2,53 +2,103 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from ..messages.advice import Advice, Due, Headline, Level, Subject, Task
-from ..messages.alarm import Alarm, AlarmKind
 from ..messages.answer import of_fresh as share_of_fresh
-from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from ..messages.event import Event
-from ..messages.health import AxisCondition, AxisHealth
-from ..messages.trend import Trend, TrendStatus
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import AxisCondition, Code, Event, Statement, told
+from ..messages.health import (
+    Advice,
+    AlarmKind,
+    AxisHealth,
+    Headline,
+    Task,
+)
+from ..messages.interval import printed, rfc3339
+from ..messages.trend import Crossing, Trend, TrendStatus
+from .alarm_latch import clock
 
-_OF_CONDITION = {
-    AxisCondition.NORMAL: Level.OK,
-    AxisCondition.WARNING: Level.ATTENTION,
-    AxisCondition.FAULT: Level.ACT,
-    AxisCondition.UNAVAILABLE: Level.UNKNOWN,
+_CODES = {
+    AxisCondition.NORMAL: Code.NORMAL,
+    AxisCondition.WARNING: Code.WARNING,
+    AxisCondition.FAULT: Code.FAULT,
 }
-_OF_ALARM = dict.fromkeys(AlarmKind, Level.ATTENTION) | {
-    AlarmKind.PRELOAD_LOST: Level.ACT,
-    AlarmKind.SUDDEN_DROP: Level.ACT,
-    AlarmKind.DATA_LOST: Level.UNKNOWN,
+_IN_DOUBT = {
+    AxisCondition.WARNING: Code.MAY_BE_WARNING,
+    AxisCondition.FAULT: Code.MAY_BE_FAULT,
 }
-_RANK = list(Level)
-_TEXTS = {
-    AxisCondition.NORMAL: "The preload is within its limits",
-    AxisCondition.WARNING: "The preload is low",
-    AxisCondition.FAULT: "The preload is lost, or nearly so",
-    AxisCondition.UNAVAILABLE: "The preload is not known at present",
+_CODE_OF_REASON = {
+    "preparing": Code.STARTING,
+    "learning": Code.LEARNING,
+    "confirming": Code.LEARNING,
+    "no_input": Code.NO_DATA_YET,
+    "no_data": Code.NO_DATA_YET,
+    "no_health": Code.NO_DATA_YET,
+    "stale_input": Code.NO_DATA_SINCE,
+    "stale_health": Code.NO_DATA_SINCE,
+    "no_motion": Code.NOT_MOVED,
+    "insufficient_excitation": Code.NOT_MOVED,
+    "process_force": Code.ONLY_UNDER_LOAD,
+    "model_mismatch": Code.MODEL_DISAGREES,
+    "no_limit": Code.MACHINE_FILE_LACKS,
+    "no_percent": Code.MACHINE_FILE_LACKS,
+    "too_slow": Code.TOO_SLOW,
 }
-_TEXTS_IN_DOUBT = {
-    AxisCondition.WARNING: "The preload is low, or looks so",
-    AxisCondition.FAULT: "The preload is lost, or looks so",
+_CODE_OF_STATUS = {
+    EstimateStatus.INSUFFICIENT_EXCITATION: Code.NOT_MOVED,
+    EstimateStatus.INVALID: Code.MODEL_DISAGREES,
 }
+_LACKING = {"no_limit": "fresh preload", "no_percent": "load rating"}
+_SENSORS = {"torque": "torque", "angle": "motor angle", "table": "linear encoder"}
 
 
 def headline(health: AxisHealth) -> Headline:
     """Headline of an axis; where condition and alarm are as grave, the condition speaks."""
-    condition = health.condition
-    texts = _TEXTS | (_TEXTS_IN_DOUBT if health.is_in_doubt else {})
-    own = Headline(
-        level=_OF_CONDITION[condition], code=condition.value.lower(), text=texts[condition] + "."
-    )
-    alarms = [_of_alarm(alarm) for alarm in health.alarms if alarm.active]
-    return max((own, *alarms), key=lambda each: _RANK.index(each.level))
+    own = Headline(level=health.condition, **dict(_of_condition(health)))
+    alarms = [
+        Headline(level=alarm.level, code=alarm.code, text=_capital(alarm.text), values=alarm.values)
+        for alarm in health.alarms
+        if alarm.active
+    ]
+    return max((own, *alarms), key=lambda each: each.level.urgency)
 
 
-def _of_alarm(alarm: Alarm) -> Headline:
-    text = alarm.message[:1].upper() + alarm.message[1:]
+def _of_condition(health: AxisHealth) -> Statement:
+    if health.condition is AxisCondition.UNAVAILABLE:
+        return _unavailable(health)
+    codes = _CODES | (_IN_DOUBT if health.is_in_doubt else {})
+    shown = health.of_fresh
+    if shown is None:
+        words = told(codes[health.condition], value=0.0, low=0.0, high=0.0)
+        return Statement(code=words.code, text=words.text.partition(":")[0] + ".")
+    value, low, high = map(float, printed(shown.value, shown.low, shown.high))
+    return told(codes[health.condition], value=value, low=low, high=high)
+
+
+def _unavailable(health: AxisHealth) -> Statement:
+    """Statement on a number that is missing, by the first reason."""
+    reasons = [each.partition(": ") for each in health.reasons or ("no_input: ",)]
+    own = [each for each in reasons if each[0] != "no_number"] or reasons
+    reason, _, sentence = own[0]
+    code = _CODE_OF_REASON.get(reason)
+    if code is Code.MACHINE_FILE_LACKS:
+        return told(code, {"missing": _LACKING[reason]}, missing=reason)
+    sensor = reason.partition("_")[0]
+    if sensor in _SENSORS:
+        words = {"sensor": f"The {_SENSORS[sensor]}", "reason": sentence}
+        return told(Code.SENSOR_FAULTY, words, sensor=sensor, reason=reason)
+    code = code or _CODE_OF_STATUS.get(health.status)
+    if code is None:
+        return told(Code.NOT_KNOWN, {"reason": sentence.rstrip(".")}, reason=reason)
+    since_ns = health.since_time_ns
+    if code is Code.NO_DATA_SINCE:
+        since_ns = health.measured_time_ns or since_ns
+    if code in (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD):
+        return told(code, {"time": clock(since_ns)}, time=rfc3339(since_ns))
+    return told(code)
+
+
+def _capital(text: str) -> str:
     end = "" if text.endswith((".", "?", "!")) else "."
-    return Headline(level=_OF_ALARM[alarm.kind], code=alarm.kind.value, text=text + end)
+    return text[:1].upper() + text[1:] + end
 
 
 LIKELY_GREASE = 0.9
@@ -87,20 +137,6 @@ TEXTS = {
     Task.ACKNOWLEDGE: "Acknowledge the alarm once you have taken note.",
 }
 """Words of each task; those of the page are the same."""
-_SUBJECTS = {
-    **dict.fromkeys(Task, Subject.PRELOAD),
-    Task.DIAGNOSE: Subject.MODEL,
-    Task.REGREASE: Subject.GREASE,
-    Task.MOVE_FREELY: Subject.MOTION,
-    Task.MOVE: Subject.MOTION,
-    Task.WAIT: Subject.MOTION,
-    Task.CHECK_SERVICE: Subject.DATA,
-    Task.CHECK_CONNECTION: Subject.DATA,
-    Task.SWITCH_ON: Subject.DATA,
-    Task.COMPLETE_MACHINE_FILE: Subject.DATA,
-    Task.COMMISSION_SOURCE: Subject.DATA,
-    Task.ACKNOWLEDGE: Subject.ALARM,
-}
 _BY_REASON = {
     "preparing": Task.WAIT,
     "process_force": Task.MOVE_FREELY,
@@ -181,7 +217,6 @@ def _advice(task: Task, tasks: Sequence[Task], health: AxisHealth) -> Advice:
     later = task is Task.PLAN_NUT
     return Advice(
         task=task,
-        subject=_SUBJECTS[task],
         text=TEXTS[task],
         now=not later,
         due=_due(health.trend) if later else None,
@@ -189,12 +224,10 @@ def _advice(task: Task, tasks: Sequence[Task], health: AxisHealth) -> Advice:
     )
 
 
-def _due(trend: Trend | None) -> Due | None:
+def _due(trend: Trend | None) -> Crossing | None:
     crossings = () if trend is None else trend.crossings
     fault = next((each for each in crossings if each.limit == "fault"), None)
-    if fault is None or fault.earliest_ns is None:
-        return None
-    return Due(earliest_ns=fault.earliest_ns, likely_ns=fault.likely_ns, latest_ns=fault.latest_ns)
+    return None if fault is None or fault.earliest_ns is None else fault
 
 
 _PASSED = {
@@ -221,9 +254,7 @@ def of_fresh(trend: Trend, fresh_percent: float | None) -> Trend:
     rate = trend.rate_percent_per_h
     if rate is None or not fresh_percent:
         return trend
-    share = 100.0 / fresh_percent
-    of_fresh = Interval(value=rate.value * share, low=rate.low * share, high=rate.high * share)
-    return trend.model_copy(update={"rate_fresh_percent_per_h": of_fresh})
+    return trend.model_copy(update={"rate_fresh_percent_per_h": rate.times(100.0 / fresh_percent)})
 
 
 def _ahead(trend: Trend | None, condition: AxisCondition) -> Trend | None:

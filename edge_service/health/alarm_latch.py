@@ -1,10 +1,11 @@
 """One alarm (after ISA-18.2): raised, cleared, acknowledged, shelved."""
 
 from dataclasses import dataclass
+from datetime import datetime
 
-from ..messages.alarm import Alarm, AlarmKind, Command
-from ..messages.event import Event, Severity
-from ..messages.sentence import Code, Told, told
+from ..messages.command import Command
+from ..messages.event import AxisCondition, Code, Event, Statement, told
+from ..messages.health import Alarm, AlarmKind
 from .inputs import NS_PER_S, moved
 
 _NS_PER_MS = 1_000_000
@@ -15,13 +16,13 @@ class AlarmRule:
     """Behaviour of one kind of alarm.
 
     Attributes:
-        severity: of its events.
+        level: of its events while it is active.
         raise_delay_s: how long its cause must hold first.
         clear_delay_s: how long its cause must be gone.
         latched: it stays active until somebody acknowledges it.
     """
 
-    severity: Severity
+    level: AxisCondition
     raise_delay_s: float
     clear_delay_s: float
     latched: bool = False
@@ -58,7 +59,7 @@ class AlarmLatch:
         """True while its cause holds, after the delays."""
         return self._alarm is not None and self._alarm.active
 
-    def update(self, cause: bool | None, words: Told, now_ns: int) -> tuple[Event, ...]:
+    def update(self, cause: bool | None, words: Statement, now_ns: int) -> tuple[Event, ...]:
         """Say whether the cause holds (None: nobody can tell, the state stays)."""
         over = self._end_of_shelf(now_ns)
         self.follow(words)
@@ -73,16 +74,15 @@ class AlarmLatch:
         self._change_since_ns = None
         return (*over, *(self._raise(words, now_ns) if cause else self._clear(now_ns)))
 
-    def follow(self, words: Told) -> None:
+    def follow(self, words: Statement) -> None:
         """Let the words follow the value, while it is active."""
         if self.active and words.text and not self.rule.latched:
             self.reword(words)
 
-    def reword(self, words: Told) -> None:
+    def reword(self, words: Statement) -> None:
         """Say better what it is about, while it is shown."""
         if self._alarm is not None:
-            said = {"message": words.text, "sentence": words.sentence}
-            self._alarm = self._alarm.model_copy(update=said)
+            self._alarm = self._alarm.model_copy(update=dict(words))
 
     def refusal(self, command: Command) -> str:
         """Reason for which a command would change nothing, or the wrong thing; else empty."""
@@ -111,7 +111,7 @@ class AlarmLatch:
         if not self._alarm.active:
             self._alarm = None
         words = told(Code.ALARM_ACKNOWLEDGED, self._words, alarm=self._kind.value, user=user)
-        return (self._event("acknowledged", Severity.INFO, words, now_ns, note),)
+        return (self._event("acknowledged", AxisCondition.NORMAL, words, now_ns, note),)
 
     def shelve(self, user: str, note: str, duration_s: float, now_ns: int) -> tuple[Event, ...]:
         """Let it call nobody for a while."""
@@ -125,7 +125,7 @@ class AlarmLatch:
                 Code.ALARM_SHELVED_MIN, self._words, alarm=name, minutes=60.0 * hours, user=user
             )
         )
-        return (self._event("shelved", Severity.INFO, words, now_ns, note),)
+        return (self._event("shelved", AxisCondition.NORMAL, words, now_ns, note),)
 
     def unshelve(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
         """End the shelving; no event if it was not shelved."""
@@ -133,7 +133,7 @@ class AlarmLatch:
             return ()
         self._shelved_until_ns = None
         words = told(Code.ALARM_UNSHELVED, self._words, alarm=self._kind.value, user=user)
-        return (self._event("unshelved", Severity.INFO, words, now_ns, note),)
+        return (self._event("unshelved", AxisCondition.NORMAL, words, now_ns, note),)
 
     def shown(self) -> Alarm | None:
         """Alarm that a person should see; None if there is none."""
@@ -161,19 +161,18 @@ class AlarmLatch:
         self._alarm, self._shelved_until_ns = snapshot.alarm, snapshot.shelved_until_ns
         self._occurrence = snapshot.occurrence
 
-    def _raise(self, words: Told, now_ns: int) -> tuple[Event, ...]:
+    def _raise(self, words: Statement, now_ns: int) -> tuple[Event, ...]:
         self._occurrence += 1
         self._alarm = Alarm(
             kind=self._kind,
-            severity=self.rule.severity,
+            level=self.rule.level,
             active=True,
             occurrence=self._occurrence,
-            message=words.text,
             raised_time_ns=now_ns,
-            sentence=words.sentence,
+            **dict(words),
         )
-        severity = Severity.INFO if self._shelved_until_ns else self.rule.severity
-        return (self._event("raised", severity, words, now_ns),)
+        level = AxisCondition.NORMAL if self._shelved_until_ns else self.rule.level
+        return (self._event("raised", level, words, now_ns),)
 
     def _clear(self, now_ns: int) -> tuple[Event, ...]:
         if self._alarm is None or self.rule.latched:
@@ -181,32 +180,33 @@ class AlarmLatch:
         cleared = self._alarm.model_copy(update=self._over(now_ns))
         self._alarm = None if cleared.acknowledged_by is not None else cleared
         words = told(Code.ALARM_CLEARED, self._words, alarm=self._kind.value)
-        return (self._event("cleared", Severity.INFO, words, now_ns),)
+        return (self._event("cleared", AxisCondition.NORMAL, words, now_ns),)
 
     def _over(self, now_ns: int) -> dict[str, object]:
-        words = "" if self._alarm is None else self._alarm.message
-        message = f"no longer active: {words}"
-        return {"active": False, "cleared_time_ns": now_ns, "message": message}
+        words = "" if self._alarm is None else self._alarm.text
+        return {"active": False, "cleared_time_ns": now_ns, "text": f"no longer active: {words}"}
 
     def _end_of_shelf(self, now_ns: int) -> tuple[Event, ...]:
         if self._shelved_until_ns is None or now_ns < self._shelved_until_ns:
             return ()
         self._shelved_until_ns = None
         words = told(Code.ALARM_SHELF_OVER, self._words, alarm=self._kind.value)
-        return (self._event("unshelved", Severity.INFO, words, now_ns),)
+        return (self._event("unshelved", AxisCondition.NORMAL, words, now_ns),)
 
     @property
     def _words(self) -> dict[str, str]:
         return {"alarm": self._kind.value.replace("_", " ")}
 
     def _event(
-        self, change: str, severity: Severity, words: Told, now_ns: int, note: str = ""
+        self, change: str, level: AxisCondition, words: Statement, now_ns: int, note: str = ""
     ) -> Event:
         return Event(
             axis=self._axis,
             kind=f"alarm_{change}",
-            severity=severity,
-            message=words.text + (f": {note}" if note else ""),
+            level=level,
+            code=words.code,
+            text=words.text + (f": {note}" if note else ""),
+            values=words.values,
             time_ns=now_ns,
             data={
                 "alarm": self._kind.value,
@@ -214,5 +214,9 @@ class AlarmLatch:
                 "shelved": int(self._shelved_until_ns is not None),
             }
             | ({"note": note} if note else {}),
-            sentence=words.sentence,
         )
+
+
+def clock(time_ns: int) -> str:
+    """Time of day in this computer's zone, with the date."""
+    return f"{datetime.fromtimestamp(time_ns / 1e9).astimezone():%H:%M on %Y-%m-%d}"

@@ -4,29 +4,29 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..messages.advice import PreloadFall
-from ..messages.alarm import Alarm, AlarmKind, Command
-from ..messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from ..messages.event import Event, Severity
+from ..messages.command import Command
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import (
-    AxisCondition,
+    Alarm,
+    AlarmKind,
     AxisHealth,
     ComponentHealth,
     ComponentStatus,
     ConsistencyState,
+    PreloadFall,
 )
-from ..messages.sentence import Code, Told, told
+from ..messages.interval import Interval, rfc3339
 from ..messages.trend import Trend, TrendStatus
-from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
+from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot, clock
 from .consistency import CHANNEL_WORDS
 from .inputs import NS_PER_S, moved
 
 H_PER_RATE = 1000.0
 _SPANS = ((H_PER_RATE, "1000_h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
-SILENT = Told("")
 
 
-def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | None) -> Told:
+def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | None) -> Statement:
     """Preload against its limits, in percent of the fresh screw's; empty before the first value.
 
     Args:
@@ -35,7 +35,7 @@ def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | 
         fresh: The fresh screw's preload, percent of the load rating.
     """
     if health.condition in (AxisCondition.WARNING, AxisCondition.FAULT) and health.reasons:
-        return Told(health.reasons[0].partition(": ")[2], health.below)
+        return health.below or Statement(text=health.reasons[0].partition(": ")[2])
     if value_percent is None or not fresh:
         return SILENT
     known = health.condition is not AxisCondition.UNAVAILABLE
@@ -43,18 +43,24 @@ def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | 
     return told(Code.PRELOAD_BACK if known else Code.PRELOAD_LAST_KNOWN, percent=percent)
 
 
-def rate_words(trend: Trend | None, loss: float, limit: float) -> Told:
-    """Loss of preload against its limit, percent of the fresh screw's per 1000 h."""
+def rate_words(trend: Trend | None, loss: float) -> Statement:
+    """Loss of preload, percent of the fresh screw's per 1000 h."""
     if trend is None or trend.status is not TrendStatus.FALLING:
         return told(Code.PRELOAD_FELL_LATELY)
     hours, per = _readable_span(loss)
     words = {"per": f"per {per.replace('_', ' ')}"}
-    return told(Code.PRELOAD_FALLING, words, loss=loss * hours / H_PER_RATE, per=per, limit=limit)
+    return told(Code.PRELOAD_FALLING, words, loss=loss * hours / H_PER_RATE, per=per)
 
 
-def drop_words(before: float, after: float) -> Told:
-    """Sudden fall of the preload, both percent of the fresh screw's."""
-    return told(Code.PRELOAD_FELL_SUDDENLY, points=before - after, before=before, after=after)
+def drop_words(fall: PreloadFall) -> Statement:
+    """Sudden fall of the preload."""
+    return told(
+        Code.PRELOAD_FELL_SUDDENLY,
+        {"time": clock(fall.time_ns)},
+        before=fall.from_percent,
+        after=fall.to_percent,
+        time=rfc3339(fall.time_ns),
+    )
 
 
 def _readable_span(percent_per_1000_h: float) -> tuple[float, str]:
@@ -71,7 +77,7 @@ class Parts:
     """The parts that an axis rests on."""
 
     def __init__(self) -> None:
-        self._down: dict[tuple[str, str | None], Told] = {}
+        self._down: dict[tuple[str, str | None], Statement] = {}
 
     def on_component(self, report: ComponentHealth) -> bool:
         """Take a report in; True if it changes what is down."""
@@ -83,14 +89,14 @@ class Parts:
             self._down.pop(key, None)
         return (before is None) is (key in self._down)
 
-    def cause(self) -> tuple[bool, Told]:
+    def cause(self) -> tuple[bool, Statement]:
         """True if a part is down, with the first of them in words."""
         return bool(self._down), next(iter(self._down.values()), SILENT)
 
 
-def _down_words(report: ComponentHealth) -> Told:
+def _down_words(report: ComponentHealth) -> Statement:
     """A part that does not work; its own words for the reason are in English alone."""
-    words = {"component": report.component, "reason": report.reason}
+    words = {"component": report.component.capitalize(), "reason": report.reason.rstrip(".")}
     return told(Code.PART_DOWN, words, component=report.component.removesuffix("_process"))
 
 
@@ -174,13 +180,13 @@ class AxisAlarms:
         slow = (0.0, _CLEAR_DELAY_S)
         lost = (settings.data_lost_after_s, 1.0)
         rules = {
-            AlarmKind.PRELOAD_LOW: AlarmRule(Severity.WARNING, *slow),
-            AlarmKind.PRELOAD_LOST: AlarmRule(Severity.ERROR, *slow),
-            AlarmKind.RATE: AlarmRule(Severity.WARNING, *slow),
-            AlarmKind.SUDDEN_DROP: AlarmRule(Severity.ERROR, 0.0, 0.0, latched=True),
-            AlarmKind.MODEL: AlarmRule(Severity.WARNING, 5.0, _CLEAR_DELAY_S),
-            AlarmKind.DATA_LOST: AlarmRule(Severity.WARNING, *lost),
-            AlarmKind.SERVICE: AlarmRule(Severity.WARNING, 0.0, _CLEAR_DELAY_S),
+            AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *slow),
+            AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *slow),
+            AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *slow),
+            AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
+            AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
+            AlarmKind.DATA_LOST: AlarmRule(AxisCondition.UNAVAILABLE, *lost),
+            AlarmKind.SERVICE: AlarmRule(AxisCondition.WARNING, 0.0, _CLEAR_DELAY_S),
         }
         self._latches = {kind: AlarmLatch(axis, kind, rule, now_ns) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
@@ -220,7 +226,7 @@ class AxisAlarms:
         latch.reword(words)  # the same fall, further down: the estimates need a second for it
         return ()
 
-    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> Told:
+    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> Statement:
         """Remember a fall, or how far the last one went on, and put it into words."""
         share = 100.0 / (self._fresh or 100.0)
         last = None if again else self.fall
@@ -229,7 +235,7 @@ class AxisAlarms:
             to_percent=share * value,
             time_ns=now_ns if last is None else last.time_ns,
         )
-        return drop_words(self.fall.from_percent, self.fall.to_percent)
+        return drop_words(self.fall)
 
     def on_component(self, report: ComponentHealth) -> bool:
         """Take the report of a part in; True if that may raise or clear an alarm."""
@@ -244,7 +250,7 @@ class AxisAlarms:
 
     def _causes(
         self, health: AxisHealth, trend: Trend | None, now_ns: int
-    ) -> dict[AlarmKind, tuple[bool | None, Told]]:
+    ) -> dict[AlarmKind, tuple[bool | None, Statement]]:
         return {
             **self._limits(health),
             AlarmKind.RATE: self._rate(trend),
@@ -293,10 +299,7 @@ class AxisAlarms:
         for kind, (_, words) in self._causes(health, trend, now_ns).items():
             self._latches[kind].follow(words)
         alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
-        order = list(Severity)
-        return tuple(
-            sorted(alarms, key=lambda a: (a.active, order.index(a.severity)), reverse=True)
-        )
+        return tuple(sorted(alarms, key=lambda a: (a.active, a.level.urgency), reverse=True))
 
     def snapshot(self) -> dict[str, LatchSnapshot]:
         """State of each kind of alarm."""
@@ -316,7 +319,7 @@ class AxisAlarms:
                 latch.restore(snapshot[kind.value])
                 latch.move(step_ns)
 
-    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, Told]]:
+    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, Statement]]:
         known = health.condition is not AxisCondition.UNAVAILABLE
         words = limit_words(health, self._percent, self._fresh)
         fault = health.condition is AxisCondition.FAULT
@@ -326,25 +329,25 @@ class AxisAlarms:
             AlarmKind.PRELOAD_LOST: (fault if known else None, words),
         }
 
-    def _rate(self, trend: Trend | None) -> tuple[bool | None, Told]:
+    def _rate(self, trend: Trend | None) -> tuple[bool | None, Statement]:
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, rate_words(None, 0.0, 0.0)
+            return None, rate_words(None, 0.0)
         share = -100.0 * H_PER_RATE / self._fresh
         rate = trend.rate_percent_per_h
         loss = rate.value * share
         sure = slowest_loss(rate) * share
         limit = self._settings.rate_percent_per_1000_h
-        words = rate_words(trend, loss, limit)
+        words = rate_words(trend, loss)
         if sure > limit:
             return True, words
         return (False if loss < 0.9 * limit else None), words
 
-    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, Told]:
+    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, Statement]:
         if self._status is None and now_ns < self._patient_until_ns:
             return None, SILENT
         return _data_lost(health)
 
-    def _model(self, health: AxisHealth) -> tuple[bool | None, Told]:
+    def _model(self, health: AxisHealth) -> tuple[bool | None, Statement]:
         if _data_lost(health)[0]:
             return None, SILENT
         limit = _MODEL_NIS
@@ -368,7 +371,7 @@ def slowest_loss(rate: Interval) -> float:
     return rate.value + _BEYOND_DOUBT * (rate.high - rate.value)
 
 
-def _data_lost(health: AxisHealth) -> tuple[bool | None, Told]:
+def _data_lost(health: AxisHealth) -> tuple[bool | None, Statement]:
     if health.condition is not AxisCondition.UNAVAILABLE:
         return False, SILENT
     for reason in health.reasons:

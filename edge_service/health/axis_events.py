@@ -2,9 +2,8 @@
 
 from datetime import UTC, datetime
 
-from ..messages.alarm import Command
-from ..messages.event import Event, Severity
-from ..messages.sentence import Code, told
+from ..messages.command import Command
+from ..messages.event import AxisCondition, Code, Event, told
 from .consistency import CHANNEL_WORDS, Disagreement
 from .inputs import NS_PER_S
 
@@ -22,9 +21,10 @@ def preload_rose(
     return Event(
         axis=axis,
         kind="preload_rose",
-        severity=Severity.INFO,
-        message=words.text,
-        sentence=words.sentence,
+        level=AxisCondition.NORMAL,
+        text=words.text,
+        code=words.code,
+        values=words.values,
         time_ns=now_ns,
         data={"from_percent": before, "to_percent": percent},
     )
@@ -53,9 +53,10 @@ def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: 
     return Event(
         axis=axis,
         kind="model_disagrees" if change.disagrees else "model_agrees",
-        severity=Severity.WARNING if change.disagrees else Severity.INFO,
-        message=words.text,
-        sentence=words.sentence,
+        level=AxisCondition.WARNING if change.disagrees else AxisCondition.NORMAL,
+        text=words.text,
+        code=words.code,
+        values=words.values,
         time_ns=now_ns,
         data={
             "channel": change.channel,
@@ -72,9 +73,10 @@ def recording_kept(axis: str, name: str, now_ns: int) -> Event:
     return Event(
         axis=axis,
         kind="recording_kept",
-        severity=Severity.INFO,
-        message=words.text,
-        sentence=words.sentence,
+        level=AxisCondition.NORMAL,
+        text=words.text,
+        code=words.code,
+        values=words.values,
         time_ns=now_ns,
         data={"recording": name},
     )
@@ -85,8 +87,8 @@ def state_damaged(axis: str, words: str, now_ns: int) -> Event:
     return Event(
         axis=axis,
         kind="store_damaged",
-        severity=Severity.WARNING,
-        message=words,
+        level=AxisCondition.WARNING,
+        text=words,
         time_ns=now_ns,
     )
 
@@ -103,9 +105,10 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
     return Event(
         axis="",
         kind="clock_changed",
-        severity=Severity.WARNING,
-        message=words.text,
-        sentence=words.sentence,
+        level=AxisCondition.WARNING,
+        text=words.text,
+        code=words.code,
+        values=words.values,
         time_ns=now_ns,
         data={"step_s": seconds},
     )
@@ -118,8 +121,8 @@ def log_entry(axis: str, command: Command, now_ns: int) -> Event:
     return Event(
         axis=axis,
         kind="part_replaced" if replaced else "note",
-        severity=Severity.INFO,
-        message=f"{words} ({command.user})",
+        level=AxisCondition.NORMAL,
+        text=f"{words} ({command.user})",
         time_ns=now_ns,
         data={"user": command.user},
     )
@@ -131,8 +134,8 @@ def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Ev
     return Event(
         axis=axis,
         kind="command",
-        severity=Severity.INFO,
-        message=f"{command.action}{about} was refused: {reason}",
+        level=AxisCondition.NORMAL,
+        text=f"{command.action}{about} was refused: {reason}",
         time_ns=now_ns,
         who=command.user,
         origin=command.origin or "bus",

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from ..messages.advice import PreloadFall
-from ..messages.alarm import Command, Outcome
-from ..messages.estimate import EstimateStatus, Frozen, PreloadEstimate
+from ..messages.codec import Header
+from ..messages.command import Command, Outcome
+from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
-from ..messages.health import AxisHealth, ComponentHealth, Consistency
+from ..messages.health import AxisHealth, ComponentHealth, Consistency, PreloadFall
+from ..messages.interval import Frozen
 from ..messages.trend import Trend, Use
 from .advice import consistent, of_fresh
 from .alarm_latch import LatchSnapshot
@@ -205,7 +205,7 @@ class AxisMonitor:
         asked = {"who": command.user, "origin": command.origin or "bus"}
         events = () if refusal else self.on_command(command, now_ns)
         events = tuple(event.model_copy(update=asked) for event in events)
-        message = refusal or next((event.message for event in events), "")
+        message = refusal or next((event.text for event in events), "")
         outcome = Outcome(accepted=not refusal, message=message)
         self._answered.note(command, outcome)
         return outcome, events

@@ -2,8 +2,10 @@
 
 from typing import Protocol
 
+from ..messages.answer import AxisAnswer
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.health import AxisCondition, AxisHealth
+from ..messages.event import AxisCondition
+from ..messages.health import AxisHealth
 from ..messages.samples import Floats
 from ..messages.topics import HEALTH, PRELOAD
 from .advice import consistent
@@ -88,6 +90,18 @@ class AxisState:
             data_used_s=estimate.data_used_s,
         )
 
+    def answer(self, started_ns: int, now_ns: int) -> AxisAnswer:
+        """All that may be read of the axis now."""
+        header = self.preload_input.header
+        return AxisAnswer(
+            axis=self.axis,
+            estimate=self.readable(now_ns),
+            measured_ns=None if header is None else header.source_time_ns,
+            health=self.told(started_ns, now_ns),
+            is_heard=not self.missing(now_ns),
+            header=header,
+        )
+
     def told(self, started_ns: int, now_ns: int) -> AxisHealth:
         """Condition of the axis now; UNAVAILABLE as soon as it rests on something stale."""
         last = self.health or AxisHealth(
@@ -98,8 +112,9 @@ class AxisState:
             "status": estimate.status,
             "method": estimate.method,
             "measured_time_ns": None if heard is None else heard.source_time_ns,
-            "limits": None if self.limits is None else self.limits.shown,
         }
+        if self.limits is not None:
+            changes["limits"] = self.limits.shown
         missing = self.missing(now_ns)
         if missing:
             own = last.reasons if last.condition is AxisCondition.UNAVAILABLE else ()

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from ..messages.event import Event, Severity
+from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentHealth, ComponentStatus
 from .inputs import NS_PER_S
 
@@ -33,8 +33,8 @@ LEGAL_TRANSITIONS: Mapping[ComponentStatus, frozenset[ComponentStatus]] = {
 """From -> to, after the component status of the OpenTelemetry Collector."""
 
 _SEVERITY = {
-    ComponentStatus.RECOVERABLE_ERROR: Severity.WARNING,
-    ComponentStatus.PERMANENT_ERROR: Severity.ERROR,
+    ComponentStatus.RECOVERABLE_ERROR: AxisCondition.WARNING,
+    ComponentStatus.PERMANENT_ERROR: AxisCondition.FAULT,
 }
 
 
@@ -141,8 +141,8 @@ def _component_changed(
     return Event(
         axis=report.axis or "",
         kind="component_changed",
-        severity=_SEVERITY.get(report.status, Severity.INFO),
-        message=f"{report.component} is {report.status.replace('_', ' ')}"
+        level=_SEVERITY.get(report.status, AxisCondition.NORMAL),
+        text=f"{report.component} is {report.status.replace('_', ' ')}"
         + (f": {report.reason}" if report.reason else ""),
         time_ns=now_ns,
         data={"component": report.component, "from": before, "to": report.status},
@@ -184,8 +184,8 @@ class RefusalWatch:
         return Event(
             axis="",
             kind="component_changed",
-            severity=Severity.WARNING,
-            message=f"{new} payloads on {key} were refused ({words}): who sends them?",
+            level=AxisCondition.WARNING,
+            text=f"{new} payloads on {key} were refused ({words}): who sends them?",
             time_ns=now_ns,
             data={"key": key, "refused": new},
         )

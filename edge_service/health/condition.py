@@ -1,11 +1,10 @@
 """Condition of one axis, its data faults and components, and events of their changes."""
 
+from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.event import Event, Severity
+from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
-from ..messages.health import AxisCondition, AxisHealth, ComponentHealth
-from ..messages.sentence import Code, Told, told
+from ..messages.health import AxisHealth, ComponentHealth
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .components import ComponentWatch
 from .inputs import DataFaults, InputWatch, moved
@@ -13,12 +12,6 @@ from .limits import GRACE_NS, HealthSettings, LimitTracker, PreloadBounds
 
 FAULT_CLEAR_S = 5.0
 """A data fault is over when it was not seen for this long."""
-_SEVERITY = {
-    AxisCondition.NORMAL: Severity.INFO,
-    AxisCondition.WARNING: Severity.WARNING,
-    AxisCondition.FAULT: Severity.ERROR,
-    AxisCondition.UNAVAILABLE: Severity.WARNING,
-}
 _NO_NUMBER = {
     EstimateStatus.UNESTIMATED: "no_number: the data cannot tell the preload yet",
     EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: recent motion cannot tell the preload",
@@ -129,7 +122,7 @@ class ConditionMonitor:
             since_time_ns=self._since_ns if condition is self._condition else now_ns,
             components=self._components.reports(now_ns),
             data_faults=dict(self._data_faults.counts),
-            below=None if below is None else below.sentence,
+            below=below,
         )
 
     def _verdict(self, now_ns: int) -> _Verdict:
@@ -187,8 +180,8 @@ class ConditionMonitor:
         event = Event(
             axis=self.axis,
             kind="status_changed",
-            severity=Severity.WARNING if invalid else Severity.INFO,
-            message=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
+            level=AxisCondition.WARNING if invalid else AxisCondition.NORMAL,
+            text=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
             time_ns=now_ns,
             data={"from": None if before is None else before.status, "to": estimate.status},
         )
@@ -207,15 +200,16 @@ class ConditionMonitor:
         return Event(
             axis=self.axis,
             kind="condition_changed",
-            severity=_SEVERITY[condition],
-            message=words.text,
-            sentence=words.sentence,
+            level=condition,
+            text=words.text,
+            code=words.code,
+            values=words.values,
             time_ns=now_ns,
             data={"from": before, "to": condition, "preload_percent": percent},
         )
 
 
-def _condition_words(condition: AxisCondition, reasons: tuple[str, ...]) -> Told:
+def _condition_words(condition: AxisCondition, reasons: tuple[str, ...]) -> Statement:
     """A new condition, with the first reason; as it is sent, that is a code."""
     if not reasons:
         return told(Code.CONDITION_CHANGED, condition=condition.value)

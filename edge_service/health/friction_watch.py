@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.arrays import StoredFloats
 from ..messages.features import FeatureBlock
 from ..messages.samples import Floats
+from ..messages.stored import StoredFloats
 from ..messages.trend import FrictionCurve
 
 _STEPS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-from ..messages.event import Event, Severity
+from ..messages.codec import Header
+from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.features import FAULT_WORDS, UNUSABLE, Fault
-from ..messages.header import Header
-from ..messages.sentence import Code, told
 
 NS_PER_S = 1_000_000_000
 
@@ -129,9 +128,10 @@ class DataFaults:
         return Event(
             axis=self._axis,
             kind="data_fault",
-            severity=Severity.WARNING if serious else Severity.INFO,
-            message=words.text,
-            sentence=words.sentence,
+            level=AxisCondition.WARNING if serious else AxisCondition.NORMAL,
+            text=words.text,
+            code=words.code,
+            values=words.values,
             time_ns=now_ns,
             data={"fault": name, "state": state, "count": self.counts[name]},
         )

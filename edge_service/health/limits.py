@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from ..messages.health import AxisCondition, Limits
-from ..messages.sentence import Code, Told, told
+from ..messages.event import AxisCondition, Code, Statement, told
+from ..messages.health import Limits
 from .inputs import NS_PER_S, moved
 
 HYSTERESIS_PERCENT = 5.0
@@ -178,7 +178,7 @@ class LimitTracker:
         return (f"{code}: {self.below.text}",)
 
     @property
-    def below(self) -> Told | None:
+    def below(self) -> Statement | None:
         """Preload against the limit below which it is, or seems to be; None if it is not."""
         if self.condition not in (AxisCondition.FAULT, AxisCondition.WARNING):
             return None

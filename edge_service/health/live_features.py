@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from ..messages.arrays import finite_or_none
 from ..messages.features import Fault, FeatureBlock
 from .inputs import fault_name
 
@@ -24,14 +23,14 @@ class LivePoint:
 
     Attributes:
         time_ns: UNIX time of its end, ns.
-        transmission_um: table position less the way of the screw, um; its zero has no meaning.
+        transmission_m: table position less the travel of the screw, m; its zero has no meaning.
     """
 
     time_ns: int
     torque_nm: float | None
     speed_rad_s: float | None
     position_m: float | None
-    transmission_um: float | None
+    transmission_m: float | None
     temperature_c: float | None
     faults: tuple[str, ...]
 
@@ -69,11 +68,11 @@ class LiveFeatures:
         self._points.append(
             LivePoint(
                 time_ns=time_ns,
-                torque_nm=finite_or_none(block.torque_mean_nm),
-                speed_rad_s=finite_or_none(speed),
-                position_m=finite_or_none(position if math.isfinite(position) else way),
-                transmission_um=finite_or_none(1e6 * (position - way)),
-                temperature_c=finite_or_none(block.temperature_c),
+                torque_nm=_shown(block.torque_mean_nm),
+                speed_rad_s=_shown(speed),
+                position_m=_shown(position if math.isfinite(position) else way),
+                transmission_m=_shown(position - way),
+                temperature_c=_shown(block.temperature_c),
                 faults=tuple(fault_name(kind) for kind in block.fault),
             )
         )
@@ -105,6 +104,11 @@ class LiveFeatures:
             ChannelQuality(name, _state(present, share), share)
             for name, present, share in zip(names, self._present, shares, strict=True)
         )
+
+
+def _shown(value: float) -> float | None:
+    """A measured value to seven digits: more than any was measured with."""
+    return float(f"{value:.7g}") if math.isfinite(value) else None
 
 
 def _present(block: FeatureBlock) -> tuple[bool, ...]:

@@ -2,12 +2,12 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
+from ..messages.answer import AxisAnswer, PreloadAnswer
+from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
 from ..messages.health import AxisHealth, ComponentHealth
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
@@ -26,22 +26,6 @@ BACKLOG = 256
 """Events that may wait for one slow reader."""
 _LATEST_NS = 3600 * NS_PER_S
 """Greatest age on arrival: what is older is of another clock, and no history of ours."""
-
-
-@dataclass(frozen=True, slots=True)
-class PreloadReading:
-    """Preload reading of one axis, as it may be shown now.
-
-    Attributes:
-        estimate: numbers are None unless its status is `estimated` and it is fresh.
-        measured_ns: UNIX time of the newest sample behind the last estimate, ns; None if none.
-        age_s: time since then, s.
-    """
-
-    axis: str
-    estimate: PreloadEstimate
-    measured_ns: int | None
-    age_s: float | None
 
 
 class ServiceState:
@@ -135,16 +119,14 @@ class ServiceState:
         if report.axis is None or self._known(report.axis) is not None:
             self._components.on_report(report, now_ns)
 
-    def preload(self, axis: str, now_ns: int) -> PreloadReading:
+    def answer(self, axis: str, now_ns: int) -> AxisAnswer:
+        """All that may be read of an axis now; KeyError for an unknown axis."""
+        return self._axes[axis].answer(self._started_ns, now_ns)
+
+    def preload(self, axis: str, now_ns: int) -> PreloadAnswer:
         """Preload of an axis as it may be shown now; KeyError for an unknown axis."""
-        state = self._axes[axis]
-        header = state.preload_input.header
-        return PreloadReading(
-            axis=axis,
-            estimate=state.readable(now_ns),
-            measured_ns=None if header is None else header.source_time_ns,
-            age_s=state.preload_input.age_s(now_ns),
-        )
+        age_s = self._axes[axis].preload_input.age_s(now_ns)
+        return self.answer(axis, now_ns).preload(age_s)
 
     def health(self, axis: str, now_ns: int) -> AxisHealth:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
@@ -168,9 +150,9 @@ class ServiceState:
         self._axes[axis].live = LiveFeatures(ratio_m_per_rad)
         self._strokes[axis] = stroke
 
-    def limits(self, axis: str) -> AxisLimits | None:
-        """Limits of an axis, for display; KeyError for an unknown axis."""
-        return self._axes[axis].limits
+    def all_components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
+        """All components, those of axes included."""
+        return self._components.reports(now_ns)
 
     def stroke(self, axis: str) -> StrokeModel | None:
         """Stroke model of an axis: what is known of it along its stroke."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.arrays import StoredFloats
-from ..messages.estimate import Interval
+from ..messages.interval import Interval
 from ..messages.samples import Floats
+from ..messages.stored import StoredFloats
 from ..messages.trend import Crossing, Trend, TrendStatus
 from .wear_laws import TrendDraws, draw_trends
 

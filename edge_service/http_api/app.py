@@ -2,56 +2,60 @@
 
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable
-from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, Request
-from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
 from .. import __version__
 from ..health.service_state import ServiceState
 from ..health.store.store import StoreFailedError
+from ..messages.topics import TOPICS
 from .access import Authenticator, NoteChange, authorized, noted
-from .context import Clock
+from .context import Clock, known_query
 from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
 from .jobs import Jobs
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
-from .recordings import Recordings, RefusedError
-from .routes.axis import SendCommand, work_router
-from .routes.docs import docs_router
+from .recordings import Recordings
+from .routes.axis import ReadConfig, SendCommand, axis_router
+from .routes.docs import STATIC, docs_router, static_digest, tagged
 from .routes.history import history_router
-from .routes.jobs import job_router, on_refused
+from .routes.jobs import job_router
 from .routes.log import log_router
 from .routes.motions import ListMotions, motion_router
 from .routes.outputs import OutputDesk, output_router
-from .routes.preload import alive_router, axis_router, service_router
-from .routes.schemas import schema_router
+from .routes.service import alive_router, service_router
 from .routes.tokens import token_router
 from .stream import stream_router
 
-STATIC = Path(__file__).with_name("static")
 _FILES = StaticFiles(directory=STATIC)
 
 page_router = APIRouter(include_in_schema=False)
 
 
 @page_router.get("/")
-async def dashboard() -> FileResponse:
+async def page(request: Request) -> Response:
     """The live page."""
-    return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
+    text = (STATIC / "index.html").read_text("utf-8")
+    html = text.replace("/static/", f"/static/{static_digest()}/")
+    return tagged(request, html.encode(), "text/html; charset=utf-8")
 
 
-@page_router.get("/static/{path:path}", name="static")
-async def static(request: Request, path: str) -> Response:
+@page_router.get("/static/{digest}/{path:path}", name="static")
+async def static(request: Request, digest: str, path: str) -> Response:
     """A file of the page."""
-    return await _FILES.get_response(path, request.scope)
+    if digest != static_digest():
+        raise HTTPException(404)
+    response = await _FILES.get_response(path, request.scope)
+    response.headers["cache-control"] = "max-age=31536000, immutable"
+    return response
 
 
 class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
-        """The description, with the schema of the problem documents and the tokens."""
+        """The description, with problem documents, tokens, and the payloads of the topics."""
         schema = super().openapi()
         schema["components"]["schemas"].update(problem_schemas())
         schema["components"]["securitySchemes"] = {
@@ -59,6 +63,7 @@ class _Application(FastAPI):
             "password": {"type": "http", "scheme": "basic"},
         }
         schema["security"] = [{"token": []}, {"password": []}, {}]
+        schema["x-topics"] = {each.payload: each.codec.description() for each in TOPICS.values()}
         return schema
 
 
@@ -74,6 +79,7 @@ def create_app(
     authenticator: Authenticator | None = None,
     note_change: NoteChange = lambda _caller, _action: None,
     metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
+    read_config: ReadConfig | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -89,6 +95,7 @@ def create_app(
         authenticator: Finds who asks; None: whoever reaches the service may do anything.
         note_change: Takes note of a change by its caller, method and path.
         metrics: Answers a scrape by Prometheus; None: there are none.
+        read_config: Reads the configuration of an axis; None: there is none.
     """
     app = _Application(
         title="edge-service",
@@ -108,24 +115,22 @@ def create_app(
     app.state.authenticator = authenticator or Authenticator()
     app.state.note_change = note_change
     app.state.metrics = metrics
-    app.add_exception_handler(RefusedError, on_refused)
+    app.state.read_config = read_config
     app.add_exception_handler(StoreFailedError, on_store_failed)
     answer_with_problems(app)
     app.include_router(alive_router)
     for router in (
         service_router,
-        axis_router,
-        work_router,
         history_router,
         log_router,
-        schema_router,
         stream_router,
         page_router,
         docs_router,
     ):
-        app.include_router(router, dependencies=[Depends(authorized)])
-    for router in (job_router, motion_router, output_router, token_router):
-        app.include_router(router, dependencies=[Depends(authorized), Depends(noted)])
+        app.include_router(router, dependencies=[Depends(authorized), Depends(known_query)])
+    for router in (axis_router, job_router, motion_router, output_router, token_router):
+        noting = [Depends(authorized), Depends(known_query), Depends(noted)]
+        app.include_router(router, dependencies=noting)
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app
 

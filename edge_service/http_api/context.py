@@ -4,15 +4,16 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any, ParamSpec, TypeVar
 
-from fastapi import Depends, Query, Request
+from fastapi import Depends, Query, Request, params
+from fastapi.dependencies.utils import get_flat_params
 from fastapi.exceptions import RequestValidationError
 from pydantic import BeforeValidator, WithJsonSchema
 from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
 from ..health.store.store import StoreFailedError
+from ..messages.interval import LAST_S, parse_moment
 from ..threads import Threads
-from .times import LAST_S, parse_moment
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
@@ -88,6 +89,16 @@ def parameter_error(parameter: str, message: str) -> RequestValidationError:
     return RequestValidationError(
         [{"type": "value_error", "loc": ("query", parameter), "msg": message}]
     )
+
+
+async def known_query(request: Request) -> None:
+    """Refuse parameters of the query that the route does not know."""
+    declared = get_flat_params(request.scope["route"].dependant)
+    known = {each.alias for each in declared if isinstance(each.field_info, params.Query)}
+    for name in request.query_params:
+        if name not in known:
+            there = ", ".join(sorted(known)) or "none"
+            raise parameter_error(name, f"unknown parameter; there are: {there}")
 
 
 QUESTIONS = Threads("question", 8)

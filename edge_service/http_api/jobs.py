@@ -18,10 +18,11 @@ from .. import exit_status, process
 from ..atomic import append, made_folder, new_file
 from ..clock import now_ns
 from ..health.store.store import Store, StoreFailedError
+from ..messages.interval import rfc3339
 from ..threads import Threads
 from .answers import Answer, Timestamp
-from .recordings import RecordingName, Recordings, RefusedError
-from .times import rfc3339
+from .problems import RefusedError
+from .recordings import RecordingName, Recordings
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS jobs (id INTEGER PRIMARY KEY AUTOINCREMENT, body TEXT NOT NULL)

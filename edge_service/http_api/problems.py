@@ -35,6 +35,14 @@ class Problem(BaseModel):
     errors: list[ParameterProblem] | None = Field(None, description="Parameters to correct.")
 
 
+class RefusedError(Exception):
+    """Refusal of a request; the text is one line, `status` the HTTP status that says so."""
+
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
 class ProblemResponse(JSONResponse):
     """A response that carries a problem document."""
 
@@ -89,6 +97,7 @@ def answer_with_problems(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_bad_request)
     app.add_exception_handler(ClientDisconnect, _on_gone)
+    app.add_exception_handler(RefusedError, _on_refused)
     app.add_exception_handler(Exception, _on_failure)
 
 
@@ -123,6 +132,11 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
     ]
     detail = "; ".join(f"{each.parameter}: {each.detail}" for each in errors)
     return problem_response(request.url.path, 422, detail, errors=errors)
+
+
+async def _on_refused(request: Request, error: Exception) -> ProblemResponse:
+    assert isinstance(error, RefusedError)
+    return problem_response(request.url.path, error.status, str(error))
 
 
 async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:

@@ -14,9 +14,10 @@ from typing import Annotated, BinaryIO
 from pydantic import Field, WithJsonSchema
 
 from ..atomic import made_folder, replaced_bytes
+from ..messages.interval import rfc3339_s
 from ..threads import Threads
 from .answers import Answer, Timestamp
-from .times import rfc3339_s
+from .problems import RefusedError
 
 MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
@@ -25,14 +26,6 @@ _AT_ONCE_BYTES = 1 << 20
 _NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)"
 RecordingName = Annotated[str, WithJsonSchema({"type": "string", "pattern": f"^{_NAME}$"})]
 """Name of a recording; whoever keeps them judges it."""
-
-
-class RefusedError(Exception):
-    """Refusal of a request; the text is one line, `status` the HTTP status that says so."""
-
-    def __init__(self, status: int, message: str) -> None:
-        super().__init__(message)
-        self.status = status
 
 
 class RecordingAnswer(Answer):

@@ -1,7 +1,9 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
+import json
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query, Request
@@ -14,19 +16,20 @@ from ..health.readers import Batch, Subscription, concerns
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..messages.addresses import is_loopback
+from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .access import Authenticator
-from .answers import EventAnswer
-from .compose import health_answer, live_answer, preload_answer, service_answer
 from .context import QUESTIONS, AxisFilterDep, Clock, StateDep, clock_of
-from .problems import documented
+from .problems import RefusedError, documented
+from .routes.outputs import OutputAnswer, OutputDesk, output_items
+from .routes.service import service_answer
 
 MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
 _PAGE = 500
-_SHARED_NS = 20_000_000
+_SHARED_NS, _OUTPUTS_NS = 20_000_000, 900_000_000
 
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
 
@@ -88,9 +91,10 @@ async def still_allowed(request: Request) -> Callable[[], bool]:
 class _Encoded:
     """The newest message of each topic, made once for all readers that ask at the same moment."""
 
-    def __init__(self, state: ServiceState) -> None:
-        self._state = state
+    def __init__(self, state: ServiceState, desk: OutputDesk | None) -> None:
+        self._state, self._desk = state, desk
         self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
+        self._outputs: tuple[int, list[OutputAnswer]] | None = None
 
     def value(self, topic: str, axis: str, now_ns: int) -> bytes:
         """The message as of now, or of at most a few milliseconds ago."""
@@ -101,12 +105,22 @@ class _Encoded:
             made = self._made[topic, axis] = (version, now_ns, message)
         return made[2]
 
+    async def service(self, now_ns: int) -> bytes:
+        """Health of the service, with outputs as they were within a second."""
+        if self._outputs is None or abs(now_ns - self._outputs[0]) >= _OUTPUTS_NS:
+            try:
+                outputs = await output_items(self._state, now_ns, self._desk)
+            except RefusedError:  # the store cannot be read now; the parts say so
+                outputs = []
+            self._outputs = now_ns, outputs
+        return _named("service", service_answer(self._state, now_ns, self._outputs[1]))
+
 
 async def encoded_of(request: Request) -> _Encoded:
     """The messages that all readers of this application share."""
     state = request.app.state
     if not hasattr(state, "encoded"):
-        state.encoded = _Encoded(state.service_state)
+        state.encoded = _Encoded(state.service_state, state.outputs)
     encoded: _Encoded = state.encoded
     return encoded
 
@@ -160,8 +174,11 @@ async def _stream(
             if not allowed():
                 return
             refreshed_ns = now_ns
-            for message in _everything(state, encoded, subscription.axis, now_ns):
-                yield message
+            yield format_sse_event(comment="keep-alive")
+            yield await encoded.service(now_ns)
+            for each in state.axes if subscription.axis is None else (subscription.axis,):
+                yield encoded.value(PRELOAD.name, each, now_ns)
+                yield encoded.value(HEALTH.name, each, now_ns)
         batch = await subscription.next(REFRESH_S)
         for message in _news(encoded, batch, seen_id, clock()):
             yield message
@@ -170,16 +187,6 @@ async def _stream(
 async def _missed(state: ServiceState, seen_id: int) -> list[StoredEvent]:
     """The next events that a reader has not seen, a page of them."""
     return await QUESTIONS.run(state.events.after, seen_id, _PAGE)
-
-
-def _everything(
-    state: ServiceState, encoded: _Encoded, axis: str | None, now_ns: int
-) -> Iterator[bytes]:
-    yield format_sse_event(comment="keep-alive")
-    yield _named("service", service_answer(state, now_ns))
-    for each in state.axes if axis is None else (axis,):
-        yield encoded.value(PRELOAD.name, each, now_ns)
-        yield encoded.value(HEALTH.name, each, now_ns)
 
 
 def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
@@ -193,16 +200,20 @@ def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterato
 
 
 def _event(logged: StoredEvent) -> bytes:
-    data = EventAnswer.model_validate(logged.event).model_dump_json()
+    data = logged.event.model_dump_json()
     return format_sse_event(event="event", id=str(logged.id), data_str=data)
 
 
 def _value(state: ServiceState, topic: str, axis: str, now_ns: int) -> bytes:
     if topic == FEAT.name:
         point = state.live_now(axis)
-        return b"" if point is None else _named("live", live_answer(axis, point))
-    answer = preload_answer if topic == PRELOAD.name else health_answer
-    return _named(topic, answer(state, axis, now_ns))
+        if point is None:
+            return b""
+        members = asdict(point) | {"axis": axis, "time": rfc3339(point.time_ns)}
+        del members["time_ns"]
+        return format_sse_event(event="live", data_str=json.dumps(members))
+    answer = state.preload if topic == PRELOAD.name else state.health
+    return _named(topic, answer(axis, now_ns))
 
 
 def _lost(count: int | None, reason: str) -> bytes:

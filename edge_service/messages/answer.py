@@ -1,12 +1,78 @@
-"""Answer about one axis at one moment, as outputs show it."""
+"""Answers about one axis at one moment: as HTTP gives them, and as outputs show them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .advice import Advice
-from .estimate import EstimateStatus, Interval, PreloadEstimate
-from .header import Header
-from .health import AxisHealth
+from pydantic import Field
+
+from .codec import Header
+from .estimate import EstimateStatus, PreloadEstimate
+from .event import AxisCondition
+from .health import Advice, Alarm, AxisHealth, Headline, Limits
+from .interval import Frozen, Interval, TimeNs
+from .trend import Crossing
+
+
+class PreloadAnswer(PreloadEstimate):
+    """The estimate as it may be read now: numbers are null, never stale.
+
+    Attributes:
+        condition, reasons: of the axis, and why.
+        of_fresh: preload in percent of the fresh screw's.
+        measured_time_ns: UNIX time of the newest sample behind it, ns; `measured_at` in JSON.
+        age_s: time since then, s.
+    """
+
+    axis: str
+    condition: AxisCondition
+    of_fresh: Interval | None
+    measured_time_ns: TimeNs | None = Field(alias="measured_at")
+    age_s: float | None
+
+
+class AxisRow(Frozen):
+    """One axis in a list of many; numbers are null where nothing may be read."""
+
+    axis: str
+    condition: AxisCondition
+    headline: Headline | None = None
+    advice: tuple[Advice, ...] = ()
+    status: EstimateStatus
+    method: str | None = None
+    of_fresh: Interval | None = None
+    measured_time_ns: TimeNs | None = Field(None, alias="measured_at")
+    age_s: float | None = None
+    next_limit: Crossing | None = None
+    rate_fresh_percent_per_h: Interval | None = None
+    alarms: tuple[Alarm, ...] = ()
+    limits: Limits | None = None
+
+    @property
+    def urgency(self) -> tuple[int, float, float]:
+        """Key to sort by, the worst first: condition, date of the next limit, preload."""
+        limit, never = self.next_limit, float("inf")
+        date = None if limit is None else limit.likely_ns or limit.earliest_ns
+        percent = never if self.of_fresh is None else self.of_fresh.value
+        return -self.condition.urgency, date or never, percent
+
+
+class AxesAnswer(Frozen):
+    """All axes of one machine, the worst first."""
+
+    site: str
+    machine: str
+    axes: tuple[AxisRow, ...]
+
+
+def axis_row(health: AxisHealth, now_ns: int) -> AxisRow:
+    """Row of an axis from the last word on it."""
+    names = AxisRow.model_fields.keys() & AxisHealth.model_fields.keys()
+    measured_ns, trend = health.measured_time_ns, health.trend
+    return AxisRow(
+        **{name: getattr(health, name) for name in names},
+        age_s=None if measured_ns is None else max(now_ns - measured_ns, 0) / 1e9,
+        rate_fresh_percent_per_h=None if trend is None else trend.rate_fresh_percent_per_h,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +83,7 @@ class AxisAnswer:
         estimate: numbers are None unless its status is `estimated` and it is fresh.
         measured_ns: UNIX time of the newest sample behind it, ns; None before the first.
         health: UNAVAILABLE as soon as it rests on something stale.
-        fresh_percent: preload of the fresh screw, percent of the load rating; None if not known.
-        warning_of_fresh, fault_of_fresh: limits of the condition, percent of fresh.
-        is_heard: whether estimates and conditions come in at all.
-        method: estimator that the estimate is of.
+        is_heard: estimates and conditions come in.
         header: of the estimate's message; None before the first.
     """
 
@@ -28,17 +91,14 @@ class AxisAnswer:
     estimate: PreloadEstimate
     measured_ns: int | None
     health: AxisHealth
-    fresh_percent: float | None
-    warning_of_fresh: float
-    fault_of_fresh: float
     is_heard: bool
-    method: str = ""
     header: Header | None = None
 
     @property
     def of_fresh(self) -> Interval | None:
         """Preload in percent of the fresh screw's; None where there is no number."""
-        return of_fresh(self.estimate, self.fresh_percent)
+        limits = self.health.limits
+        return of_fresh(self.estimate, None if limits is None else limits.fresh_percent)
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -60,12 +120,17 @@ class AxisAnswer:
             return self.health.since_time_ns
         return None if first.due is None else first.due.likely_ns or first.due.earliest_ns
 
-    @property
-    def next_limit_ns(self) -> int | None:
-        """Earliest UNIX time at which a limit is reached, ns; None if no date can be named."""
-        crossings = () if self.health.trend is None else self.health.trend.crossings
-        times_ns = [each.earliest_ns for each in crossings if each.earliest_ns is not None]
-        return min(times_ns, default=None)
+    def preload(self, age_s: float | None = None) -> PreloadAnswer:
+        """Message on the preload, of that age."""
+        estimate, names = self.estimate, PreloadEstimate.model_fields
+        return PreloadAnswer(
+            **{name: getattr(estimate, name) for name in names} | {"reasons": self.reasons},
+            axis=self.axis,
+            condition=self.health.condition,
+            of_fresh=self.of_fresh,
+            measured_time_ns=self.measured_ns,
+            age_s=age_s,
+        )
 
 
 def reasons_together(earlier: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:
@@ -82,5 +147,4 @@ def of_fresh(estimate: PreloadEstimate, fresh_percent: float | None) -> Interval
         return None
     if percent is None or low is None or high is None:
         return None
-    share = 100.0 / fresh_percent
-    return Interval(value=percent * share, low=low * share, high=high * share)
+    return Interval(value=percent, low=low, high=high).times(100.0 / fresh_percent)

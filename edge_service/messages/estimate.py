@@ -2,13 +2,7 @@
 
 from enum import StrEnum
 
-from pydantic import BaseModel, ConfigDict
-
-
-class Frozen(BaseModel):
-    """Base of every JSON payload: immutable, unknown keys refused, no NaN on the wire."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+from .interval import Frozen, Interval
 
 
 class EstimateStatus(StrEnum):
@@ -18,14 +12,6 @@ class EstimateStatus(StrEnum):
     UNESTIMATED = "unestimated"  # not enough data yet, or the data cannot tell
     INSUFFICIENT_EXCITATION = "insufficient_excitation"  # too little motion without a force lately
     INVALID = "invalid"  # model and data disagree, or the data are faulty
-
-
-class Interval(Frozen):
-    """A value with the interval that holds the truth with the estimate's `level`."""
-
-    value: float
-    low: float
-    high: float
 
 
 class PreloadEstimate(Frozen):

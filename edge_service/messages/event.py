@@ -1,48 +1,205 @@
-"""Something that happened and that people or programs may want to hear of."""
+"""Statements as a code with its values, and the events that carry one."""
 
+from collections.abc import Mapping
 from enum import StrEnum
+from string import Formatter
+from types import MappingProxyType
 from typing import Self
 
 from pydantic import Field, model_validator
 
-from .estimate import Frozen
-from .names import Kind, check_recording
-from .sentence import Sentence, is_none
+from .interval import Frozen, TimeNs
+from .keys import Kind, check_recording
+
+Value = float | str
 
 
-def is_empty(text: str) -> bool:
-    """True of text that need not be written."""
-    return not text
+class AxisCondition(StrEnum):
+    """Condition of an axis and level of a statement, in the words of MTConnect; worst first."""
+
+    FAULT = "FAULT"
+    WARNING = "WARNING"
+    UNAVAILABLE = "UNAVAILABLE"
+    NORMAL = "NORMAL"
+
+    @property
+    def urgency(self) -> int:
+        """Rank, 0 for the least urgent."""
+        return _URGENCY[self]
 
 
-class Severity(StrEnum):
-    """Level of attention that an event asks for."""
+_URGENCY = {level: rank for rank, level in enumerate(reversed(AxisCondition))}
 
-    INFO = "info"
+
+class Code(StrEnum):
+    """Sentence; the codes never change."""
+
+    PRELOAD_BELOW = "preload_below"
+    PRELOAD_MAY_BE_BELOW = "preload_may_be_below"
+    PRELOAD_BACK = "preload_back"
+    PRELOAD_LAST_KNOWN = "preload_last_known"
+    PRELOAD_FALLING = "preload_falling"
+    PRELOAD_FELL_LATELY = "preload_fell_lately"
+    PRELOAD_FELL_SUDDENLY = "preload_fell_suddenly"
+    AXIS_CHANGED = "axis_changed"
+    MODEL_DISAGREES = "model_disagrees"
+    MODEL_MISFIT = "model_misfit"
+    DATA_LOST = "data_lost"
+    PART_DOWN = "part_down"
+    ALARM_CLEARED = "alarm_cleared"
+    ALARM_ACKNOWLEDGED = "alarm_acknowledged"
+    ALARM_SHELVED_H = "alarm_shelved_h"
+    ALARM_SHELVED_MIN = "alarm_shelved_min"
+    ALARM_UNSHELVED = "alarm_unshelved"
+    ALARM_SHELF_OVER = "alarm_shelf_over"
+    CONDITION_CHANGED = "condition_changed"
+    CONDITION_CHANGED_FOR = "condition_changed_for"
+    PRELOAD_ROSE = "preload_rose"
+    PRELOAD_ROSE_OF_RATING = "preload_rose_of_rating"
+    AXIS_DIFFERS = "axis_differs"
+    AXIS_AS_LEARNED = "axis_as_learned"
+    DISAGREEMENT_RECORDED = "disagreement_recorded"
+    CLOCK_SET_H = "clock_set_h"
+    CLOCK_SET_S = "clock_set_s"
+    DATA_FAULT = "data_fault"
+    DATA_FAULT_OVER = "data_fault_over"
+    NORMAL = "normal"
     WARNING = "warning"
-    ERROR = "error"
+    MAY_BE_WARNING = "may_be_warning"
+    FAULT = "fault"
+    MAY_BE_FAULT = "may_be_fault"
+    STARTING = "starting"
+    LEARNING = "learning"
+    NO_DATA_YET = "no_data_yet"
+    NO_DATA_SINCE = "no_data_since"
+    NOT_MOVED = "not_moved"
+    ONLY_UNDER_LOAD = "only_under_load"
+    SENSOR_FAULTY = "sensor_faulty"
+    MACHINE_FILE_LACKS = "machine_file_lacks"
+    TOO_SLOW = "too_slow"
+    NOT_KNOWN = "not_known"
 
 
-class Event(Frozen):
+ENGLISH = {
+    Code.PRELOAD_BELOW: (
+        "preload at {percent:.0f} % of the fresh screw's; limit {limit:.0f} %, cleared above "
+        "{release:.0f} %"
+    ),
+    Code.PRELOAD_MAY_BE_BELOW: (
+        "preload at {percent:.0f} % of the fresh screw's, or at up to {high:.0f} %; limit "
+        "{limit:.0f} %, cleared above {release:.0f} %"
+    ),
+    Code.PRELOAD_BACK: "preload back at {percent:.0f} % of the fresh screw's",
+    Code.PRELOAD_LAST_KNOWN: "preload when last known: {percent:.0f} % of the fresh screw's",
+    Code.PRELOAD_FALLING: "The preload is falling fast: {loss:.3g} % of fresh {per}.",
+    Code.PRELOAD_FELL_LATELY: "fast loss of preload until lately; no clear trend at present",
+    Code.PRELOAD_FELL_SUDDENLY: (
+        "The preload dropped from {before:.0f} to {after:.0f} % of fresh at {time}."
+    ),
+    Code.AXIS_CHANGED: "The axis no longer behaves as commissioned: {watched} differs.",
+    Code.MODEL_DISAGREES: ("No preload explains the torque: check signals and machine file."),
+    Code.MODEL_MISFIT: (
+        "The axis no longer behaves as commissioned: squared errors {times:.1f} times as expected."
+    ),
+    Code.DATA_LOST: "data lost: {reason}",
+    Code.PART_DOWN: "{component} does not work: {reason}.",
+    Code.ALARM_CLEARED: "alarm {alarm} has cleared",
+    Code.ALARM_ACKNOWLEDGED: "alarm {alarm} acknowledged by {user}",
+    Code.ALARM_SHELVED_H: "alarm {alarm} shelved for {hours:.3g} h by {user}",
+    Code.ALARM_SHELVED_MIN: "alarm {alarm} shelved for {minutes:.2g} min by {user}",
+    Code.ALARM_UNSHELVED: "alarm {alarm} unshelved by {user}",
+    Code.ALARM_SHELF_OVER: "alarm {alarm} is no longer shelved: its time is over",
+    Code.CONDITION_CHANGED: "condition is {condition}",
+    Code.CONDITION_CHANGED_FOR: "condition is {condition}: {reason}",
+    Code.PRELOAD_ROSE: (
+        "preload rose from {before:.3g} to {after:.3g} % of the fresh screw's, which wear "
+        "cannot do; the trend starts again; if a part was replaced, note it"
+    ),
+    Code.PRELOAD_ROSE_OF_RATING: (
+        "preload rose from {before:.3g} to {after:.3g} % of the load rating, which wear cannot "
+        "do; the trend starts again; if a part was replaced, note it"
+    ),
+    Code.AXIS_DIFFERS: (
+        "the axis is not as when it was learned: {watched} is off by {times:.1f} times as much "
+        "as then; {recording} is being recorded"
+    ),
+    Code.AXIS_AS_LEARNED: "the axis is as it was learned again: {watched}",
+    Code.DISAGREEMENT_RECORDED: "{recording} holds the disagreement, ready to diagnose",
+    Code.CLOCK_SET_H: "the clock of this computer was set {way} by {hours:.2f} h",
+    Code.CLOCK_SET_S: "the clock of this computer was set {way} by {seconds:.0f} s",
+    Code.DATA_FAULT: "data fault present: {fault}",
+    Code.DATA_FAULT_OVER: "data fault over: {fault}",
+    Code.NORMAL: "The preload is within its limits: {value:g} % of fresh ({low:g} to {high:g}).",
+    Code.WARNING: "The preload is low: {value:g} % of fresh ({low:g} to {high:g}).",
+    Code.MAY_BE_WARNING: "The preload may be low: {value:g} % of fresh ({low:g} to {high:g}).",
+    Code.FAULT: "The preload is lost: {value:g} % of fresh ({low:g} to {high:g}).",
+    Code.MAY_BE_FAULT: "The preload may be lost: {value:g} % of fresh ({low:g} to {high:g}).",
+    Code.STARTING: "The service is starting.",
+    Code.LEARNING: "The first estimate needs a second of steady motion.",
+    Code.NO_DATA_YET: "No data have come from the drive yet.",
+    Code.NO_DATA_SINCE: "No data from the drive since {time}.",
+    Code.NOT_MOVED: "The axis has not moved enough since {time}.",
+    Code.ONLY_UNDER_LOAD: "It has moved only under load since {time}.",
+    Code.SENSOR_FAULTY: "{sensor} is faulty: {reason}.",
+    Code.MACHINE_FILE_LACKS: "The machine file lacks the {missing}.",
+    Code.TOO_SLOW: "Samples come more slowly than commissioned.",
+    Code.NOT_KNOWN: "The preload is not known at present: {reason}.",
+}
+"""Text of each code; a number has the digits with which it is sent."""
+
+
+class Statement(Frozen):
+    """Sentence in English, and as a code with its values for readers of other languages.
+
+    Attributes:
+        code: one of `Code`, or of a later version; empty where there is the text alone.
+        values: by name: numbers with the digits that are shown, and codes, names or times.
+    """
+
+    code: str = ""
+    text: str = ""
+    values: dict[str, Value] = {}
+
+
+SILENT = Statement()
+
+
+def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: Value) -> Statement:
+    """Statement of a code.
+
+    Args:
+        words: What stands in the English text instead of a value, or is told there alone.
+
+    >>> told(Code.PRELOAD_BACK, percent=27.4).text
+    "preload back at 27 % of the fresh screw's"
+    """
+    text = ENGLISH[code].format(**{**values, **words})
+    specs = {name: spec for _, name, spec, _ in Formatter().parse(ENGLISH[code]) if name}
+    sent = {
+        name: value if isinstance(value, str) else float(format(value, specs[name] or ""))
+        for name, value in values.items()
+    }
+    return Statement(code=code.value, text=text, values=sent)
+
+
+class Event(Statement):
     """One event of one axis (or of the service, with an empty axis).
 
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
-        message, sentence: in English, and for readers of other languages.
-        time_ns: UNIX time in ns.
+        level: how grave it is.
+        time_ns: UNIX time in ns; `at` in JSON.
         who, origin: who asked for it, and from where; empty if nobody did.
         data: the values that changed; `recording` names a trace that the service keeps.
     """
 
     axis: str
     kind: Kind
-    severity: Severity
-    message: str
-    time_ns: int
+    level: AxisCondition
+    time_ns: TimeNs = Field(alias="at")
     data: dict[str, str | float | int | None] = {}
-    who: str = Field("", max_length=100, exclude_if=is_empty)
-    origin: str = Field("", max_length=200, exclude_if=is_empty)
-    sentence: Sentence | None = Field(None, exclude_if=is_none)
+    who: str = Field("", max_length=100)
+    origin: str = Field("", max_length=200)
 
     @model_validator(mode="after")
     def _own_recording(self) -> Self:

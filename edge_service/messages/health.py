@@ -1,25 +1,112 @@
-"""Two healths, never mixed: the condition of an axis and the status of a component."""
+"""Two healths, never mixed: the condition of an axis and the status of a component.
+
+With the condition go alarms, headline and advice to whoever works at the axis (advisory
+generation, ISO 13374-1).
+"""
 
 from enum import StrEnum
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from .advice import Advice, Headline, PreloadFall
-from .alarm import Alarm
-from .components import check_component
-from .estimate import EstimateStatus, Frozen, Interval
-from .sentence import Code, Sentence, is_none
+from .estimate import EstimateStatus
+from .event import AxisCondition, Code, Statement
+from .interval import Frozen, Interval, TimeNs
+from .keys import check_component
 from .trend import Crossing, FrictionCurve, Trend, Use
 
 
-class AxisCondition(StrEnum):
-    """Condition of an axis, in the words of MTConnect."""
+class AlarmKind(StrEnum):
+    """Subject of an alarm."""
 
-    NORMAL = "NORMAL"
-    WARNING = "WARNING"
-    FAULT = "FAULT"
-    UNAVAILABLE = "UNAVAILABLE"
+    PRELOAD_LOW = "preload_low"  # below the warning limit
+    PRELOAD_LOST = "preload_lost"  # below the fault limit
+    RATE = "rate"  # wears faster than allowed
+    SUDDEN_DROP = "sudden_drop"
+    MODEL = "model"  # the model no longer fits what is measured
+    DATA_LOST = "data_lost"
+    SERVICE = "service"  # a part of the service does not work
+
+
+class Alarm(Statement):
+    """One alarm that is active, or that nobody has acknowledged yet, with its cause in words.
+
+    Attributes:
+        kind: `alarm` in JSON.
+        active: its cause holds now.
+        occurrence: number of this time that it was raised; each is greater than those before.
+        raised_time_ns, cleared_time_ns: UNIX times, ns, of the last change either way.
+        acknowledged_by, note: who took note of it, and their words; None if nobody.
+        shelved_until_ns: until then it calls nobody; None if not shelved.
+    """
+
+    kind: AlarmKind = Field(alias="alarm")
+    level: AxisCondition
+    active: bool
+    occurrence: int = Field(0, ge=0)
+    raised_time_ns: TimeNs = Field(alias="raised_at")
+    cleared_time_ns: TimeNs | None = Field(None, alias="cleared_at")
+    acknowledged_by: str | None = None
+    note: str = ""
+    shelved_until_ns: TimeNs | None = Field(None, alias="shelved_until")
+
+
+class Headline(Statement):
+    """The one statement about an axis, from the worst of its condition and its alarms."""
+
+    level: AxisCondition
+
+
+class Task(StrEnum):
+    """Task for a person; the codes never change."""
+
+    INSPECT = "inspect"
+    REPLACE_NUT = "replace_nut"
+    CONFIRM_LOSS = "confirm_loss"
+    PLAN_NUT = "plan_nut"
+    FIND_WEAR = "find_wear"
+    DIAGNOSE = "diagnose"
+    REGREASE = "regrease"
+    FIND_CHANGE = "find_change"
+    CHECK_SERVICE = "check_service"
+    CHECK_CONNECTION = "check_connection"
+    SWITCH_ON = "switch_on"
+    COMPLETE_MACHINE_FILE = "complete_machine_file"
+    COMMISSION_SOURCE = "commission_source"
+    MOVE_FREELY = "move_freely"
+    MOVE = "move"
+    WAIT = "wait"
+    ACKNOWLEDGE = "acknowledge"
+
+
+class Advice(Frozen):
+    """One task.
+
+    Attributes:
+        text: the task in words.
+        now: it is due now.
+        due: limit by which else; None where no date can be named.
+        together_with: what else to do in the same stop.
+    """
+
+    task: Task
+    text: str
+    now: bool
+    due: Crossing | None = None
+    together_with: tuple[Task, ...] = ()
+
+
+class PreloadFall(Frozen):
+    """Sudden fall of the preload, remembered until a part is replaced.
+
+    Attributes:
+        from_percent, to_percent: percent of the fresh screw's preload.
+        time_ns: UNIX time, ns; `time` in JSON.
+    """
+
+    from_percent: float
+    to_percent: float
+    time_ns: TimeNs = Field(alias="time")
 
 
 class ComponentStatus(StrEnum):
@@ -72,7 +159,7 @@ class Consistency(Frozen):
     state: ConsistencyState = ConsistencyState.LEARNING
     ratio: dict[str, float] = {}
     channel: str | None = None
-    since_time_ns: int | None = None
+    since_time_ns: TimeNs | None = Field(None, alias="since")
     recording: str | None = None
 
 
@@ -95,10 +182,11 @@ class AxisHealth(Frozen):
     Attributes:
         status, method: of the estimate that it rests on.
         of_fresh: preload, percent of the fresh screw's; None where there is no number.
-        measured_time_ns: UNIX time of the newest sample behind it, ns; None before the first.
+        measured_time_ns: UNIX time of the newest sample behind it, ns; None before the first;
+            `measured_at` in JSON.
         limits: None if the fresh preload is not known.
         next_limit: the first limit ahead for which there is a date.
-        since_time_ns: UNIX time in ns at which the condition was entered.
+        since_time_ns: UNIX time in ns at which the condition was entered; `since` in JSON.
         data_faults: count of faulty intervals per kind since start.
         alarms: those that a person should see, the gravest first.
         trend, use, friction, consistency: None where nobody keeps them.
@@ -113,11 +201,11 @@ class AxisHealth(Frozen):
     status: EstimateStatus = EstimateStatus.UNESTIMATED
     method: str | None = None
     of_fresh: Interval | None = None
-    measured_time_ns: int | None = None
+    measured_time_ns: TimeNs | None = Field(None, alias="measured_at")
     limits: Limits | None = None
     next_limit: Crossing | None = None
     reasons: tuple[str, ...] = ()
-    since_time_ns: int
+    since_time_ns: TimeNs = Field(alias="since")
     components: tuple[ComponentHealth, ...] = ()
     data_faults: dict[str, int] = {}
     alarms: tuple[Alarm, ...] = ()
@@ -128,9 +216,9 @@ class AxisHealth(Frozen):
     headline: Headline | None = None
     advice: tuple[Advice, ...] = ()
     fall: PreloadFall | None = None
-    below: Sentence | None = Field(None, exclude_if=is_none)
+    below: Statement | None = None
 
     @property
     def is_in_doubt(self) -> bool:
-        """Tell whether the preload may as well be above the limit that the condition rests on."""
+        """The preload may as well be above the limit that the condition rests on."""
         return self.below is not None and self.below.code == Code.PRELOAD_MAY_BE_BELOW

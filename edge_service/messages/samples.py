@@ -1,13 +1,173 @@
-"""Samples of one axis at the native rate of its drive."""
+"""Samples of one axis at the native rate of its drive: channels, units, quality, waveforms."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 
 import numpy as np
 import numpy.typing as npt
 
-from .quality import Qualities
-from .waveform import Waveform
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One measured quantity: its column name, unit and meaning."""
+
+    name: str
+    unit: str
+    description: str
+
+
+TIME = "time_s"
+TORQUE = "torque_command_nm"
+ANGLE = "motor_angle_rad"
+MOTOR_SPEED = "motor_speed_rad_s"
+TABLE_POSITION = "table_position_m"
+TABLE_SPEED = "table_speed_m_s"
+SETPOINT = "position_setpoint_m"
+TEMPERATURE = "temperature_c"
+EXTERNAL_FORCE = "external_force_n"
+
+CHANNELS: dict[str, Channel] = {
+    channel.name: channel
+    for channel in (
+        Channel(TORQUE, "N m", "torque command at the motor shaft"),
+        Channel(ANGLE, "rad", "rotary encoder, multi-turn"),
+        Channel(MOTOR_SPEED, "rad/s", "speed as the drive derives it"),
+        Channel(TABLE_POSITION, "m", "linear encoder"),
+        Channel(TABLE_SPEED, "m/s", "table speed"),
+        Channel(SETPOINT, "m", "commanded table position"),
+        Channel(TEMPERATURE, "degC", "nut or housing temperature"),
+        Channel(EXTERNAL_FORCE, "N", "measured external force on the table"),
+    )
+}
+"""Every known channel except `time_s`, in the order in which they are written."""
+
+POSITION_CHANNELS = (ANGLE, TABLE_POSITION)
+
+
+SI: dict[str, tuple[float, str]] = {
+    "m": (1.0, "m"),
+    "mm": (1e-3, "m"),
+    "um": (1e-6, "m"),
+    "m/s": (1.0, "m/s"),
+    "mm/s": (1e-3, "m/s"),
+    "mm/min": (1e-3 / 60.0, "m/s"),
+    "m/min": (1.0 / 60.0, "m/s"),
+    "rad": (1.0, "rad"),
+    "deg": (math.pi / 180.0, "rad"),
+    "rev": (2.0 * math.pi, "rad"),
+    "rad/s": (1.0, "rad/s"),
+    "deg/s": (math.pi / 180.0, "rad/s"),
+    "rev/s": (2.0 * math.pi, "rad/s"),
+    "rev/min": (2.0 * math.pi / 60.0, "rad/s"),
+    "N m": (1.0, "N m"),
+    "mN m": (1e-3, "N m"),
+    "N": (1.0, "N"),
+    "kN": (1e3, "N"),
+    "degC": (1.0, "degC"),
+}
+"""Unit -> factor to SI, SI unit. Degrees Celsius stand for themselves."""
+
+
+def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:
+    """Factor from `unit` to the SI unit `wanted`; None where they measure different things.
+
+    Travel of the table and turning of the screw are linked by the lead, 2 pi / lead rad per m.
+    """
+    factor, si_unit = SI[unit]
+    turning = 2.0 * math.pi / lead_m
+    links = {("m", "rad"): turning, ("m/s", "rad/s"): turning}
+    links |= {(turned, moved): 1.0 / turning for moved, turned in links}
+    if si_unit == wanted:
+        return factor
+    link = links.get((si_unit, wanted))
+    return None if link is None else factor * link
+
+
+Qualities = npt.NDArray[np.uint8]
+"""One code of `Quality` per sample, shape (n,)."""
+
+_UNCERTAIN_FROM, _BAD_FROM = 64, 128
+
+
+class Level(StrEnum):
+    """Usability of a sample to a reader: use it, use it with doubt, not use it."""
+
+    GOOD = "good"
+    UNCERTAIN = "uncertain"
+    BAD = "bad"
+
+
+class Quality(IntEnum):
+    """Code of one sample. A bad sample's value is NaN: nobody can read it by mistake."""
+
+    GOOD = 0
+
+    SOURCE_UNCERTAIN = 64  # the device itself says so
+    LATE_READ = 65  # the read took so long that its time is doubtful
+    OVERFLOW = 66  # the device's queue ran over: samples before this one are lost
+    NO_SOURCE_TIME = 67  # the device gave no time; that of its arrival stands in
+
+    NO_VALUE = 128  # nothing has been received yet, or no longer
+    NO_REPLY = 129  # the device did not answer in time, or hung up
+    DEVICE_EXCEPTION = 130  # the device refused with an exception
+    MALFORMED = 131  # a reply that contradicts the protocol or the request
+    NOT_A_NUMBER = 132  # NaN, infinite or no number at all
+    OUT_OF_RANGE = 133  # outside what the configuration calls possible
+    SOURCE_BAD = 134  # the device itself says so
+    STALE = 135  # the device repeats old values
+    WRONG_CONSTANT = 136  # a value that never changes reads otherwise: wrong map or word order
+
+    @property
+    def level(self) -> Level:
+        """Good, uncertain or bad."""
+        if self < _UNCERTAIN_FROM:
+            return Level.GOOD
+        return Level.UNCERTAIN if self < _BAD_FROM else Level.BAD
+
+
+def is_bad(codes: Qualities) -> npt.NDArray[np.bool_]:
+    """Mask of the samples that must not be read, shape (n,)."""
+    return np.asarray(codes >= _BAD_FROM)
+
+
+def is_uncertain(codes: Qualities) -> npt.NDArray[np.bool_]:
+    """Mask of the samples that may be read with doubt only, shape (n,)."""
+    return np.asarray((codes >= _UNCERTAIN_FROM) & (codes < _BAD_FROM))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveform:
+    """Consecutive values of one sensor at a rate of its own.
+
+    Attributes:
+        sensor: its name, e.g. `nut_acceleration`.
+        unit: of the values, e.g. `m/s^2`.
+        start_s: time of the first value on the axis' clock, s.
+        period_s: between two values, s.
+        values: shape (n,); NaN is a missing value.
+    """
+
+    sensor: str
+    unit: str
+    start_s: float
+    period_s: float
+    values: npt.NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def end_s(self) -> float:
+        """Time at which the value after the last one is due, s."""
+        return self.start_s + len(self) * self.period_s
+
+    @property
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the values, s, shape (n,)."""
+        return self.start_s + self.period_s * np.arange(len(self), dtype=np.float64)
+
 
 Floats = npt.NDArray[np.float64]
 Booleans = npt.NDArray[np.bool_]

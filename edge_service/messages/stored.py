@@ -4,12 +4,14 @@ JSON has no NaN and no infinity: a field that may hold one says by its type what
 """
 
 import math
+from base64 import b64decode, b64encode
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from typing import Annotated, Any, Generic, TypeVar, get_type_hints
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import (
     BeforeValidator,
     GetCoreSchemaHandler,
@@ -20,8 +22,38 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
-from .arrays import decoded, encoded
 from .samples import Floats
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def encoded(array: npt.NDArray[Any]) -> str:
+    """The bytes of an array, in its order, as base64."""
+    return b64encode(array.tobytes()).decode("ascii")
+
+
+def decoded(text: str, dtype: "type[_Scalar] | np.dtype[_Scalar]") -> npt.NDArray[_Scalar]:
+    """Array that was encoded, (n,), to be written to. Raises ValueError."""
+    return np.frombuffer(b64decode(text, validate=True), dtype=dtype).copy()
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has neither NaN nor infinity: null stands for both."""
+    return value if math.isfinite(value) else None
+
+
+def _to_floats(value: Any) -> Floats:
+    try:
+        return np.array(value, np.float64)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+StoredFloats = Annotated[
+    Floats, PlainValidator(_to_floats), PlainSerializer(lambda array: array.tolist())
+]
+"""Array of a stored dataclass, as nested lists."""
+
 
 T = TypeVar("T")
 _PLAIN = (float, int, bool)

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Generic
 
-from .alarm import Command, Outcome
-from .codec.columns import FeatureCodec, SampleCodec, WaveformCodec
-from .codec.interface import Codec, T
-from .codec.json_message import JsonCodec
+from .codec import Codec, Header, JsonCodec, T
+from .command import Command, Outcome
+from .edge_block import FeatureCodec, SampleCodec, WaveformCodec
 from .estimate import PreloadEstimate
 from .event import Event
-from .header import Header
 from .health import AxisHealth, ComponentHealth
 
 
@@ -58,10 +56,6 @@ class Topic(Generic[T]):
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
         """Bytes of a payload."""
         return self.codec.encode(axis, header, payload)
-
-    def holds(self, payload: T) -> bool:
-        """Tell whether `decode` would give just this payload again."""
-        return self.codec.holds(payload)
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis (empty if none), header and payload. Raises CodecError."""

@@ -2,7 +2,9 @@
 
 from enum import StrEnum
 
-from .estimate import Frozen, Interval
+from pydantic import Field
+
+from .interval import Frozen, Interval, TimeNs
 
 
 class TrendStatus(StrEnum):
@@ -26,9 +28,9 @@ class Crossing(Frozen):
 
     limit: str
     limit_percent: float
-    earliest_ns: int | None
-    likely_ns: int | None
-    latest_ns: int | None
+    earliest_ns: TimeNs | None = Field(alias="earliest")
+    likely_ns: TimeNs | None = Field(alias="likely")
+    latest_ns: TimeNs | None = Field(alias="latest")
 
 
 class Trend(Frozen):
@@ -48,7 +50,7 @@ class Trend(Frozen):
 
     status: TrendStatus
     reason: str
-    since_time_ns: int | None
+    since_time_ns: TimeNs | None = Field(alias="since")
     basis: str = "time"
     level: float = 0.9
     rate_percent_per_h: Interval | None = None
@@ -71,7 +73,7 @@ class Use(Frozen):
         force_way_m: way worked under a mean axial drive force within each part, m.
     """
 
-    since_time_ns: int
+    since_time_ns: TimeNs = Field(alias="since")
     moving_s: float
     observed_s: float
     distance_m: float

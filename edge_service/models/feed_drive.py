@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..messages import channels
+from ..messages import samples as channels
 from ..messages.samples import Floats, SampleFrame
 from .effects.effect import ActiveEffect
 from .effects.forward import Forward, put_into

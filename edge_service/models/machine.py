@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..messages.channels import CHANNELS, TIME
+from ..messages.samples import CHANNELS, TIME
 from .commissioned import CommissionedConfig
 from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_ratio
 

@@ -16,9 +16,8 @@ from ..config import ConfigError
 from ..health.components import ComponentStatusMachine
 from ..health.store.store import StoreFailedError
 from ..http_api.serve import AddressError
-from ..messages.codec.interface import T
-from ..messages.event import Event, Severity
-from ..messages.header import Header
+from ..messages.codec import Header, T
+from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, STATUS
 from ..retry import Retry
@@ -237,8 +236,8 @@ class Component:
         event = Event(
             axis=self._axis or "",
             kind=kind,
-            severity=Severity.WARNING,
-            message=f"{self.name}: {words}",
+            level=AxisCondition.WARNING,
+            text=f"{self.name}: {words}",
             time_ns=at_ns,
             data={"component": self.name},
         )

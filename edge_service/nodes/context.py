@@ -15,9 +15,8 @@ from ..clock import now_ns
 from ..config import AxisConfig, EdgeConfig
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.store import FILE_NAME, State, Store, StoreFailedError
-from ..messages.codec.interface import T
-from ..messages.event import Event, Severity
-from ..messages.header import Header
+from ..messages.codec import Header, T
+from ..messages.event import AxisCondition, Event
 from ..messages.topics import Topic
 from ..models.machine import Machine
 from .stages import load_machines
@@ -55,7 +54,7 @@ class NodeContext:
         self.events = EventLog(self.store)
         self.dispatcher = EventDispatcher(self.events)
         self.renewals: list[Callable[[AxisConfig], None]] = []
-        """Told of every axis that begins anew."""
+        """Statement of every axis that begins anew."""
 
     @cached_property
     def machines(self) -> dict[str, Machine]:
@@ -172,15 +171,15 @@ class EventDispatcher:
         problem, before, self._problem = store.problem, self._problem, store.problem
         if problem and not before:
             words = f"nothing can be kept on the disk, and waits in memory: {problem}"
-            found.append(("store_failing", Severity.ERROR, words))
+            found.append(("store_failing", AxisCondition.FAULT, words))
         elif before and not problem:
             words = "the disk takes again what is to be kept"
-            found.append(("store_recovered", Severity.INFO, words))
+            found.append(("store_recovered", AxisCondition.NORMAL, words))
         damages = store.damages[self._damages :]
         self._damages += len(damages)
-        found += [("store_damaged", Severity.WARNING, words) for words in damages]
+        found += [("store_damaged", AxisCondition.WARNING, words) for words in damages]
         return [
-            Event(axis="", kind=kind, severity=severity, message=words, time_ns=at_ns)
+            Event(axis="", kind=kind, level=severity, text=words, time_ns=at_ns)
             for kind, severity, words in found
         ]
 

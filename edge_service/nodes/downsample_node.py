@@ -8,12 +8,11 @@ from ..bus.reception import Refusal
 from ..config import AxisConfig, EdgeConfig
 from ..downsample.rows import Gathering
 from ..downsample.vibration import AxisVibration, orders_of
+from ..messages.codec import Header
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
 from ..messages.health import ComponentStatus
-from ..messages.samples import SampleFrame
+from ..messages.samples import SampleFrame, Waveform
 from ..messages.topics import FEAT, RAW, WAVE
-from ..messages.waveform import Waveform
 from ..models.machine import Machine
 from ..threads import Threads
 from .component import Component

@@ -7,9 +7,9 @@ from functools import partial
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
+from ..messages.codec import Header
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
 from ..messages.health import ComponentStatus
 from ..messages.topics import EVENT, FEAT, PRELOAD
 from ..threads import Threads

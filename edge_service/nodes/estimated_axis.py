@@ -12,9 +12,9 @@ from pydantic import FiniteFloat, TypeAdapter
 
 from ..config_tables import Table
 from ..estimate.interface import PreloadEstimator
+from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
 from ..models.machine import Machine
 from ..retry import Retry
 

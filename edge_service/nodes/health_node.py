@@ -14,12 +14,11 @@ from ..health.limits import HealthSettings
 from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..health.usage import ScrewGeometry
-from ..messages.alarm import Command, Outcome
-from ..messages.codec.interface import CodecError
+from ..messages.codec import CodecError, Header
+from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.header import Header
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS
 from ..threads import Threads

@@ -5,7 +5,10 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+
+import tomlkit
 
 from ..clock import CLOCK, now_ns
 from ..config import AxisConfig, EdgeConfig
@@ -21,14 +24,14 @@ from ..http_api.app import create_app
 from ..http_api.guard import own_hosts
 from ..http_api.jobs import Jobs
 from ..http_api.recordings import Recordings
+from ..http_api.routes.axis import ConfigAnswer
 from ..http_api.routes.history import answer_selector
 from ..http_api.routes.motions import MotionAnswer
 from ..http_api.serve import serve
-from ..messages.alarm import Command, Outcome
-from ..messages.codec.interface import CodecError
+from ..messages.codec import CodecError, Header
+from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate
-from ..messages.event import Event, Severity
-from ..messages.header import Header
+from ..messages.event import AxisCondition, Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS
@@ -179,6 +182,7 @@ class HttpNode:
             metrics=self._scrape.text if self._scrape.output else None,
             authenticator=self._authenticator,
             note_change=self._note_change,
+            read_config=partial(_axis_config, self._context),
         )
 
         def bound(host: str, port: int) -> None:
@@ -225,8 +229,8 @@ class HttpNode:
             Event(
                 axis="",
                 kind="command",
-                severity=Severity.INFO,
-                message=f"{who or 'somebody'} ({caller.origin}): {action}",
+                level=AxisCondition.NORMAL,
+                text=f"{who or 'somebody'} ({caller.origin}): {action}",
                 time_ns=now_ns(),
                 who=who,
                 origin=caller.origin,
@@ -301,3 +305,22 @@ def _place(config: EdgeConfig) -> str:
     if config.store.folder is None:
         return "in memory only: it ends with the service"
     return f"on disk, up to {config.store.budget_mb:g} MB; the oldest estimates go first"
+
+
+def _axis_config(context: NodeContext, axis: str) -> tuple[ConfigAnswer, str]:
+    """Configuration of an axis, and the same as TOML."""
+    config = context.config
+    own = next(each for each in config.axes if each.name == axis)
+    warning, fault = config.limits_percent(axis)
+    table = own.model_dump(mode="json", exclude_none=True)
+    for key in table["settings"]:
+        if key == "password":
+            table["settings"][key] = "***"
+    answer = ConfigAnswer(
+        axis=axis,
+        driver=own.driver,
+        settings=table["settings"],
+        limits={"warning_percent": warning, "fault_percent": fault},
+        machine=context.machines[axis].model_dump(mode="json", exclude_none=True),
+    )
+    return answer, tomlkit.dumps({"axes": [table]})

@@ -10,10 +10,10 @@ from ..config import EdgeConfig
 from ..health.service_state import ServiceState
 from ..health.store.outbox import Counts, Outbox
 from ..health.store.store import Store, StoreFailedError
-from ..http_api.recordings import RefusedError
+from ..http_api.problems import RefusedError
 from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
 from .context import NodeContext
-from .output_node import answer_of, make_output, method_of, outbox_of, send_test
+from .output_node import make_output, outbox_of, send_test
 
 T = TypeVar("T")
 Action = Literal["test", "requeue", "drop"]
@@ -72,8 +72,6 @@ class Scrape:
 
     def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
         self._context, self._state, self._desk = context, state, desk
-        machines = context.machines
-        self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
         self.output: Any = None
         with suppress(UnknownOutputError):
             place = context.config.service
@@ -85,7 +83,7 @@ class Scrape:
         from ..outputs.metrics import Scraped
 
         state, config, at_ns = self._state, self._context.config, now_ns()
-        answers = (answer_of(state, config, axis, self._methods[axis]) for axis in state.axes)
+        answers = (state.answer(axis, at_ns) for axis in state.axes)
         newest = ((axis, state.live_now(axis)) for axis in state.axes)
         components = [*state.components(at_ns)]
         dropped: Counter[tuple[str, str]] = Counter()

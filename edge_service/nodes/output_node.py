@@ -9,20 +9,17 @@ from typing import Any
 
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
-from ..estimate.registry import AUTO
 from ..health.axis_state import AxisState
-from ..health.service_state import ServiceState
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
 from ..http_api.words import words_in
 from ..messages.answer import AxisAnswer
+from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
-from ..messages.event import Event, Severity
-from ..messages.header import Header
+from ..messages.event import AxisCondition, Event
 from ..messages.health import AxisHealth, ComponentStatus
 from ..messages.topics import HEALTH, PRELOAD
-from ..models.machine import Machine
 from ..outputs.base import (
     Events,
     Message,
@@ -81,39 +78,12 @@ def outbox_of(store: Store, output: Output, receiver: str, log: EventLog | None 
     return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds, log)
 
 
-def method_of(config: EdgeConfig, machine: Machine) -> str:
-    """Method of an axis' estimator: `auto` takes the mixture where the axis is commissioned."""
-    if config.estimator.method != AUTO:
-        return config.estimator.method
-    return "kf-imm" if machine.commissioned is None else "mixture"
-
-
-def answer_of(state: ServiceState, config: EdgeConfig, axis: str, method: str) -> AxisAnswer:
-    """Answer about an axis from the state of the service."""
-    at_ns, (warning, fault) = now_ns(), config.limits_percent(axis)
-    reading, bounds = state.preload(axis, at_ns), state.limits(axis)
-    return AxisAnswer(
-        axis=axis,
-        estimate=reading.estimate,
-        measured_ns=reading.measured_ns,
-        health=state.health(axis, at_ns),
-        fresh_percent=None if bounds is None else bounds.fresh_percent,
-        warning_of_fresh=warning,
-        fault_of_fresh=fault,
-        is_heard=reading.measured_ns is not None,
-        method=method,
-    )
-
-
 class LatestAnswers:
     """Latest estimate and condition of each configured axis. Raises ConfigError."""
 
     def __init__(self, context: NodeContext) -> None:
-        self._context, self._started_ns = context, now_ns()
-        machines = context.machines
-        self._fresh = {axis: machine.fresh_preload_percent for axis, machine in machines.items()}
-        self._methods = {axis: method_of(context.config, each) for axis, each in machines.items()}
-        self._states = {axis: AxisState(axis) for axis in machines}
+        self._started_ns = now_ns()
+        self._states = {axis: AxisState(axis) for axis in context.machines}
 
     def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in; one that is older than the last is ignored."""
@@ -130,23 +100,7 @@ class LatestAnswers:
     def now(self) -> tuple[AxisAnswer, ...]:
         """Answers as they hold now, an axis each."""
         at_ns = now_ns()
-        return tuple(self._answer(state, at_ns) for state in self._states.values())
-
-    def _answer(self, state: AxisState, at_ns: int) -> AxisAnswer:
-        header = state.preload_input.header
-        warning, fault = self._context.config.limits_percent(state.axis)
-        return AxisAnswer(
-            axis=state.axis,
-            estimate=state.readable(at_ns),
-            measured_ns=None if header is None else header.source_time_ns,
-            health=state.told(self._started_ns, at_ns),
-            fresh_percent=self._fresh[state.axis],
-            warning_of_fresh=warning,
-            fault_of_fresh=fault,
-            is_heard=not state.missing(at_ns),
-            method=self._methods[state.axis],
-            header=header,
-        )
+        return tuple(state.answer(self._started_ns, at_ns) for state in self._states.values())
 
 
 async def run(context: NodeContext, name: str) -> None:
@@ -317,7 +271,7 @@ async def send_test(config: EdgeConfig, name: str) -> dict[str, str]:
     """
     output = make_output(config, name, is_test=True)
     message = "a test message of the edge service; nothing has happened"
-    test = Event(axis="", kind="test", severity=Severity.ERROR, message=message, time_ns=now_ns())
+    test = Event(axis="", kind="test", level=AxisCondition.FAULT, text=message, time_ns=now_ns())
     problems = {}
     for receiver in output.receivers:
         problems[receiver] = ""

@@ -18,7 +18,7 @@ from ..bus.session import Bus, BusUnavailableError
 from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
-from ..messages.event import Event, Severity
+from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentStatus
 from ..messages.topics import STATUS
 from ..retry import Retry
@@ -107,8 +107,8 @@ async def _run_on(
         started = Event(
             axis="",
             kind="service_started",
-            severity=Severity.INFO,
-            message=f"edge-service {__version__} started: {' '.join(names)}",
+            level=AxisCondition.NORMAL,
+            text=f"edge-service {__version__} started: {' '.join(names)}",
             time_ns=now_ns(),
             who=who,
             origin=f"process {os.getpid()}",

@@ -17,8 +17,7 @@ from ..downsample import Downsampler, DownsampleSettings
 from ..downsample.statistics import PhaseSettings, PlausibilitySettings
 from ..estimate import registry
 from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
-from ..messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ..messages.samples import SampleFrame
+from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 

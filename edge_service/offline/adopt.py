@@ -22,9 +22,8 @@ from ..checks.columns.understand import understand
 from ..checks.sampling import clock_of
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..messages.arrays import finite_or_none
-from ..messages.channels import CHANNELS, TABLE_POSITION, TORQUE
-from ..messages.samples import SampleFrame
+from ..messages.samples import CHANNELS, TABLE_POSITION, TORQUE, SampleFrame
+from ..messages.stored import finite_or_none
 from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace

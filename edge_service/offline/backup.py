@@ -25,7 +25,7 @@ from ..atomic import PRIVATE, made_folder, new_file, put_in_place, replaced_byte
 from ..command_answer import Answer
 from ..config import load_config, state_folder
 from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
-from ..messages.estimate import Frozen
+from ..messages.interval import Frozen
 from .document import Document
 
 MANIFEST = "manifest.json"

@@ -15,9 +15,8 @@ from ..command_answer import Answer
 from ..config import AxisConfig, ConfigError, EdgeConfig, EstimatorConfig, load_machine
 from ..estimate.registry import ESTIMATORS
 from ..exit_status import DONE
-from ..messages.arrays import finite_or_none
-from ..messages.quality import Quality, is_bad, is_uncertain
-from ..messages.samples import SampleFrame
+from ..messages.samples import Quality, SampleFrame, is_bad, is_uncertain
+from ..messages.stored import finite_or_none
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator

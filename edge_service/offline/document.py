@@ -1,6 +1,6 @@
 """Base of the documents with which commands answer programs."""
 
-from ..messages.estimate import Frozen
+from ..messages.interval import Frozen
 
 
 class Document(Frozen):

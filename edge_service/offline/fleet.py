@@ -15,17 +15,16 @@ from rich.text import Text
 
 from ..bus.fleet import HealthListener, HeardAxis, RouterAwayError
 from ..clock import now_ns
-from ..http_api.answers import WORST_FIRST, AxesAnswer, AxisRow
-from ..http_api.compose import axis_row
 from ..messages.addresses import is_http_url, is_loopback
+from ..messages.answer import AxesAnswer, AxisRow, axis_row
 from ..messages.estimate import EstimateStatus
-from ..messages.health import AxisCondition
-from ..messages.printed import printed
+from ..messages.event import AxisCondition
+from ..messages.interval import printed, rfc3339
 from ..threads import Threads
 from .document import Document
 
 ANSWER_S = 5.0  # for all answers together
-_STYLES = dict(zip(WORST_FIRST, ("bold red", "yellow", "dim", "green"), strict=True))
+_STYLES = dict(zip(AxisCondition, ("bold red", "yellow", "dim", "green"), strict=True))
 
 
 class FleetRow(AxisRow):
@@ -139,7 +138,7 @@ async def _service(address: str, login: httpx.Auth | None) -> list[FleetRow]:
 
 def table_of(fleet: Fleet) -> Group:
     """A line on all, then a table with a line an axis or silent address."""
-    counts = [(sum(row.condition is each for row in fleet.axes), each) for each in WORST_FIRST]
+    counts = [(sum(row.condition is each for row in fleet.axes), each) for each in AxisCondition]
     counted = ", ".join(f"{count} {each}" for count, each in counts if count)
     table = Table(
         "MACHINE", "AXIS", "CONDITION", "OF FRESH", "NEXT LIMIT", "WHY", "TO DO", box=SIMPLE
@@ -163,8 +162,9 @@ def _percent(row: FleetRow) -> str:
 def _limit(row: FleetRow) -> str:
     """The next limit with its dates, UTC to the minute."""
     limit = row.next_limit
-    if limit is None or limit.earliest is None:
+    if limit is None or limit.earliest_ns is None:
         return ""
-    earliest, latest = limit.earliest[:16], (limit.latest or "")[:16]
-    dates = f"{earliest} to {latest}Z" if latest else f"not before {earliest}Z"
+    dates = f"not before {rfc3339(limit.earliest_ns)[:16]}Z"
+    if limit.latest_ns is not None:
+        dates = f"{rfc3339(limit.earliest_ns)[:16]} to {rfc3339(limit.latest_ns)[:16]}Z"
     return f"{limit.limit} {dates.replace('T', ' ')}"

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from ..checks.columns.guess import Choice, Guess, Question, Understanding
 from ..checks.columns.mechanics import Mechanics
 from ..config import ConfigError
-from ..messages.units import SI
+from ..messages.samples import SI
 from ..models.machine import AxisConfig, ModelConfig, ToleranceConfig
 from ..regression.interval_estimate import IntervalEstimate
 

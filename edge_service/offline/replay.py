@@ -10,7 +10,7 @@ from ..bus.subscriber import Subscriber
 from ..command_answer import Answer
 from ..config import AxisConfig, EdgeConfig, load_machine
 from ..messages.estimate import PreloadEstimate
-from ..messages.printed import printed
+from ..messages.interval import printed
 from ..messages.topics import PRELOAD
 from ..nodes.context import NodeContext
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes

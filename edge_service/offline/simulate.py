@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..command_answer import Answer
-from ..messages.channels import CHANNELS
-from ..messages.samples import Floats
+from ..messages.samples import CHANNELS, Floats
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine

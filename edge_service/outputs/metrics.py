@@ -8,10 +8,11 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from .. import __version__
-from ..messages.alarm import AlarmKind
 from ..messages.answer import AxisAnswer
-from ..messages.estimate import EstimateStatus, Interval
-from ..messages.health import AxisCondition, ComponentHealth, ComponentStatus
+from ..messages.estimate import EstimateStatus
+from ..messages.event import AxisCondition
+from ..messages.health import AlarmKind, ComponentHealth, ComponentStatus
+from ..messages.interval import Interval
 from .base import Message, Output, OutputConfig
 
 _BOUNDS = ("value", "low", "high")
@@ -130,7 +131,7 @@ class _Families(Collector):
         self._interval("stiffness_newtons_per_meter", axis, estimate.stiffness_n_per_m, 1.0)
         for status in EstimateStatus:
             value = float(status is estimate.status)
-            self._add("estimate_status", value, axis, status.value, answer.method)
+            self._add("estimate_status", value, axis, status.value, answer.estimate.method or "")
         for mode, probability in estimate.mode_probability.items():
             self._add("mode_probability", probability, axis, mode)
         measured_ns = answer.measured_ns

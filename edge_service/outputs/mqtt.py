@@ -10,7 +10,6 @@ import re
 import ssl
 import time
 from contextlib import suppress
-from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
@@ -23,8 +22,8 @@ from .. import __version__
 from ..broker_tls import BrokerTlsError, broker_tls
 from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
-from ..messages.codec.interface import header_members
-from ..messages.health import AxisCondition
+from ..messages.codec import header_members
+from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
 from . import sparkplug
 from .base import (
@@ -297,34 +296,17 @@ class MqttOutput(Output):
 
 def preload_of(answer: AxisAnswer) -> dict[str, Any]:
     """Members of the message `preload`: that of the bus, as it may be read now."""
-    of_fresh = answer.of_fresh
-    measured = answer.measured_ns
     return {
         "schema": PRELOAD.payload,
-        "axis": answer.axis,
         **({} if answer.header is None else header_members(answer.header)),
-        **answer.estimate.model_dump(mode="json"),
-        "of_fresh": None if of_fresh is None else of_fresh.model_dump(),
-        "method": answer.method,
-        "measured_at": None if measured is None else _rfc_3339(measured),
+        **answer.preload().model_dump(mode="json", exclude={"age_s"}),
     }
 
 
 def health_of(answer: AxisAnswer) -> dict[str, Any]:
     """Members of the message `health`: that of the bus, as it may be read now."""
-    of_fresh, limit_ns = answer.of_fresh, answer.next_limit_ns
-    return {
-        "schema": HEALTH.payload,
-        **answer.health.model_dump(mode="json", exclude={"friction"}),
-        "of_fresh": None if of_fresh is None else of_fresh.model_dump(),
-        "method": answer.method,
-        "next_limit": None if limit_ns is None else _rfc_3339(limit_ns),
-    }
-
-
-def _rfc_3339(time_ns: int) -> str:
-    moment = datetime.fromtimestamp(time_ns / 1e9, UTC)
-    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    members = answer.health.model_dump(mode="json", exclude={"friction"})
+    return {"schema": HEALTH.payload} | members
 
 
 def _of_fresh(bound: str) -> str:
@@ -374,7 +356,7 @@ COMPONENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     ),
     "next_limit": (
         "health",
-        "{{ value_json.next_limit }}",
+        "{{ value_json.next_limit.earliest if value_json.next_limit else None }}",
         {"platform": "sensor", "name": "Next limit, earliest", "device_class": "timestamp"},
     ),
     "problem": (
@@ -387,7 +369,7 @@ COMPONENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
 """Values of an axis for Home Assistant: topic, template, and facts about each."""
 _ATTRIBUTES = (
     "{ {% for alarm in value_json.alarms | selectattr('active') %}"
-    '"{{ alarm.kind }}": {{ alarm.message | tojson }}{{ "," if not loop.last }}'
+    '"{{ alarm.alarm }}": {{ alarm.text | tojson }}{{ "," if not loop.last }}'
     "{% endfor %} }"
 )
 """Words of each active alarm, by its kind."""

@@ -20,8 +20,7 @@ from ..atomic import replaced_file
 from ..clock import now_ns
 from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
-from ..messages.estimate import Interval
-from ..messages.event import Severity
+from ..messages.interval import Interval
 from .base import (
     Message,
     Output,
@@ -44,7 +43,6 @@ DEVICES_FILE = "mtconnect-devices.xml"
 NAMESPACE = "urn:mtconnect.org:MTConnectDevices:2.0"
 OWN = "urn:edge-service:MTConnectDevices:2.0"
 UNAVAILABLE = "UNAVAILABLE"
-_LEVELS = {Severity.INFO: "NORMAL", Severity.WARNING: "WARNING", Severity.ERROR: "FAULT"}
 _CONDITION_CODE = "PRELOAD"  # one native code, so that a new condition replaces the last
 _HEALTH_MISSING = ("no_health:", "stale_health:")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
@@ -289,8 +287,8 @@ def values_of(answer: AxisAnswer) -> Values:
         values[f"alarms_{axis}", ""] = "NORMAL", "", "", "", ""
     else:
         for alarm in active:
-            severity, code = alarm.severity, alarm.kind.value
-            fields = _LEVELS[severity], code, severity.value, "", alarm.message
+            level, code = alarm.level.value, alarm.kind.value
+            fields = level if level != UNAVAILABLE else "WARNING", code, "", "", alarm.text
             values[f"alarms_{axis}", code] = fields
     return values
 

@@ -12,8 +12,7 @@ from typing import Any, Literal
 import apprise
 from pydantic import Field
 
-from ..messages.event import Event, Severity
-from ..messages.sentence import Sentence
+from ..messages.event import AxisCondition, Event, Statement
 from ..secret_files import SecretError, read_secret
 from ..threads import Threads
 from .base import (
@@ -32,12 +31,12 @@ MOST_TOLD = 20
 _SENDERS = Threads("notify", 4)
 _REASON = re.compile(r"\berror=(\d{3})\b")
 _LATER = (408, 425, 429)
-_GRAVITY = list(Severity)
-_LEVELS = {"NORMAL": Severity.INFO, "WARNING": Severity.WARNING, "FAULT": Severity.ERROR}
+_TAKEN_AS = {AxisCondition.UNAVAILABLE: AxisCondition.WARNING}
+"""Levels that count as another one: data that are missing are not to be missed."""
 _KINDS = {
-    Severity.INFO: apprise.NotifyType.INFO,
-    Severity.WARNING: apprise.NotifyType.WARNING,
-    Severity.ERROR: apprise.NotifyType.FAILURE,
+    AxisCondition.NORMAL: apprise.NotifyType.INFO,
+    AxisCondition.WARNING: apprise.NotifyType.WARNING,
+    AxisCondition.FAULT: apprise.NotifyType.FAILURE,
 }
 _ASSET = apprise.AppriseAsset(app_id="edge-service", app_desc="", app_url="")
 _LOG = logging.getLogger("apprise")
@@ -123,8 +122,8 @@ class NotifyOutput(Output):
         if not self._is_open:
             raise OutputUnavailableError("not open")
         assert isinstance(message, Events)
-        least = _GRAVITY.index(_LEVELS[self.config.level])
-        told = [each for each in message.events if _GRAVITY.index(each.severity) >= least]
+        least = AxisCondition(self.config.level).urgency
+        told = [each for each in message.events if _level(each).urgency >= least]
         if told:
             await _SENDERS.run(self._send, message.receiver, told)
 
@@ -133,7 +132,7 @@ class NotifyOutput(Output):
         self._is_open = False
 
     def _send(self, receiver: str, events: Sequence[Event]) -> None:
-        gravest = max((event.severity for event in events), key=_GRAVITY.index)
+        gravest = max(map(_level, events), key=lambda level: level.urgency)
         title, body = self.letter(events)
         said = _Status()
         _LOG.addHandler(said)
@@ -172,18 +171,22 @@ class NotifyOutput(Output):
 
     def _said(self, event: Event) -> str:
         """Sentence about an event, in the language of the letters as far as there are words."""
-        told = event.message
-        if self.config.language != "en" and event.sentence is not None:
-            told = sentence_in(self._words, event.sentence) or told
+        told = event.text
+        if self.config.language != "en" and event.code:
+            told = sentence_in(self._words, event) or told
         alarm = self._words.get(f"alarm.{event.data.get('alarm')}")
         over = " (OK)" if event.kind == "alarm_cleared" else ""
         return f"{alarm}{over}: {told}" if alarm else told
 
 
-def sentence_in(words: Mapping[str, str], sentence: Sentence) -> str | None:
-    """A sentence of the service in the words of the page; None where it has none for it."""
-    text = words.get(f"said.{sentence.code}")
-    for name, value in sentence.values.items() if text is not None else ():
+def _level(event: Event) -> AxisCondition:
+    return _TAKEN_AS.get(event.level, event.level)
+
+
+def sentence_in(words: Mapping[str, str], said: Statement) -> str | None:
+    """A statement of the service in the words of the page; None where it has none for it."""
+    text = words.get(f"said.{said.code}")
+    for name, value in said.values.items() if text is not None else ():
         if isinstance(value, str):
             shown = words.get(f"{name}.{value}", value)
         else:

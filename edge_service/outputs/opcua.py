@@ -145,7 +145,7 @@ class OpcuaOutput(Output):
         if self._server is None or self._server.bserver is None or self._space is None:
             raise OutputUnavailableError("not open")
         assert isinstance(message, AxisAnswer)
-        if message.axis not in self._limited:
+        if message.axis not in self._limited and message.health.limits is not None:
             await self._space.set_limits(message)
             self._limited.add(message.axis)
         write = self._server.iserver.aspace.write_attribute_value

@@ -17,7 +17,10 @@ from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.status_codes import StatusCodes
 
 from ..messages.answer import AxisAnswer
-from ..messages.estimate import EstimateStatus, Interval
+from ..messages.estimate import EstimateStatus
+from ..messages.event import AxisCondition
+from ..messages.health import AlarmKind
+from ..messages.interval import Interval
 
 OWN = "urn:edge-service:axes"
 DI, IA = "http://opcfoundation.org/UA/DI/", "http://opcfoundation.org/UA/IA/"
@@ -41,18 +44,13 @@ _NUMBERED = {
 _UNITS = {"%": "P1", "N": "NEW", "N m": "NU", "N/m": "4P", "m": "MTR", "s": "SEC", "%/h": ""}
 """UNECE code of each unit (OPC 10000-8, 5.6.4); empty where there is none."""
 _DEVICE_HEALTH = {
-    "normal": 0,  # NORMAL
-    "fault": 1,  # FAILURE
-    "preload_lost": 1,
-    "sudden_drop": 1,
-    "data_lost": 2,  # CHECK_FUNCTION: nothing that is shown may be relied upon
-    "service": 2,
-    "model": 3,  # OFF_SPEC: the axis does what its model does not know
-    "warning": 4,  # MAINTENANCE_REQUIRED
-    "preload_low": 4,
-    "rate": 4,
+    AxisCondition.NORMAL: 0,  # NORMAL
+    AxisCondition.FAULT: 1,  # FAILURE
+    AxisCondition.UNAVAILABLE: 2,  # CHECK_FUNCTION: nothing that is shown may be relied upon
+    AxisCondition.WARNING: 4,  # MAINTENANCE_REQUIRED
 }
-"""DeviceHealthEnumeration (OPC 10000-100, 4.5.4) by the headline's code; `unavailable` has none."""
+"""DeviceHealthEnumeration (OPC 10000-100, 4.5.4) by the headline's level."""
+_BY_ALARM = {AlarmKind.SERVICE: 2, AlarmKind.MODEL: 3}  # 3 is OFF_SPEC
 _WITHOUT_NUMBER = {
     EstimateStatus.ESTIMATED: StatusCodes.BadConfigurationError,  # the machine file lacks for it
     EstimateStatus.UNESTIMATED: StatusCodes.BadWaitingForInitialData,
@@ -98,6 +96,11 @@ def _rate(answer: AxisAnswer) -> float | None:
     return None if trend is None else _bound(trend.rate_fresh_percent_per_h)
 
 
+def _next_limit_ns(answer: AxisAnswer) -> int | None:
+    limit = answer.health.next_limit
+    return None if limit is None else limit.earliest_ns
+
+
 def _headline(answer: AxisAnswer) -> ua.LocalizedText | None:
     headline = answer.health.headline
     return None if headline is None else _text(headline.text)
@@ -105,7 +108,12 @@ def _headline(answer: AxisAnswer) -> ua.LocalizedText | None:
 
 def _device_health(answer: AxisAnswer) -> int | None:
     headline = answer.health.headline
-    return None if headline is None else _DEVICE_HEALTH.get(headline.code)
+    if headline is None or not answer.is_heard:
+        return None
+    for alarm in answer.health.alarms:
+        if alarm.active and alarm.code == headline.code and alarm.kind in _BY_ALARM:
+            return _BY_ALARM[alarm.kind]
+    return _DEVICE_HEALTH[headline.level]
 
 
 def _model_fits(answer: AxisAnswer) -> bool | None:
@@ -114,7 +122,7 @@ def _model_fits(answer: AxisAnswer) -> bool | None:
 
 
 def _alarms(answer: AxisAnswer) -> list[str]:
-    return [alarm.message for alarm in answer.health.alarms if alarm.active]
+    return [alarm.text for alarm in answer.health.alarms if alarm.active]
 
 
 def _use(name: str) -> Callable[[AxisAnswer], float | None]:
@@ -135,7 +143,7 @@ FIELDS: dict[str, Field] = {
     "DragTorque": Field(_DOUBLE, lambda each: _bound(each.estimate.drag_torque_nm), "N m"),
     "Stiffness": Field(_DOUBLE, lambda each: _bound(each.estimate.stiffness_n_per_m), "N/m"),
     "Status": Field(_STRING, lambda each: each.estimate.status.value),
-    "Method": Field(_STRING, lambda each: each.method),
+    "Method": Field(_STRING, lambda each: each.estimate.method or ""),
     "ModelFits": Field(ua.VariantType.Boolean, _model_fits),
     "Condition": Field(_STRING, lambda each: each.health.condition.value),
     HEALTH: Field(ua.VariantType.Int32, _device_health),
@@ -145,7 +153,7 @@ FIELDS: dict[str, Field] = {
     DUE: Field(ua.VariantType.DateTime, lambda each: _time(each.due_ns)),
     "Alarms": Field(_STRING, _alarms, is_list=True),
     "PreloadRate": Field(_DOUBLE, _rate, "%/h"),
-    "NextLimit": Field(ua.VariantType.DateTime, lambda each: _time(each.next_limit_ns)),
+    "NextLimit": Field(ua.VariantType.DateTime, lambda each: _time(_next_limit_ns(each))),
     "Distance": Field(_DOUBLE, _use("distance_m"), "m"),
     "MovingTime": Field(_DOUBLE, _use("moving_s"), "s"),
     "Reversals": Field(_DOUBLE, _use("reversals")),
@@ -259,11 +267,15 @@ class AddressSpace:
 
     async def set_limits(self, answer: AxisAnswer) -> None:
         """Say at which preload an axis is to be maintained, and at which it has failed."""
+        limits = answer.health.limits
+        if limits is None:
+            return
+        share = 100.0 / limits.fresh_percent
         counter = self._server.get_node(self._id(f"{answer.axis}.{PRELOAD}"))
         limit = await counter.get_child(self._name(DI, "LimitValue"))
-        await limit.write_value(ua.Variant(answer.fault_of_fresh, _DOUBLE))
+        await limit.write_value(ua.Variant(round(share * limits.fault_percent, 6), _DOUBLE))
         warning = await counter.get_child(self._name(DI, "WarningValues"))
-        await warning.write_value(ua.Variant([answer.warning_of_fresh], _DOUBLE))
+        await warning.write_value(ua.Variant([round(share * limits.warning_percent, 6)], _DOUBLE))
 
     async def _variable(
         self, parent: Node, axis: str, name: str, uri: str, datatype: ua.NodeId | None = None

@@ -13,7 +13,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
 from ..clock import now_ns
-from ..messages.alarm import AlarmKind
+from ..messages.health import AlarmKind
 
 REBIRTH = "Node Control/Rebirth"
 _INT64, _DOUBLE, _BOOLEAN, _STRING = 4, 10, 11, 12
@@ -39,12 +39,12 @@ METRICS: dict[str, int] = {
     **{f"preload/{name}": _DOUBLE for name in ("preload_percent", "low", "high", "preload_n")},
     **{f"preload/drag_torque_nm/{name}": _DOUBLE for name in _BOUNDS},
     **{f"preload/stiffness_n_per_m/{name}": _DOUBLE for name in _BOUNDS},
-    **dict.fromkeys(("health/condition", "health/next_limit"), _STRING),
+    **dict.fromkeys(("health/condition", "health/next_limit/earliest"), _STRING),
     **{f"health/headline/{name}": _STRING for name in ("level", "code", "text")},
     **{f"health/advice/{name}": _STRING for name in ("task", "text")},
     **{f"health/trend/rate_fresh_percent_per_h/{name}": _DOUBLE for name in _BOUNDS},
     **{f"health/alarms/{kind}": _BOOLEAN for kind in AlarmKind},
-    **{f"event/{name}": _STRING for name in ("kind", "severity", "message")},
+    **{f"event/{name}": _STRING for name in ("kind", "level", "text")},
 }
 """Path of the JSON member -> type of every metric that an axis will ever have."""
 Values = Mapping[str, float | int | bool | str | None]
@@ -118,7 +118,7 @@ def flat(prefix: str, content: Mapping[str, Any]) -> dict[str, Any]:
     """Values of the metrics in a JSON message, by path; the first of the advice stands for all."""
     members = dict(content)
     if prefix == "health":
-        active = {alarm["kind"] for alarm in members["alarms"] if alarm["active"]}
+        active = {alarm["alarm"] for alarm in members["alarms"] if alarm["active"]}
         members["alarms"] = {kind.value: kind.value in active for kind in AlarmKind}
         members["advice"] = next(iter(members["advice"]), {})
     values = {}

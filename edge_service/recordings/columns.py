@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from ..messages.channels import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
+from ..messages.samples import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
 
 ROW_NUMBER = "#row"
 """Stands for a column with the number of the row, from 0: the clock of a file without times."""

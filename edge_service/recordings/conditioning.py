@@ -12,7 +12,6 @@ import numpy as np
 from scipy import ndimage, signal
 from scipy.interpolate import CubicSpline
 
-from ..messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
 from ..messages.row_faults import (
     CLOCK_RESET_S,
     LIMIT_SHARE,
@@ -24,7 +23,15 @@ from ..messages.row_faults import (
     clock_parts,
     run_starts,
 )
-from ..messages.samples import Booleans, Floats, SampleFrame
+from ..messages.samples import (
+    ANGLE,
+    SETPOINT,
+    TABLE_POSITION,
+    TORQUE,
+    Booleans,
+    Floats,
+    SampleFrame,
+)
 
 LARGEST_HOLE = 4.5
 """Samples further apart than this many periods are not bridged: up to three may be lost."""

@@ -7,8 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from ..messages.channels import CHANNELS, TIME
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import CHANNELS, TIME, Floats, SampleFrame
 from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
 from .forms import open_source
 from .sinumerik.edge import EdgeSource, edge_recording

@@ -10,8 +10,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from ..atomic import replaced_bytes
-from ..messages.channels import CHANNELS, TIME
-from ..messages.samples import SampleFrame
+from ..messages.samples import CHANNELS, TIME, SampleFrame
 from .columns import TraceError
 from .parquet import PARQUET_SUFFIXES
 

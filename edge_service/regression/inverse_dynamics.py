@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..messages.channels import ANGLE, SETPOINT, TORQUE
-from ..messages.samples import Floats, SampleFrame
+from ..messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from .interval_estimate import IntervalEstimate, normal_quantile
 from .linear import LinearFit, instrumental_variables, least_squares, total_least_squares
 from .prepared_run import PreparationSettings, PreparedRun, derivative_noise_rms, prepare

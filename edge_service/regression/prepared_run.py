@@ -17,15 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from ..messages.channels import (
+from ..messages.samples import (
     ANGLE,
     EXTERNAL_FORCE,
     SETPOINT,
     TABLE_POSITION,
     TEMPERATURE,
     TORQUE,
+    Booleans,
+    Floats,
+    SampleFrame,
 )
-from ..messages.samples import Booleans, Floats, SampleFrame
 from ..recordings.conditioning import (
     CUTOFF_SHARE,
     anti_alias,

@@ -15,11 +15,10 @@ from edge_service.bus.session import (
     BusUnavailableError,
 )
 from edge_service.bus.settings import MOST_AT_ONCE
-from edge_service.messages.channels import TORQUE
-from edge_service.messages.event import Event, Severity
-from edge_service.messages.header import Header
+from edge_service.messages.codec import Header
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.keys import MachineKeys
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.messages.topics import EVENT, RAW
 
 KEYS = MachineKeys("site", "machine")
@@ -79,7 +78,7 @@ async def test_events_that_come_together_all_cross_a_link(router: Bus, client: B
     """Each is urgent, so it travels in a batch of its own; there have to be batches enough."""
     far = client.subscribe(KEYS.key("X", EVENT), EVENT)
     publisher = router.publisher(KEYS.key("X", EVENT), EVENT, "X")
-    event = Event(axis="X", kind="part", severity=Severity.INFO, message="one of many", time_ns=1)
+    event = Event(axis="X", kind="part", level=AxisCondition.NORMAL, text="one of many", time_ns=1)
     arrivals = aiter(far)
     async with asyncio.timeout(5.0):
         first = asyncio.ensure_future(anext(arrivals))

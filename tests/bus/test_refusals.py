@@ -18,10 +18,9 @@ from edge_service.bus.reception import (
     together,
 )
 from edge_service.bus.session import Bus, BusSettings
-from edge_service.messages.channels import TORQUE
-from edge_service.messages.header import Header
+from edge_service.messages.codec import Header
 from edge_service.messages.keys import MachineKeys
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.messages.topics import RAW
 
 KEYS = MachineKeys("site", "machine")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.messages.alarm import AlarmKind
 from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.health import AlarmKind
 from edge_service.outputs.metrics import family_names
 from tests.documents import document, guide
 

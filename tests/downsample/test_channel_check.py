@@ -9,9 +9,8 @@ from scipy.signal import lfilter
 
 from edge_service.checks.live.channel_limits import channel_limits
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import Fault, FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 
 OF_CHANNELS = (

@@ -11,9 +11,16 @@ from hypothesis import strategies as st
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.interval_kernels import lever
 from edge_service.downsample.statistics import PlausibilitySettings
-from edge_service.messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TORQUE
 from edge_service.messages.features import Fault, FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    TABLE_POSITION,
+    TORQUE,
+    Floats,
+    SampleFrame,
+)
 
 RATIO = 0.02 / (2.0 * np.pi)
 RNG_SEED = 3

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.rows import MOST_FRAMES, Gathering
-from edge_service.messages.channels import TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 
 from .test_downsampler import RATIO, frame_of, trace
 

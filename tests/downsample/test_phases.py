@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.statistics import PhaseSettings
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import PHASES, FeatureBlock, Phase
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 
 RATIO = 0.02 / (2.0 * np.pi)
 INERTIA = 1.5e-3

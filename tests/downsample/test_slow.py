@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import Fault, FeatureBlock
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    TABLE_POSITION,
+    TORQUE,
+    Floats,
+    Quality,
+    SampleFrame,
+)
 
 RATIO_M_PER_RAD = 0.02 / (2.0 * np.pi)
 SPEED_RAD_S = 20.0

@@ -7,9 +7,7 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.downsample.vibration import MOST_SENSORS, AxisVibration, orders_of
-from edge_service.messages.channels import ANGLE
-from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.messages.waveform import Waveform
+from edge_service.messages.samples import ANGLE, Floats, SampleFrame, Waveform
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
 
 RATE_HZ = 10_000.0

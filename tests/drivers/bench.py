@@ -12,8 +12,7 @@ import numpy as np
 
 from drivers.base import Driver, DriverContext
 from drivers.stub import Fault, FaultKind, Stub
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 
 ROOT = Path(__file__).parents[2]

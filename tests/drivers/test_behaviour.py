@@ -25,9 +25,7 @@ from drivers.base import (
     DriverUnavailableError,
 )
 from drivers.registry import driver_names
-from edge_service.messages.channels import CHANNELS
-from edge_service.messages.quality import is_bad
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import CHANNELS, SampleFrame, is_bad
 
 from .bench import DriverBench
 

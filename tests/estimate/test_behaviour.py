@@ -18,9 +18,9 @@ from edge_service.config import EstimatorConfig
 from edge_service.downsample.statistics import absent_block
 from edge_service.estimate.interface import PreloadEstimator, UnsuitableMachineError
 from edge_service.estimate.registry import AUTO, ESTIMATORS, make_estimator
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import Fault, FeatureBlock, Phase
-from edge_service.messages.header import Header
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import FEAT
 from edge_service.models.machine import Machine

@@ -10,10 +10,9 @@ from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
 from edge_service.estimate.validity import Validity
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault, FeatureBlock
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 
 MACHINE = Machine.model_validate(

@@ -8,8 +8,7 @@ import pytest
 
 from edge_service.fingerprint.drift import Drift, SectionDrift, compare_moves
 from edge_service.fingerprint.moves import Move, find_moves
-from edge_service.messages.channels import TIME
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import TIME, Floats, SampleFrame
 from edge_service.offline.drift import verdict
 
 from .. import foreign_plant as plant

@@ -9,7 +9,7 @@ import pytest
 
 from edge_service.checks.examination import CHECKS, check_plausibility
 from edge_service.checks.finding import Finding, Verdict
-from edge_service.messages.channels import (
+from edge_service.messages.samples import (
     ANGLE,
     MOTOR_SPEED,
     SETPOINT,
@@ -17,8 +17,9 @@ from edge_service.messages.channels import (
     TABLE_SPEED,
     TEMPERATURE,
     TORQUE,
+    Floats,
+    SampleFrame,
 )
-from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 
 from ..estimate.commissioning.plain_axis import PlainAxis

@@ -18,8 +18,14 @@ from edge_service.fingerprint.result import (
     Status,
     read_fingerprint,
 )
-from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    SETPOINT,
+    TABLE_POSITION,
+    TORQUE,
+    Floats,
+    SampleFrame,
+)
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity

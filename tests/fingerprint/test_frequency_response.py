@@ -15,8 +15,7 @@ from edge_service.fingerprint.response.frequency_response import (
     sampling_correction,
 )
 from edge_service.fingerprint.response.two_mass_fit import TwoMassFit, fit_two_mass, modes
-from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, motion_limits

@@ -9,8 +9,7 @@ from scipy import stats
 
 from edge_service.fingerprint.friction.curve import fit_friction
 from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
-from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
 from edge_service.models.screw.friction import exponential_friction

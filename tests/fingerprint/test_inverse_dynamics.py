@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from edge_service.messages.channels import ANGLE, SETPOINT, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
 from edge_service.recordings.reader import read_trace

@@ -10,15 +10,16 @@ from edge_service.checks.channel_regression import regress_channel
 from edge_service.checks.examination import check_plausibility
 from edge_service.checks.finding import Finding, Verdict
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages.channels import (
+from edge_service.messages.samples import (
     ANGLE,
     MOTOR_SPEED,
     SETPOINT,
     TABLE_POSITION,
     TEMPERATURE,
     TORQUE,
+    Floats,
+    SampleFrame,
 )
-from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine

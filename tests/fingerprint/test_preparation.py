@@ -5,8 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.messages.channels import ANGLE, SETPOINT, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    SETPOINT,
+    TABLE_POSITION,
+    TORQUE,
+    Floats,
+    SampleFrame,
+)
 from edge_service.recordings.conditioning import (
     decimate,
     uniform_runs,

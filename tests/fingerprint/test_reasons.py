@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from edge_service.fingerprint.fingerprint import fingerprint_axis
-from edge_service.messages.channels import ANGLE, CHANNELS, SETPOINT, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    CHANNELS,
+    SETPOINT,
+    TABLE_POSITION,
+    TORQUE,
+    SampleFrame,
+)
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits

@@ -14,8 +14,7 @@ from edge_service.fingerprint.transmission.stiffness import (
     backlash,
     fit_stiffness,
 )
-from edge_service.messages.channels import ANGLE, TABLE_POSITION
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.two_mass import axial_compliance

@@ -6,11 +6,10 @@ import pytest
 
 from edge_service.health.condition import ConditionMonitor
 from edge_service.health.limits import HealthSettings
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import Event
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
-from edge_service.messages.header import Header
-from edge_service.messages.health import AxisCondition
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS

@@ -10,11 +10,11 @@ from edge_service.health.alarms import AlarmSettings, SuddenDrop
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.limits import HealthSettings
 from edge_service.health.usage import ScrewGeometry
-from edge_service.messages.alarm import AlarmKind, Command
+from edge_service.messages.codec import Header
+from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import Severity
-from edge_service.messages.header import Header
-from edge_service.messages.sentence import Told
+from edge_service.messages.event import AxisCondition, Statement
+from edge_service.messages.health import AlarmKind
 from edge_service.messages.trend import Trend, TrendStatus
 
 NS = 1_000_000_000
@@ -23,7 +23,7 @@ FACTS = AxisFacts("X", 7.0, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
 
 
 def _latch(**rule: object) -> AlarmLatch:
-    members = {"severity": Severity.WARNING, "raise_delay_s": 2.0, "clear_delay_s": 5.0} | rule
+    members = {"level": AxisCondition.WARNING, "raise_delay_s": 2.0, "clear_delay_s": 5.0} | rule
     return AlarmLatch("X", AlarmKind.MODEL, AlarmRule(**members))
 
 
@@ -33,25 +33,27 @@ def _kinds(events: tuple) -> list[str]:
 
 def test_an_alarm_waits_its_delays_both_ways():
     latch = _latch()
-    assert latch.update(True, Told("because"), 0) == ()
-    assert latch.update(True, Told("because"), NS) == ()
-    (raised,) = latch.update(True, Told("because"), 2 * NS)
-    assert (raised.kind, raised.severity, raised.message) == (
+    assert latch.update(True, Statement(text="because"), 0) == ()
+    assert latch.update(True, Statement(text="because"), NS) == ()
+    (raised,) = latch.update(True, Statement(text="because"), 2 * NS)
+    assert (raised.kind, raised.level, raised.text) == (
         "alarm_raised",
-        Severity.WARNING,
+        AxisCondition.WARNING,
         "because",
     )
-    assert latch.update(False, Told(""), 3 * NS) == ()
-    assert latch.update(True, Told(""), 6 * NS) == ()  # back in between: the delay begins anew
-    assert latch.update(False, Told(""), 7 * NS) == ()
-    assert latch.update(False, Told(""), 11 * NS) == ()
-    assert _kinds(latch.update(False, Told(""), 12 * NS)) == ["alarm_cleared"]
+    assert latch.update(False, Statement(text=""), 3 * NS) == ()
+    assert (
+        latch.update(True, Statement(text=""), 6 * NS) == ()
+    )  # back in between: the delay begins anew
+    assert latch.update(False, Statement(text=""), 7 * NS) == ()
+    assert latch.update(False, Statement(text=""), 11 * NS) == ()
+    assert _kinds(latch.update(False, Statement(text=""), 12 * NS)) == ["alarm_cleared"]
 
 
 def test_an_alarm_nobody_saw_stays_until_somebody_has():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, Told("because"), 0)
-    latch.update(False, Told(""), NS)
+    latch.update(True, Statement(text="because"), 0)
+    latch.update(False, Statement(text=""), NS)
     assert not latch.shown().active
     assert _kinds(latch.acknowledge("Kim", "loose plug", 2 * NS)) == ["alarm_acknowledged"]
     assert latch.shown() is None
@@ -60,30 +62,30 @@ def test_an_alarm_nobody_saw_stays_until_somebody_has():
 
 def test_an_acknowledged_alarm_goes_when_its_cause_goes_and_asks_again_when_it_is_back():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, Told("because"), 0)
+    latch.update(True, Statement(text="because"), 0)
     latch.acknowledge("Kim", "", NS)
     shown = latch.shown()
     assert (shown.active, shown.acknowledged_by) == (True, "Kim")
-    latch.update(False, Told(""), 2 * NS)
+    latch.update(False, Statement(text=""), 2 * NS)
     assert latch.shown() is None
-    latch.update(True, Told("again"), 3 * NS)
+    latch.update(True, Statement(text="again"), 3 * NS)
     assert latch.shown().acknowledged_by is None
 
 
 def test_shelved_it_calls_nobody_and_comes_back_by_itself():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
     latch.shelve("Kim", "known", 100.0, 0)
-    (raised,) = latch.update(True, Told("because"), NS)
-    assert raised.severity is Severity.INFO
+    (raised,) = latch.update(True, Statement(text="because"), NS)
+    assert raised.level is AxisCondition.NORMAL
     assert latch.shown().shelved_until_ns == 100 * NS
-    assert _kinds(latch.update(True, Told(""), 100 * NS)) == ["alarm_unshelved"]
+    assert _kinds(latch.update(True, Statement(text=""), 100 * NS)) == ["alarm_unshelved"]
     assert latch.shown().shelved_until_ns is None
 
 
 def test_nobody_can_tell_changes_nothing():
     latch = _latch(raise_delay_s=0.0, clear_delay_s=0.0)
-    latch.update(True, Told("because"), 0)
-    assert latch.update(None, Told(""), 60 * NS) == ()
+    latch.update(True, Statement(text="because"), 0)
+    assert latch.update(None, Statement(text=""), 60 * NS) == ()
     assert latch.active
 
 
@@ -190,15 +192,15 @@ def acknowledge(occurrence: int | None) -> Command:
 
 
 def test_an_acknowledgement_names_the_occurrence_that_it_means() -> None:
-    latch = AlarmLatch("X", AlarmKind.DATA_LOST, AlarmRule(Severity.WARNING, 0.0, 0.0))
+    latch = AlarmLatch("X", AlarmKind.DATA_LOST, AlarmRule(AxisCondition.WARNING, 0.0, 0.0))
     occurrences = []
     for at_ns in (5 * NS, 7 * NS):
-        latch.update(True, Told("gone"), at_ns)
+        latch.update(True, Statement(text="gone"), at_ns)
         alarm = latch.shown()
         assert alarm is not None
         occurrences.append(alarm.occurrence)
         assert latch.refusal(acknowledge(alarm.occurrence)) == ""
-        latch.update(False, Told(""), at_ns + NS)
+        latch.update(False, Statement(text=""), at_ns + NS)
     first, second = occurrences
     assert first < second
     assert "is over" in latch.refusal(acknowledge(first))
@@ -207,7 +209,7 @@ def test_an_acknowledgement_names_the_occurrence_that_it_means() -> None:
     restored.restore(latch.snapshot())
     restored.acknowledge("Kim", "", 9 * NS)
     assert "no alarm data_lost" in restored.refusal(acknowledge(second))
-    restored.update(True, Told("gone"), 0)
+    restored.update(True, Statement(text="gone"), 0)
     again = restored.shown()
     assert again is not None
     assert again.occurrence > second
@@ -242,7 +244,7 @@ def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
         axis.hear(percent)
     assert axis.events.count("alarm_raised:sudden_drop") == 1
     (drop,) = (a for a in axis.watch.health(axis.now_ns).alarms if a.kind == "sudden_drop")
-    assert "by 80 points, from 100 to 20 % of the fresh screw's" in drop.message
+    assert "dropped from 100 to 20 % of fresh" in drop.text
     axis.ask("acknowledge", "sudden_drop")
     for _ in range(120):
         axis.hear(1.4)

@@ -3,7 +3,7 @@
 import pytest
 
 from edge_service.health.axis_monitor import MOST_ANSWERED, AnsweredCommands
-from edge_service.messages.alarm import Command, Outcome
+from edge_service.messages.command import Command, Outcome
 
 DONE = Outcome(accepted=True, message="done")
 

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from edge_service.health.advice import advice, headline
-from edge_service.messages.advice import Task
-from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from edge_service.messages.event import Severity
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault
-from edge_service.messages.health import AxisCondition, ComponentHealth, ComponentStatus
+from edge_service.messages.health import ComponentHealth, ComponentStatus, Task
+from edge_service.messages.interval import Interval
 
 NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
 FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
@@ -37,7 +37,7 @@ def test_sudden_drop_is_a_fault_within_half_a_second(scene):
     scene.estimate(0.5, steps=10)
     event = next(event for event in scene.events if event.data.get("to") == "FAULT")
     assert event.time_ns - dropped_ns <= 0.5e9
-    assert event.severity is Severity.ERROR
+    assert event.level is AxisCondition.FAULT
     assert event.data["preload_percent"] == 0.5
 
 
@@ -97,7 +97,7 @@ def test_a_limit_inside_the_interval_is_said_to_be_in_doubt(scene):
         "below_warning: preload at 55 % of the fresh screw's, or at up to 95 %; limit 60 %, "
         "cleared above 65 %",
     )
-    assert headline(health).text == "The preload is low, or looks so."
+    assert headline(health).text == "The preload may be low."
     assert [each.task for each in advice(health, None)] == [Task.CONFIRM_LOSS]
     scene.estimate(5.5, half_width=0.4, steps=5)
     health = scene.monitor.health(scene.now_ns)
@@ -229,8 +229,8 @@ def test_data_faults_are_counted_and_told_on_change_only(scene):
         ("no_table", "over"),
     ]
     assert scene.monitor.health(scene.now_ns).data_faults == {"gap": 10, "no_table": 10}
-    severities = {event.data["fault"]: event.severity for event in scene.events[:2]}
-    assert severities == {"gap": Severity.WARNING, "no_table": Severity.INFO}
+    severities = {event.data["fault"]: event.level for event in scene.events[:2]}
+    assert severities == {"gap": AxisCondition.WARNING, "no_table": AxisCondition.NORMAL}
 
 
 def test_interval_heard_twice_is_counted_once(scene):

@@ -45,7 +45,7 @@ def test_a_part_that_is_down_calls_for_a_person_on_the_axes_that_rest_on_it(
         raised = axis_monitor.on_component(report(axis, down, status), NOW_NS)
         alarms = [event for event in raised if event.kind == "alarm_raised"]
         assert bool(alarms) is (name in concerns)
-        assert all("estimate does not work" in event.message for event in alarms)
+        assert all("Estimate does not work" in event.text for event in alarms)
         axis_monitor.on_component(report(axis, 0, OK), NOW_NS + NS)
         axis_monitor.tick(NOW_NS + 2 * NS)
         cleared = axis_monitor.tick(NOW_NS + 10 * NS)

@@ -7,9 +7,8 @@ from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.usage import ScrewGeometry
-from edge_service.messages.advice import Task
-from edge_service.messages.header import Header
-from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from edge_service.messages.codec import Header
+from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus, Task
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -53,7 +52,7 @@ def test_preparing_is_the_only_reason_and_waiting_the_only_task(seconds: int) ->
         assert health.alarms == ()
     now_ns = START_NS + second * NS
     assert start.state.unready(now_ns) == ("X: preparing: being prepared",)
-    assert start.state.preload("X", now_ns).estimate.reasons == ("preparing: being prepared",)
+    assert start.state.preload("X", now_ns).reasons == ("preparing: being prepared",)
 
 
 @pytest.mark.parametrize(

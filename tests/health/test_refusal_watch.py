@@ -12,7 +12,7 @@ def test_what_is_refused_is_told_once_with_its_key_and_reasons() -> None:
     watch = RefusalWatch()
     refused = Counter({("a/X/raw", "malformed"): 3, ("a/X/raw", "rival"): 1})
     (event,) = watch.tick(refused, START_NS)
-    assert event.message == "4 payloads on a/X/raw were refused (malformed, rival): who sends them?"
+    assert event.text == "4 payloads on a/X/raw were refused (malformed, rival): who sends them?"
     assert watch.tick(refused, START_NS + NS) == ()
 
 

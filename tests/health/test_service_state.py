@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from edge_service.health.readers import FanOut
 from edge_service.health.service_state import ServiceState
 from edge_service.health.store.events import StoredEvent
-from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from edge_service.messages.event import Event, Severity
-from edge_service.messages.header import Header
-from edge_service.messages.health import AxisCondition, AxisHealth, ComponentHealth, ComponentStatus
+from edge_service.messages.codec import Header
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from edge_service.messages.interval import Interval
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -28,7 +29,7 @@ def _header(sequence: int, time_ns: int, boot_epoch: int = START_NS) -> Header:
 
 def _event(number: int = 0, axis: str = "X") -> Event:
     return Event(
-        axis=axis, kind="test", severity=Severity.INFO, message=str(number), time_ns=START_NS
+        axis=axis, kind="test", level=AxisCondition.NORMAL, text=str(number), time_ns=START_NS
     )
 
 
@@ -74,23 +75,23 @@ def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, loo
         state.on_preload("X", header, estimate, now_ns)
     now_ns += look
     reading = state.preload("X", now_ns)
-    numbers = [getattr(reading.estimate, name) for name in NUMBERS]
-    if reading.estimate.status is EstimateStatus.ESTIMATED:
+    numbers = [getattr(reading, name) for name in NUMBERS]
+    if reading.status is EstimateStatus.ESTIMATED:
         assert None not in numbers
         assert reading.age_s <= 2.0
     else:
         assert numbers == [None] * len(NUMBERS)
-        assert reading.estimate.mode_probability == {}
+        assert reading.mode_probability == {}
 
 
 def test_stale_estimate_keeps_its_time_but_no_number():
     state = _state()
     state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
     reading = state.preload("X", START_NS + 3 * NS)
-    assert reading.estimate.status is EstimateStatus.UNESTIMATED
-    assert reading.estimate.preload_percent is None
-    assert reading.estimate.reasons[0].startswith("stale_input:")
-    assert (reading.measured_ns, reading.age_s) == (START_NS, 3.0)
+    assert reading.status is EstimateStatus.UNESTIMATED
+    assert reading.preload_percent is None
+    assert any(each.startswith("stale_input:") for each in reading.reasons)
+    assert (reading.measured_time_ns, reading.age_s) == (START_NS, 3.0)
 
 
 def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
@@ -110,7 +111,7 @@ def test_condition_is_unavailable_when_it_is_not_renewed():
     for second in range(8):
         now_ns = START_NS + second * NS
         state.on_preload("X", _header(second, now_ns), _estimate(), now_ns)
-    assert state.preload("X", now_ns).estimate.status is EstimateStatus.ESTIMATED
+    assert state.preload("X", now_ns).status is EstimateStatus.ESTIMATED
     health = state.health("X", now_ns)
     assert health.condition is AxisCondition.UNAVAILABLE
     assert [reason.split(":")[0] for reason in health.reasons] == ["stale_health"]

@@ -120,11 +120,11 @@ def test_live_points_and_channels():
         live.add(tenth * NS // 10, block())
     live.add(NS, replace(block(), fault=Fault.NO_TABLE, table_mean_m=math.nan))
     point = live.newest
-    assert point.transmission_um is None
+    assert point.transmission_m is None
     assert point.position_m == pytest.approx(0.4)
     assert point.faults == ("no_table",)
     before = next(iter(live.since(NS // 2 - 1)))
-    assert before.transmission_um == pytest.approx(3.0)
+    assert before.transmission_m == pytest.approx(3e-6)
     states = {each.channel: (each.state, each.good_share) for each in live.channels()}
     assert states["torque"] == ("ok", 1.0)
     assert states["table position"] == ("missing", pytest.approx(10 / 11))

@@ -9,15 +9,11 @@ import pytest
 from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
-from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from edge_service.messages.event import Event, Severity
-from edge_service.messages.header import Header
-from edge_service.messages.health import (
-    AxisCondition,
-    AxisHealth,
-    ComponentHealth,
-    ComponentStatus,
-)
+from edge_service.messages.codec import Header
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from edge_service.messages.interval import Interval
 
 NS = 1_000_000_000
 START_NS = 1_769_860_800 * NS  # 2026-01-31T12:00:00Z
@@ -80,8 +76,8 @@ class Scene:
         event = Event(
             axis=axis,
             kind="condition_changed",
-            severity=Severity.WARNING,
-            message=message,
+            level=AxisCondition.WARNING,
+            text=message,
             time_ns=self.now_ns,
         )
         for logged in self.state.events.add((event,), self.now_ns):

@@ -9,6 +9,7 @@ import pytest
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.http_api.app import STATIC, create_app
 from edge_service.http_api.guard import SECURITY_HEADERS
+from edge_service.http_api.routes.docs import static_digest
 
 TIME = re.compile(
     r"[. ](time|since|from|to|started|ended|uploaded|earliest|likely|latest|\w+_(at|until))$"
@@ -20,8 +21,9 @@ TIME = re.compile(
     [
         ("GET", "/nothing", 404),
         ("GET", "/redoc", 404),
-        ("GET", "/static/nothing.js", 404),
-        ("GET", "/static/..%2fapp.py", 404),
+        ("GET", "/static/x/nothing.js", 404),
+        ("GET", "/static/x/app.js", 404),
+        ("GET", "/api/v1/axes?more=1", 422),
         ("GET", "/api/v1/axes/Q/preload", 404),
         ("GET", "/api/v1/axes/Q/health", 404),
         ("GET", "/api/v1/axes/Q/history", 404),
@@ -138,8 +140,9 @@ async def test_page_asks_for_nothing_outside_and_runs_nothing_inline(client):
         if not file.name.startswith("uplot."):  # it names its home in a comment
             assert "http://" not in text, file.name
             assert "https://" not in text, file.name
-        answer = await client.get(f"/static/{file.relative_to(STATIC)}")
+        answer = await client.get(f"/static/{static_digest()}/{file.relative_to(STATIC)}")
         assert answer.status_code == 200
+        assert "immutable" in answer.headers["cache-control"]
 
 
 @pytest.mark.parametrize("path", ["axes/X/history", "axes/X/history?format=csv", "log"])

@@ -8,7 +8,7 @@ from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys
 
-PATH = "/api/v1/axes/X/stroke"
+PATH = "/api/v1/axes/X/wear"
 
 
 class Ramp:
@@ -43,7 +43,7 @@ def client_of(scene, stroke):
 async def test_the_estimate_is_spread_along_the_stroke(scene):
     async with client_of(scene, Ramp()) as client:
         scene.hear_preload(preload_percent=4.0, low=3.0, high=5.0)
-        answer = (await client.get(PATH)).json()
+        answer = (await client.get(PATH)).json()["stroke"]
     assert answer["position_m"] == [0.0, 1.0, 2.0]
     assert answer["preload_percent"] == {
         "commissioned": [5.0, 10.0, 15.0],
@@ -59,7 +59,7 @@ async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
     async with client_of(scene, Ramp()) as client:
         scene.hear_preload()
         scene.wait(10.0)  # now it is stale
-        answer = (await client.get(PATH)).json()
+        answer = (await client.get(PATH)).json()["stroke"]
     for quantity in ("preload_percent", "stiffness_n_per_m"):
         profile = answer[quantity]
         assert len(profile["commissioned"]) == 3
@@ -69,12 +69,12 @@ async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
 async def test_one_encoder_knows_no_stiffness_and_no_commissioning_nothing(scene):
     async with client_of(scene, OneEncoder()) as client:
         scene.hear_preload()
-        answer = (await client.get(PATH)).json()
+        answer = (await client.get(PATH)).json()["stroke"]
         assert answer["preload_percent"]["value"] is not None
         assert answer["stiffness_n_per_m"] is None
     async with client_of(scene, None) as client:
         answer = await client.get(PATH)
-        assert (answer.status_code, answer.json()) == (200, None)
+        assert (answer.status_code, answer.json()["stroke"]) == (200, None)
 
 
 async def test_the_axes_say_which_machine_they_belong_to(scene):

@@ -5,15 +5,17 @@ from typing import Any
 from edge_service.health.advice import consistent
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.health import AxisCondition, AxisHealth
+from edge_service.messages.event import AxisCondition
+from edge_service.messages.health import AxisHealth, Limits
 
 MEASURED_NS = 1_790_000_000_000_000_000
+LIMITS = Limits(fresh_percent=6.85, warning_percent=4.11, fault_percent=2.055)
 
 
 def health_of(condition: AxisCondition, **changes: Any) -> AxisHealth:
     """A condition with headline and advice."""
-    plain = AxisHealth(axis="X", condition=condition, since_time_ns=MEASURED_NS, **changes)
-    return consistent(plain, None)
+    facts: dict[str, Any] = {"since_time_ns": MEASURED_NS, "limits": LIMITS} | changes
+    return consistent(AxisHealth(axis="X", condition=condition, **facts), None)
 
 
 def answer(
@@ -21,9 +23,9 @@ def answer(
     *,
     estimate: PreloadEstimate | None = None,
     health: AxisHealth | None = None,
-    fresh_percent: float | None = 6.85,
     is_heard: bool = True,
     measured_ns: int | None = MEASURED_NS,
+    limits: Limits | None = LIMITS,
     **numbers: float,
 ) -> AxisAnswer:
     """A good answer, but for what is given."""
@@ -33,10 +35,7 @@ def answer(
         axis=axis,
         estimate=estimate or good,
         measured_ns=measured_ns,
-        health=health or health_of(AxisCondition.NORMAL),
-        fresh_percent=fresh_percent,
-        warning_of_fresh=60.0,
-        fault_of_fresh=30.0,
+        health=health or health_of(AxisCondition.NORMAL, limits=limits),
         is_heard=is_heard,
     )
 

@@ -4,28 +4,27 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.alarm import Alarm, AlarmKind, Command, Outcome
-from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.codec import Header
+from edge_service.messages.command import Command, Outcome
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import (
     FEATURE_FIELDS,
     Fault,
     FeatureBlock,
     Phase,
 )
-from edge_service.messages.header import Header
 from edge_service.messages.health import (
-    AxisCondition,
+    Alarm,
+    AlarmKind,
     AxisHealth,
     ComponentHealth,
     ComponentStatus,
     Consistency,
 )
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.interval import Interval
+from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, Waveform
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
-from edge_service.messages.waveform import Waveform
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 TIME_S = np.array([0.0, 1e-3, 2e-3])
@@ -37,7 +36,7 @@ NUMBERS: dict[str, Any] = {name: float(index) for index, name in enumerate(FEATU
     "temperature_c": float("nan"),
 }
 USE = Use(
-    since_time_ns=1,
+    since_time_ns=1_000_000,
     moving_s=2.0,
     observed_s=3.0,
     distance_m=4.5,
@@ -52,25 +51,31 @@ HEALTH = AxisHealth(
     axis="X",
     condition=AxisCondition.WARNING,
     reasons=("below_warning: low",),
-    since_time_ns=4,
+    since_time_ns=4_000_000,
     components=(ComponentHealth(component="estimate", axis="X", status=ComponentStatus.OK),),
     data_faults={"gap": 2},
     alarms=(
         Alarm(
             kind=AlarmKind.RATE,
-            severity=Severity.WARNING,
+            level=AxisCondition.WARNING,
             active=True,
-            message="fast",
-            raised_time_ns=5,
+            text="fast",
+            raised_time_ns=5_000_000,
         ),
     ),
     trend=Trend(
         status=TrendStatus.FALLING,
         reason="falls",
-        since_time_ns=1,
+        since_time_ns=1_000_000,
         rate_percent_per_h=INTERVAL,
         crossings=(
-            Crossing(limit="fault", limit_percent=3.0, earliest_ns=1, likely_ns=2, latest_ns=None),
+            Crossing(
+                limit="fault",
+                limit_percent=3.0,
+                earliest_ns=1_000_000,
+                likely_ns=2_000_000,
+                latest_ns=None,
+            ),
         ),
     ),
     use=USE,
@@ -102,9 +107,9 @@ PAYLOADS: dict[str, Any] = {
     "event": Event(
         axis="X",
         kind="alarm_raised",
-        severity=Severity.ERROR,
-        message="m",
-        time_ns=9,
+        level=AxisCondition.FAULT,
+        text="m",
+        time_ns=9_000_000,
         data={"alarm": "rate", "count": 1, "share": 0.5, "none": None},
     ),
     "command": Command(action="acknowledge", alarm=AlarmKind.RATE, user="Kim", note="seen"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from edge_service.messages.codec.edge_block import BLOCK_ENCODING, MAGIC
+from edge_service.messages.edge_block import BLOCK_ENCODING, MAGIC
 from edge_service.messages.topics import TOPICS, Topic
 
 from .examples import HEADER, PAYLOADS

@@ -11,17 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.codec.columns import FeatureCodec
-from edge_service.messages.codec.interface import CodecError
-from edge_service.messages.estimate import EstimateStatus, Interval, PreloadEstimate
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.codec import CodecError, Header
+from edge_service.messages.edge_block import FeatureCodec
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, VibrationColumn
-from edge_service.messages.header import Header
-from edge_service.messages.samples import SampleFrame
-from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW, TOPICS
-
-from .examples import PAYLOADS
+from edge_service.messages.interval import Interval
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
+from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 
@@ -92,7 +89,7 @@ def test_json_payloads_come_back_equal() -> None:
     )
     payload = PRELOAD.encode("X", HEADER, estimate)
     assert PRELOAD.decode(payload) == ("X", HEADER, estimate)
-    event = Event(axis="X", kind="k", severity=Severity.INFO, message="m", time_ns=1)
+    event = Event(axis="X", kind="k", level=AxisCondition.NORMAL, text="m", time_ns=5_000_000)
     payload = EVENT.encode("X", HEADER, event)
     assert EVENT.decode(payload) == ("X", HEADER, event)
 
@@ -170,18 +167,6 @@ def test_columns_that_are_none_are_refused_every_time(columns: str) -> None:
             RAW.decode(b"EDB1" + struct.pack("<I", len(text)) + text)
 
 
-@pytest.mark.parametrize("name", list(TOPICS))
-def test_what_needs_no_decoding_is_what_came_from_no_machine(name: str) -> None:
-    assert TOPICS[name].holds(PAYLOADS[name]) == (name not in ("raw", "wave"))
-
-
-def test_what_decoding_would_refuse_is_not_handed_over() -> None:
-    assert not FEAT.holds(replace(block(), torque_mean_nm=1e60))
-    assert not FEAT.holds(replace(block(), duration_s=0.0))
-    assert not EVENT.holds(PAYLOADS["event"].model_copy(update={"message": "x" * 5000}))
-    assert not PRELOAD.holds(PAYLOADS["preload"].model_copy(update={"nis": 1e60}))
-
-
 def test_columns_of_fast_sensors_travel_with_the_block_that_follows_them() -> None:
     columns = (
         VibrationColumn("nut.rms", 0.5, "m/s^2"),
@@ -190,8 +175,6 @@ def test_columns_of_fast_sensors_travel_with_the_block_that_follows_them() -> No
     sent = replace(block(), vibration=columns)
     _, _, found = FEAT.decode(FEAT.encode("X", HEADER, sent))
     assert found.vibration == columns
-    assert FEAT.holds(sent)
     wild = replace(sent, vibration=(VibrationColumn("nut.rms", 1e300, ""),))
-    assert not FEAT.holds(wild)
     with pytest.raises(CodecError):
         FEAT.decode(FEAT.encode("X", HEADER, wild))

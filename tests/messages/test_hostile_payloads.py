@@ -11,15 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from edge_service.messages.codec.bounded_json import LARGEST, MOST_ENTRIES, MOST_TEXT
-from edge_service.messages.codec.columns import LONGEST_S
-from edge_service.messages.codec.interface import CodecError
+from edge_service.messages.codec import LARGEST, MOST_ENTRIES, MOST_TEXT, CodecError, Header
+from edge_service.messages.edge_block import LONGEST_S
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.header import Header
-from edge_service.messages.names import check_part
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.keys import check_part
+from edge_service.messages.samples import SampleFrame, Waveform
 from edge_service.messages.topics import TOPICS
-from edge_service.messages.waveform import Waveform
 
 from .examples import PAYLOADS
 from .hostile import example, payloads

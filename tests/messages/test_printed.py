@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_service.messages.printed import printed
+from edge_service.messages.interval import printed
 
 NUMBERS = st.floats(0.0, 1e4)
 WIDTHS = st.floats(0.0, 1e3)

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.codec.interface import CodecError
-from edge_service.messages.header import Header
-from edge_service.messages.quality import Level, Quality, is_bad, is_uncertain
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.codec import CodecError, Header
+from edge_service.messages.samples import (
+    ANGLE,
+    TORQUE,
+    Level,
+    Quality,
+    SampleFrame,
+    is_bad,
+    is_uncertain,
+)
 from edge_service.messages.topics import RAW
 
 HEADER = Header(1, 2, 3, 4)

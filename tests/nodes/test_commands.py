@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from edge_service.config_tables import StoreConfig
-from edge_service.messages.alarm import Command
+from edge_service.messages.command import Command
 from edge_service.messages.topics import COMMAND
 
 from .conftest import config_of, done, running

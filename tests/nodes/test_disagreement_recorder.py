@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.samples import SampleFrame
 from edge_service.nodes.record_node import (
     AFTER_S,
@@ -28,8 +28,8 @@ def event(since_s: float, name: str = name_of(1)) -> Event:
     return Event(
         axis="X",
         kind="model_disagrees",
-        severity=Severity.WARNING,
-        message="",
+        level=AxisCondition.WARNING,
+        text="",
         time_ns=0,
         data={"recording": name, "since_s": since_s},
     )

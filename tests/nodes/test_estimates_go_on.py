@@ -33,10 +33,10 @@ from edge_service.config_tables import StoreConfig
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import FILE_NAME, State, Store, load_state
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.header import Header
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, FEAT, PRELOAD, STATUS
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
@@ -230,8 +230,8 @@ async def test_after_a_stop_on_a_new_clock_the_preload_is_known_but_less(tmp_pat
 
 def replaced(now_ns: int) -> Event:
     """The monitor's word that the part of axis X was replaced."""
-    info = Severity.INFO
-    return Event(axis="X", kind="part_replaced", severity=info, message="Kim", time_ns=now_ns)
+    info = AxisCondition.NORMAL
+    return Event(axis="X", kind="part_replaced", level=info, text="Kim", time_ns=now_ns)
 
 
 async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(

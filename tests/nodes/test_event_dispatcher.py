@@ -11,7 +11,7 @@ import pytest
 
 from edge_service.health.store.events import EventLog, StoredEvent
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.nodes import context as module
 from edge_service.nodes.context import SILENT, EventDispatcher
 
@@ -19,7 +19,7 @@ from .conftest import until
 
 
 def event(message: str) -> Event:
-    return Event(axis="X", kind="note", severity=Severity.INFO, message=message, time_ns=1)
+    return Event(axis="X", kind="note", level=AxisCondition.NORMAL, text=message, time_ns=1)
 
 
 class Scene:
@@ -32,9 +32,9 @@ class Scene:
 
     def put(self, *texts: str) -> None:
         def publish(kept: list[StoredEvent], problem: str) -> None:
-            on_disk = [] if problem else [each.event.message for each in self.log.after(0, 100)]
-            assert problem or {each.event.message for each in kept} <= set(on_disk)
-            self.told += [(each.event.message, problem) for each in kept]
+            on_disk = [] if problem else [each.event.text for each in self.log.after(0, 100)]
+            assert problem or {each.event.text for each in kept} <= set(on_disk)
+            self.told += [(each.event.text, problem) for each in kept]
 
         self.dispatcher.put([event(text) for text in texts], publish)
 
@@ -93,7 +93,7 @@ async def test_a_disk_that_hangs_holds_nothing_up_and_loses_nothing(
             return scene.told[-1] == ("more", "")
 
         await until(kept_again)
-    kept = [each.event.message for each in scene.log.after(0, 1000)]
+    kept = [each.event.text for each in scene.log.after(0, 1000)]
     assert kept[:2] == ["one", "two"]
     assert set(kept[2:]) == {"more"}
 
@@ -115,7 +115,7 @@ async def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(
     scene.dispatcher.flush()
     scene.log.store.damages.append("x: damaged")
     assert [each.kind for each in scene.dispatcher.news(2)] == ["store_recovered", "store_damaged"]
-    assert [each.event.message for each in scene.log.after(0, 10)] == ["one"]
+    assert [each.event.text for each in scene.log.after(0, 10)] == ["one"]
 
 
 async def test_what_waits_at_the_end_is_kept_and_told(scene: Scene) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from edge_service.estimate.interface import PreloadEstimator
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.header import Header
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.topics import FEAT, PRELOAD, STATUS
 from edge_service.nodes import estimate_node

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.bus.publisher import Decoding
 from edge_service.config_tables import StoreConfig
-from edge_service.messages.header import Header
+from edge_service.messages.codec import Header
 
 from .conftest import config_of, running, until
 

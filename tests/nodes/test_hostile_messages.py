@@ -17,9 +17,8 @@ from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.limits import HealthSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.usage import ScrewGeometry
-from edge_service.http_api import compose
-from edge_service.messages.codec.interface import CodecError
-from edge_service.messages.header import Header
+from edge_service.http_api.routes.service import service_answer
+from edge_service.messages.codec import CodecError, Header
 from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS
 from edge_service.nodes.downsample_node import source_time_ns
 from edge_service.nodes.record_node import DisagreementRecorder
@@ -34,12 +33,8 @@ GEOMETRY = ScrewGeometry(MACHINE.transmission_ratio_m_per_rad, MACHINE.axis.stro
 FACTS = AxisFacts("X", MACHINE.fresh_preload_percent, GEOMETRY)
 START_NS = HEADER.source_time_ns
 ANSWERS = (
-    compose.preload_answer,
-    compose.health_answer,
-    compose.use_answer,
-    lambda state, axis, _now: compose.friction_answer(state, axis, START_NS),
-    lambda state, axis, _now: compose.traces_answer(state, axis, 0),
-    lambda state, axis, _now: compose.history_answer(state, axis, 0.0, 4e9, 1.0),
+    lambda state, axis, now: state.preload(axis, now),
+    lambda state, axis, now: state.health(axis, now),
 )
 
 
@@ -114,7 +109,7 @@ class Readers:
         HEALTH.decode(HEALTH.encode("X", HEADER, self.monitor.health(START_NS)))
         json.dumps(self.monitor.snapshot(), allow_nan=False)
         self.shown("X")
-        compose.service_answer(self.state, START_NS).model_dump_json()
+        service_answer(self.state, START_NS, []).model_dump_json()
 
 
 def test_every_topic_has_its_readers(tmp_path: Path) -> None:

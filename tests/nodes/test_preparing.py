@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from edge_service.messages.advice import Task
+from edge_service.messages.health import Task
 from edge_service.messages.topics import HEALTH
 from edge_service.nodes import estimate_node
 

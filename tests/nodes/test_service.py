@@ -16,9 +16,9 @@ import pytest
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
-from edge_service.messages.channels import ANGLE
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import ComponentStatus
+from edge_service.messages.samples import ANGLE
 from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis

@@ -21,8 +21,8 @@ from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.limits import HealthSettings
 from edge_service.health.store.store import State
 from edge_service.health.usage import ScrewGeometry
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.header import Header
 from edge_service.nodes import estimate_node, health_node
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import DAMAGED, Kept, StateError
@@ -112,7 +112,7 @@ def test_states_of_any_content_are_set_aside_named_and_counted(
         context.dispatcher.flush()
         (*_, told) = context.events.page(10)
         assert told.event.kind == "store_damaged"
-        assert "monitor.damaged-" in told.event.message
+        assert "monitor.damaged-" in told.event.text
         assert names(context) == ["estimate.damaged", "monitor", "monitor.damaged"]
 
 

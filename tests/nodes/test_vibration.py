@@ -8,10 +8,9 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, ConfigError, load_config
 from edge_service.downsample.vibration import MOST_SENSORS
-from edge_service.messages.codec.interface import CodecError
-from edge_service.messages.header import Header
+from edge_service.messages.codec import CodecError, Header
+from edge_service.messages.samples import Waveform
 from edge_service.messages.topics import FEAT, WAVE
-from edge_service.messages.waveform import Waveform
 
 from .conftest import config_of, running
 

@@ -14,7 +14,7 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import FILE_NAME, Store
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 
 CONFIG = """
 [bus]
@@ -54,14 +54,14 @@ def state(folder: Path) -> State:
 
 
 def note(folder: Path, text: str) -> None:
-    event = Event(axis="X", kind="note", severity=Severity.INFO, message=text, time_ns=1)
+    event = Event(axis="X", kind="note", level=AxisCondition.NORMAL, text=text, time_ns=1)
     with closing(Store(folder / FILE_NAME)) as store:
         EventLog(store).add((event,), 1)
 
 
 def notes(folder: Path) -> list[str]:
     with closing(Store(folder / FILE_NAME, mends=False)) as store:
-        return [each.event.message for each in EventLog(store).after(0, 10)]
+        return [each.event.text for each in EventLog(store).after(0, 10)]
 
 
 @pytest.fixture(params=["apart", "inside"])

@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.config import load_machine
 from edge_service.fingerprint.result import FingerprintError, read_fingerprint
-from edge_service.messages.channels import SETPOINT
+from edge_service.messages.samples import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
 from edge_service.offline.report import fingerprint_wording, quantities
 from edge_service.offline.report.fingerprint_wording import WORDING, plain

@@ -19,10 +19,11 @@ from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.cli.entry import main
 from edge_service.clock import now_ns
-from edge_service.http_api.answers import AxesAnswer
-from edge_service.http_api.compose import axis_row
-from edge_service.messages.estimate import EstimateStatus, Interval
-from edge_service.messages.health import AxisCondition, AxisHealth
+from edge_service.messages.answer import AxesAnswer, axis_row
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.event import AxisCondition
+from edge_service.messages.health import AxisHealth
+from edge_service.messages.interval import Interval
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.topics import HEALTH
 from edge_service.messages.trend import Crossing
@@ -261,7 +262,7 @@ def service(content: bytes, status: int = 200) -> Iterator[tuple[str, list[str |
 def answer() -> bytes:
     """Answer of a service of a later version, which has further members."""
     rows = [axis_row(health, now_ns()) for health in healths()]
-    axes = AxesAnswer(site="hall", machine="mill", axes=rows, history="")
+    axes = AxesAnswer(site="hall", machine="mill", axes=rows)
     document = json.loads(axes.model_dump_json())
     document["later"] = document["axes"][0]["later"] = 1
     return json.dumps(document).encode()

@@ -11,9 +11,8 @@ from edge_service.checks.examination import check_plausibility
 from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TIME, TORQUE
 from edge_service.messages.features import Fault
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE, SampleFrame
 
 from ..fingerprint.test_plausibility import recorded
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages import channels
+from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, motion_limits

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.outputs.base import Output, OutputContext, load_output
 
 from ..messages.answers import MEASURED_NS
@@ -46,7 +46,7 @@ def output(name: str, table: dict[str, Any], folder: Path | None = None, **facts
 def event(message: str = "preload at 47 %", kind: str = "alarm_raised", axis: str = "X") -> Event:
     """An event of an axis."""
     return Event(
-        axis=axis, kind=kind, severity=Severity.WARNING, message=message, time_ns=MEASURED_NS
+        axis=axis, kind=kind, level=AxisCondition.WARNING, text=message, time_ns=MEASURED_NS
     )
 
 

@@ -41,7 +41,7 @@ def test_a_late_answer_never_stands_under_another_axis(
     make_service: Any, open_page: Any, tab: str, asked: str
 ) -> None:
     page = open_page(make_service(axes=dict.fromkeys("XY", HEALTHY)).address).page
-    page.wait_for_selector("#machine-answer[data-level=ok]")
+    page.wait_for_selector("#machine-answer[data-level=NORMAL]")
     held: list[Any] = []
 
     def hold(route: Any) -> None:
@@ -184,7 +184,7 @@ def test_an_address_that_is_no_address_still_shows_the_axis(
     make_service: Any, open_page: Any, typed: str
 ) -> None:
     page = open_page(f"{make_service(**HEALTHY).address}{typed}").page
-    page.wait_for_selector("#answer[data-level=ok]", timeout=20_000)
+    page.wait_for_selector("#answer[data-level=NORMAL]", timeout=20_000)
 
 
 def test_a_note_is_written_over_plain_http(make_service: Any, open_page: Any) -> None:

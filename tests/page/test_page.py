@@ -27,10 +27,12 @@ def test_the_page_is_light() -> None:
 def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page: Any) -> None:
     service = make_service(**SUDDEN)
     page = open_page(service.address, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     assert "Axis X is all right" in page.inner_text("#answer-title")
     assert re.search(r"95 % sure: [\d.]+ to [\d.]+ %", page.inner_text("#answer"))
-    page.wait_for_selector("#answer[data-level=act]:has-text('The preload is lost, or nearly so.')")
+    page.wait_for_selector(
+        "#answer[data-level=FAULT]:has-text('The preload is lost, or nearly so.')"
+    )
     text = page.inner_text("#answer")
     assert "Axis X is not all right" in text
     assert re.search(r"fell suddenly at [^,]+, from \d+ to \d+ % of fresh", text)
@@ -52,7 +54,7 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
     service = make_service(**HEALTHY)
     seen = open_page(service.address)
     page = seen.page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     service.stop()
     page.wait_for_selector("#banner:not([hidden])")
     assert "Everything on this page is old" in page.inner_text("#banner")
@@ -60,7 +62,7 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
     assert "no value" in page.inner_text("#answer")
     service.start()
     page.wait_for_selector("#banner", state="hidden")
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     seen.faults[:] = [
         fault
         for fault in seen.faults
@@ -78,7 +80,7 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
     """No fault that axe-core finds, nothing cut off."""
     service = make_service(**HEALTHY)
     page = open_page(service.address, color_scheme=scheme, size=size, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     for tab in TABS:
         show_tab(page, tab)
         assert serious_faults(page) == []
@@ -90,7 +92,7 @@ def test_anybody_can_read_it_while_its_answers_are_still_to_come(
     make_service: Any, open_page: Any
 ) -> None:
     page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     held: list[Any] = []
     page.route("**/axes/X/**", lambda route: held.append(route))  # noqa: PLW0108 - it wants a function
     for tab in TABS:
@@ -110,12 +112,12 @@ def test_it_is_painted_before_any_of_its_scripts_has_come(
     page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
     assert held
     page.unroute_all()
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
 
 
 def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address).page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     page.focus("#tab-overview")
     for tab in TABS[1:]:
         page.keyboard.press("ArrowRight")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.messages.printed import printed
+from edge_service.messages.interval import printed
 
 FORMAT = Path(__file__).parents[2] / "edge_service" / "http_api" / "static" / "format.js"
 NODE = shutil.which("node")

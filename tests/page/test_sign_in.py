@@ -39,7 +39,7 @@ def test_a_person_is_known_by_the_token(
         http_credentials={"username": "whoever", "password": kim},
     )
     page = seen.page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     assert serious_faults(page) == []
     assert page.context.cookies() == []
     show_tab(page, "history")
@@ -67,7 +67,7 @@ def test_a_viewer_is_told_what_an_operator_may(
     service = make_service(scenario="healthy")
     seen = open_page(service.address, http_credentials={"username": "", "password": screen})
     page = seen.page
-    page.wait_for_selector("#answer[data-level=ok]")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
     show_tab(page, "history")
     page.click("text=Write a note")
     page.fill("#ask-note", "looked at")

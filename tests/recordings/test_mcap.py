@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.messages.channels import ANGLE, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace
 from edge_service.recordings.writer import TraceWriter

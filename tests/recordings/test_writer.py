@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from edge_service.messages.channels import ANGLE, CHANNELS, TEMPERATURE, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, CHANNELS, TEMPERATURE, TORQUE, Floats, SampleFrame
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.writer import TraceWriter

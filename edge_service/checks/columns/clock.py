@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ...messages.channels import TIME
-from ...messages.samples import Floats
+from ...messages.samples import TIME, Floats
 from ...recordings.columns import ROW_NUMBER
 from ..sampling import clock_of
 from .guess import Choice, Known, Understanding

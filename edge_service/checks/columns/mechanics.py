@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ...messages.samples import SampleFrame
+from ...messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ...regression.interval_estimate import IntervalEstimate, around, undetermined
 from ...regression.inverse_dynamics import identify_inverse_dynamics
 from ...regression.prepared_run import PreparationSettings, prepare

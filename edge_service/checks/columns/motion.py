@@ -5,9 +5,15 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from ...messages.channels import ANGLE, MOTOR_SPEED, SETPOINT, TABLE_POSITION, TABLE_SPEED
-from ...messages.samples import Floats
-from ...messages.units import SI
+from ...messages.samples import (
+    ANGLE,
+    MOTOR_SPEED,
+    SETPOINT,
+    SI,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    Floats,
+)
 from .guess import Choice, Known, Understanding
 from .names import ColumnName, Quantity
 from .relations import (

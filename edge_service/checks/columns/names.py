@@ -10,18 +10,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ...messages.channels import (
+from ...messages.samples import (
     ANGLE,
     EXTERNAL_FORCE,
     MOTOR_SPEED,
     SETPOINT,
+    SI,
     TABLE_POSITION,
     TABLE_SPEED,
     TEMPERATURE,
     TIME,
     TORQUE,
 )
-from ...messages.units import SI
 from ...recordings.sinumerik.signals import (
     EDGE_SIGNALS,
     SINUMERIK_SIGNALS,

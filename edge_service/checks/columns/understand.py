@@ -4,9 +4,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...messages.channels import EXTERNAL_FORCE, SETPOINT, TABLE_POSITION, TEMPERATURE, TORQUE
-from ...messages.samples import Floats
-from ...messages.units import SI
+from ...messages.samples import (
+    EXTERNAL_FORCE,
+    SETPOINT,
+    SI,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Floats,
+)
 from .clock import find_clock
 from .guess import Choice, Known, Understanding
 from .motion import Motion

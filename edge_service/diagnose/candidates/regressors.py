@@ -15,8 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...messages.channels import TORQUE
-from ...messages.samples import Floats
+from ...messages.samples import TORQUE, Floats
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve

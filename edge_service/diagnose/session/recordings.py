@@ -8,15 +8,17 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from ...messages.channels import (
+from ...messages.samples import (
     ANGLE,
     EXTERNAL_FORCE,
     SETPOINT,
     TABLE_POSITION,
     TEMPERATURE,
     TORQUE,
+    Booleans,
+    Floats,
+    SampleFrame,
 )
-from ...messages.samples import Booleans, Floats, SampleFrame
 from ...models.effects.baseline import Baseline, Motion
 from ...recordings.conditioning import (
     UniformRun,

@@ -8,8 +8,7 @@ from itertools import cycle
 
 import numpy as np
 
-from ...messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from ...messages.samples import SampleFrame
+from ...messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ...models.effects.baseline import Baseline
 from ...models.effects.effect import ActiveEffect, Role, Term
 from ...models.effects.learned import model_effects

@@ -10,8 +10,8 @@ from scipy.constants import g as gravity_m_s2
 
 from ...checks.finding import looks_wrong
 from ...checks.torque import INERTIA_FACTOR
-from ...messages.channels import TORQUE
 from ...messages.features import FeatureBlock
+from ...messages.samples import TORQUE
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
 from .phases import CommissioningError, SteadyPhases

@@ -12,8 +12,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.features import FeatureBlock
+from ...messages.interval import Interval
 from ...messages.samples import Floats
 from ...messages.stored import Decimals, Number, Stored
 from ...models.machine import Machine

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.features import Fault, FeatureBlock, Phase
+from ...messages.interval import Interval
 from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ...models.steady_limits import LONGEST_HOLD_S

@@ -65,8 +65,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...messages.arrays import decoded, encoded
 from ...messages.samples import Floats
+from ...messages.stored import decoded, encoded
 
 PRELOAD, WEAR_RATE = range(2)
 NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(2, 7)

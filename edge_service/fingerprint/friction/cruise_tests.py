@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from ...messages.channels import ANGLE, TORQUE
-from ...messages.samples import Floats
+from ...messages.samples import ANGLE, TORQUE, Floats
 from ...models.screw.ball_screw import BallPassOrders
 from ...regression.interval_estimate import IntervalEstimate, undetermined
 from ...regression.linear import effective_size

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from ...messages.channels import ANGLE, TORQUE
+from ...messages.samples import ANGLE, TORQUE
 from ...recordings.conditioning import central_difference, low_pass
 from ...regression.linear import correlation_time
 from ...regression.prepared_run import PreparedRun

@@ -19,8 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...messages.channels import ANGLE, SETPOINT, TORQUE
-from ...messages.samples import Booleans, Floats, SampleFrame
+from ...messages.samples import ANGLE, SETPOINT, TORQUE, Booleans, Floats, SampleFrame
 from ...recordings.conditioning import uniform_runs
 from .segment_spectra import Complexes, SegmentSpectra
 

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from ...messages.channels import ANGLE, SETPOINT, TORQUE
-from ...messages.samples import Booleans, Floats
+from ...messages.samples import ANGLE, SETPOINT, TORQUE, Booleans, Floats
 from ...recordings.conditioning import UniformRun
 
 Complexes = npt.NDArray[np.complex128]

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ...messages.channels import ANGLE, SETPOINT, TABLE_POSITION
+from ...messages.samples import ANGLE, SETPOINT, TABLE_POSITION
 from ...regression.interval_estimate import IntervalEstimate, undetermined
 from ...regression.prepared_run import PreparedRun
 from ..result import Contents, mean_of

@@ -17,8 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...messages.channels import ANGLE, EXTERNAL_FORCE, TABLE_POSITION
-from ...messages.samples import Floats
+from ...messages.samples import ANGLE, EXTERNAL_FORCE, TABLE_POSITION, Floats
 from ...models.machine import Machine, Quantity
 from ...regression.interval_estimate import LEVEL, IntervalEstimate, normal_quantile, undetermined
 from ...regression.linear import LinearFit, least_squares

@@ -12,6 +12,7 @@ from zlib import crc32
 from pydantic import ValidationError
 
 from ...messages.event import Event
+from ...messages.interval import EXACT
 from .store import SCHEMA as STATES
 from .store import State, Store, StoreFailedError, put_state
 
@@ -220,7 +221,7 @@ class EventLog:
         }
 
     def _number(self, event: Event, now_ns: int) -> StoredEvent:
-        key = event.time_ns, event.axis, event.kind, event.message
+        key = event.time_ns, event.axis, event.kind, event.text
         if key not in self._waiting:
             now_us = now_ns // _NS_PER_US
             self._last_id = max(self._last_id + 1, now_us if now_us < _LATEST_US else 0)
@@ -310,7 +311,7 @@ def append_events(file: sqlite3.Connection, events: Iterable[StoredEvent]) -> di
     (last,) = file.execute("SELECT COALESCE(MAX(id), 0) FROM events").fetchone()
     numbers = {}
     for each in events:
-        event, body = each.event, each.event.model_dump_json()
+        event, body = each.event, each.event.model_dump_json(context=EXACT)
         same = "SELECT id FROM events WHERE time_ns = ? AND body = ?"
         there = file.execute(same, (event.time_ns, body)).fetchone()
         if there is None:

@@ -3,13 +3,14 @@
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
-from ...messages.estimate import EstimateStatus, Interval, PreloadEstimate
+from ...messages.estimate import EstimateStatus, PreloadEstimate
+from ...messages.interval import Frozen, Interval, TimeNs
 
 STATUSES = tuple(EstimateStatus)
 QUANTITIES = ("preload_percent", "drag_torque_nm", "nis", "stiffness_n_per_m", "temperature_c")
@@ -127,8 +128,7 @@ def filled(tiers: Sequence[Rows], steps_s: Sequence[float]) -> Rows:
     return rows
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+class Spread(Frozen):
     """Smallest, largest and mean value inside a bucket."""
 
     min: float
@@ -136,12 +136,11 @@ class Spread:
     mean: float
 
 
-@dataclass(frozen=True, slots=True)
-class Bucket:
+class Bucket(Frozen):
     """Summary of a span of time; numbers are None where there was no estimate.
 
     Attributes:
-        start_s: UNIX time of the bucket's start, s.
+        start_ns: UNIX time of the bucket's start, ns; `time` in JSON.
         samples: estimates inside.
         estimated: those with a preload in percent.
         status: status of the newest one.
@@ -150,7 +149,7 @@ class Bucket:
         preload_percent, ...: spread of each of QUANTITIES; None without values.
     """
 
-    start_s: float
+    start_ns: TimeNs = Field(alias="time")
     samples: int
     estimated: int
     status: EstimateStatus
@@ -169,9 +168,18 @@ def buckets(rows: Rows) -> tuple[Bucket, ...]:
     for time_us, status, bounds, samples, counts, values in rows.tolist():
         low, high = (None if math.isnan(bound) else bound for bound in bounds)
         spreads = {
-            name: Spread(least, most, mean) if count else None
+            name: Spread(min=least, max=most, mean=mean) if count else None
             for name, count, least, mean, most in zip(QUANTITIES, counts, *values, strict=True)
         }
-        start_s, state = time_us / 1e6, STATUSES[status]
-        found.append(Bucket(start_s, samples, counts[0], state, low, high, **spreads))
+        found.append(
+            Bucket(
+                start_ns=time_us * 1000,
+                samples=samples,
+                estimated=counts[0],
+                status=STATUSES[status],
+                low=low,
+                high=high,
+                **spreads,
+            )
+        )
     return tuple(found)

@@ -1,39 +1,30 @@
-"""Routes of one axis' work, and commands of a person about it."""
+"""Routes of one axis: what is known of it, how it is configured, and commands about it."""
 
 from collections.abc import Awaitable, Callable
-from typing import Annotated
+from dataclasses import fields
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Header, Query, Request
-from pydantic import AfterValidator
+from fastapi.responses import PlainTextResponse, Response
+from pydantic import AfterValidator, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
-from ...messages.alarm import Command, Outcome
+from ...health.axis_state import StrokeBand
+from ...health.live_features import ChannelQuality, LivePoint
+from ...health.service_state import ServiceState
+from ...messages.answer import PreloadAnswer
+from ...messages.command import Command, Outcome
+from ...messages.health import AlarmKind, AxisHealth
+from ...messages.samples import Floats
+from ...messages.trend import FrictionCurve, Use
 from ..access import CallerDep
-from ..axis_answers import (
-    CommandAnswer,
-    CommandBody,
-    FrictionAnswer,
-    StrokeAnswer,
-    TracesAnswer,
-    UseAnswer,
-)
-from ..compose import (
-    friction_answer,
-    stroke_answer,
-    traces_answer,
-    use_answer,
-)
+from ..answers import Answer
 from ..context import AxisDep, NowDep, StateDep, parameter_error
 from ..problems import documented
 
-_LOG_SPAN_S = 30 * 86400.0
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
 _KEY = r'^("[!#-\[\]-~]{1,98}"|[!#-\[\]-~]{1,98})?$'
-
-
-def _unquoted(key: str) -> str:
-    return key.strip('"')
-
+_COLUMNS = [each.name for each in fields(LivePoint) if each.name not in ("time_ns", "faults")]
 
 IdempotencyKey = Annotated[
     str,
@@ -43,13 +34,185 @@ IdempotencyKey = Annotated[
         "that is sent again with the same key is answered as before and not carried out twice. "
         "The newest 100 keys of an axis are remembered.",
     ),
-    AfterValidator(_unquoted),
+    AfterValidator(lambda key: key.strip('"')),
 ]
 """After draft-ietf-httpapi-idempotency-key-header; quotes may be left out."""
 SendCommand = Callable[[str, Command], Awaitable[Outcome | None]]
 """Gives a command on an axis; its outcome, or None if nobody answers."""
+axis_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
 
-work_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
+
+class LiveAnswer(Answer):
+    """The last minutes of one axis as columns, null where nothing was measured."""
+
+    axis: str
+    time_s: list[float] = Field(description="UNIX times, s.")
+    torque_nm: list[float | None]
+    speed_rad_s: list[float | None]
+    position_m: list[float | None]
+    transmission_m: list[float | None] = Field(
+        description="Table position less the travel of the screw; its zero has no meaning."
+    )
+    temperature_c: list[float | None]
+    channels: list[ChannelQuality] = Field(description="State of each channel, last minute.")
+
+
+class ProfileAnswer(Answer):
+    """A quantity along the stroke, (n,): as commissioned, and as the estimate implies now."""
+
+    commissioned: list[float]
+    value: list[float] | None = Field(description="null while there is no estimate.")
+    low: list[float] | None
+    high: list[float] | None
+
+
+class StrokeAnswer(Answer):
+    """Preload and stiffness along the stroke.
+
+    The shape along the stroke is that of the commissioned axis, its level that of the estimate.
+    """
+
+    position_m: list[float]
+    level: float = Field(description="Probability with which each interval holds the truth.")
+    preload_percent: ProfileAnswer
+    stiffness_n_per_m: ProfileAnswer | None = Field(description="null without a linear encoder.")
+
+
+class WearAnswer(Answer):
+    """Use of the screw, its state along the stroke, and its friction."""
+
+    axis: str
+    use: Use | None = Field(description="null before anything was heard.")
+    stroke: StrokeAnswer | None = Field(description="null where the axis is not commissioned.")
+    friction: FrictionCurve
+
+
+class CommandBody(Answer):
+    """Command given by a person."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"action": "acknowledge", "alarm": "rate", "occurrence": 1795000000123}]
+        },
+    )
+
+    action: Literal["acknowledge", "shelve", "unshelve", "note", "part_replaced"]
+    alarm: AlarmKind | None = None
+    occurrence: int | None = Field(
+        None, ge=0, description="That of the alarm that is acknowledged; 409 once it is over."
+    )
+    user: str = Field("", max_length=100, description="Who asks, where no token says so.")
+    note: str = Field("", max_length=1000)
+    duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)
+
+
+class CommandAnswer(Answer):
+    """It was done, and is kept."""
+
+    outcome: str = Field(examples=["alarm sudden drop acknowledged by Kim: seen"])
+
+
+class ConfigAnswer(Answer):
+    """One axis as it is configured; secrets are `***`."""
+
+    axis: str
+    driver: str
+    settings: dict[str, Any] = Field(description="Of the driver.")
+    limits: dict[str, float] = Field(description="Percent of the fresh screw's preload.")
+    machine: dict[str, Any] = Field(description="The machine file.")
+
+
+ReadConfig = Callable[[str], tuple[ConfigAnswer, str]]
+"""Configuration of an axis, and the same as TOML."""
+
+
+@axis_router.get("/preload", response_model=PreloadAnswer)
+async def preload(axis: AxisDep, state: StateDep, now_ns: NowDep) -> PreloadAnswer:
+    """Preload of one axis; numbers are null, never stale, unless the status is `estimated`."""
+    return state.preload(axis, now_ns)
+
+
+@axis_router.get("/health", response_model=AxisHealth)
+async def health(axis: AxisDep, state: StateDep, now_ns: NowDep) -> AxisHealth:
+    """Condition of one axis, alarms, advice, trend, its components and data faults."""
+    return state.health(axis, now_ns)
+
+
+@axis_router.get("/live", response_model=LiveAnswer)
+async def live(
+    axis: AxisDep,
+    state: StateDep,
+    now_ns: NowDep,
+    duration: Annotated[float, Query(gt=0.0, le=300.0, description="How far back, s.")] = 60.0,
+) -> LiveAnswer:
+    """Torque, speed, position, transmission difference and temperature of the last minutes."""
+    points = state.live(axis, now_ns - round(duration * 1e9))
+    return LiveAnswer(
+        axis=axis,
+        time_s=[point.time_ns / 1e9 for point in points],
+        channels=list(state.channels(axis)),
+        **{name: [getattr(point, name) for point in points] for name in _COLUMNS},
+    )
+
+
+@axis_router.get("/wear", response_model=WearAnswer)
+async def wear(axis: AxisDep, state: StateDep, now_ns: NowDep) -> WearAnswer:
+    """Travel, hours, reversals and loads of the part in use; its stroke; its friction curve."""
+    told = state.health(axis, now_ns)
+    return WearAnswer(
+        axis=axis,
+        use=told.use,
+        stroke=_stroke(state, axis, now_ns),
+        friction=told.friction or FrictionCurve(),
+    )
+
+
+def _stroke(state: ServiceState, axis: str, now_ns: int) -> StrokeAnswer | None:
+    """Stroke profiles that the estimate implies; None where the axis is not commissioned."""
+    stroke = state.stroke(axis)
+    if stroke is None:
+        return None
+    estimate = state.preload(axis, now_ns)
+    fresh, now = (stroke.fresh_percent,) * 3, None
+    if estimate.preload_percent is not None:
+        percent = estimate.preload_percent
+        now = (percent, estimate.low or 0.0, estimate.high or percent)
+    stiffness = None
+    if stroke.knows_stiffness:
+        stiffness = _profile(stroke.stiffness(*fresh), now and stroke.stiffness(*now))
+    return StrokeAnswer(
+        position_m=_rounded(stroke.position_m),
+        level=estimate.level,
+        preload_percent=_profile(stroke.preload(*fresh), now and stroke.preload(*now)),
+        stiffness_n_per_m=stiffness,
+    )
+
+
+def _profile(commissioned: StrokeBand, now: StrokeBand | None) -> ProfileAnswer:
+    value, low, high = (None, None, None) if now is None else map(_rounded, now)
+    return ProfileAnswer(commissioned=_rounded(commissioned[0]), value=value, low=low, high=high)
+
+
+def _rounded(values: Floats) -> list[float]:
+    return [float(f"{value:.5g}") for value in values]
+
+
+@axis_router.get(
+    "/config",
+    response_model=ConfigAnswer,
+    responses=documented(503) | {200: {"content": {"application/toml": {}}}},
+)
+async def config(
+    request: Request,
+    axis: AxisDep,
+    form: Annotated[Literal["json", "toml"], Query(alias="format")] = "json",
+) -> ConfigAnswer | Response:
+    """The axis as it is configured: driver, its settings, limits, machine file."""
+    read: ReadConfig | None = request.app.state.read_config
+    if read is None:
+        raise HTTPException(503, "this service has no configuration")
+    answer, toml = read(axis)
+    return answer if form == "json" else PlainTextResponse(toml, media_type="application/toml")
 
 
 async def send_command_of(request: Request) -> SendCommand | None:
@@ -58,36 +221,7 @@ async def send_command_of(request: Request) -> SendCommand | None:
     return send
 
 
-@work_router.get("/traces", response_model=TracesAnswer)
-async def traces(
-    axis: AxisDep,
-    state: StateDep,
-    now_ns: NowDep,
-    seconds: Annotated[float, Query(gt=0.0, le=300.0, description="How far back, s.")] = 60.0,
-) -> TracesAnswer:
-    """Torque, speed, position and transmission difference of the last minutes."""
-    return traces_answer(state, axis, now_ns - round(seconds * 1e9))
-
-
-@work_router.get("/use", response_model=UseAnswer | None)
-async def use(axis: AxisDep, state: StateDep, now_ns: NowDep) -> UseAnswer | None:
-    """Way, hours, reversals, load spectrum and map along the stroke of the part in use."""
-    return use_answer(state, axis, now_ns)
-
-
-@work_router.get("/stroke", response_model=StrokeAnswer | None)
-async def stroke(axis: AxisDep, state: StateDep, now_ns: NowDep) -> StrokeAnswer | None:
-    """Preload and stiffness along the stroke: as commissioned, and as the estimate implies now."""
-    return stroke_answer(state, axis, now_ns)
-
-
-@work_router.get("/friction", response_model=FrictionAnswer)
-async def friction(axis: AxisDep, state: StateDep, now_ns: NowDep) -> FrictionAnswer:
-    """The friction curve of ordinary work, now and when the part was new."""
-    return friction_answer(state, axis, now_ns)
-
-
-@work_router.post(
+@axis_router.post(
     "/commands",
     response_model=CommandAnswer,
     status_code=202,
@@ -115,14 +249,14 @@ async def command(
     if (body.occurrence is None) == (body.action == "acknowledge"):
         expected = "is needed for" if body.occurrence is None else "has no meaning for"
         raise parameter_error("occurrence", f"{expected} {body.action}")
-    asked = {"user": caller.name or body.user, "origin": caller.origin}
-    asked["key"] = idempotency_key
+    user = caller.name or body.user
+    if not user:
+        raise parameter_error("user", "is needed where no token says who asks")
+    asked = {"user": user, "origin": caller.origin, "key": idempotency_key}
     outcome = await send(axis, Command.model_validate(body.model_dump() | asked))
     if outcome is None:
-        raise HTTPException(
-            503,
-            "the health node does not answer: it is not known whether the command was carried out",
-        )
+        words = "the health node does not answer: it is not known whether the command was done"
+        raise HTTPException(503, words)
     if outcome.reused:
         raise HTTPException(422, f"Idempotency-Key: {outcome.message}")
     if not outcome.accepted:

@@ -1,19 +1,42 @@
 """The description of the interface as a page: made here, so that it needs no network."""
 
+import hashlib
+import json
 import re
+from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import HTMLResponse, JSONResponse
+from fastapi.responses import HTMLResponse, Response
 
+STATIC = Path(__file__).parents[1] / "static"
 docs_router = APIRouter(include_in_schema=False)
 
 
+@cache
+def static_digest() -> str:
+    """Digest of all files of the page, which stands in their addresses."""
+    digest = hashlib.sha256()
+    for path in sorted(STATIC.rglob("*.*")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def tagged(request: Request, content: bytes, media_type: str) -> Response:
+    """Content with its tag; nothing but the tag for whoever has it already."""
+    tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
+    headers = {"etag": tag, "cache-control": "no-cache"}
+    if tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return Response(content, media_type=media_type, headers=headers)
+
+
 @docs_router.get("/openapi.json")
-def openapi(request: Request) -> JSONResponse:
+def openapi(request: Request) -> Response:
     """The description, for programs."""
-    return JSONResponse(request.app.openapi())
+    return tagged(request, json.dumps(request.app.openapi()).encode(), "application/json")
 
 
 @docs_router.get("/docs")
@@ -40,4 +63,5 @@ def rendered(description: dict[str, Any]) -> str:
         about=description["info"],
         paths=description["paths"],
         schemas=description["components"]["schemas"],
+        digest=static_digest(),
     )

@@ -10,13 +10,15 @@ from typing import IO, Annotated
 from fastapi import APIRouter, Query
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
+from pydantic import Field
 
 from ...health.history_file import HistoryForm, write_history
 from ...health.service_state import ServiceState
+from ...health.store.rows import Bucket
 from ...health.store.store import StoreFailedError
+from ...messages.interval import parse_moment
 from ...messages.topics import PRELOAD
-from ..answers import HistoryAnswer
-from ..compose import history_answer
+from ..answers import Answer, Timestamp
 from ..context import (
     AxisDep,
     Moment,
@@ -27,7 +29,6 @@ from ..context import (
     parameter_error,
 )
 from ..problems import documented
-from ..times import parse_moment
 
 DEFAULT_SPAN_S = 3600.0
 MOST_BUCKETS = 5000
@@ -40,6 +41,16 @@ _CHUNK_BYTES = 1 << 16
 _PARAMETERS = ("from", "to", "step")
 
 history_router = APIRouter(prefix="/api/v1", tags=["axes"])
+
+
+class HistoryAnswer(Answer):
+    """History of one axis in buckets, oldest first; empty buckets are absent."""
+
+    axis: str
+    start_s: Timestamp = Field(alias="from")
+    end_s: Timestamp = Field(alias="to")
+    step_s: float = Field(description="Length of a bucket, s.")
+    buckets: tuple[Bucket, ...]
 
 
 class Form(StrEnum):
@@ -96,7 +107,13 @@ def buckets_answer(
     step_s = max(1.0, (end_s - start_s) / _DEFAULT_BUCKETS) if step_s is None else step_s
     if (end_s - start_s) / step_s > MOST_BUCKETS:
         raise parameter_error("step", f"would make more than {MOST_BUCKETS} buckets")
-    return history_answer(state, axis, start_s, end_s, step_s)
+    return HistoryAnswer(
+        axis=axis,
+        start_s=start_s,
+        end_s=end_s,
+        step_s=step_s,
+        buckets=state.history.buckets(axis, start_s, end_s, step_s),
+    )
 
 
 def answer_selector(state: ServiceState, axis: str, selector: str, now_ns: int) -> bytes:
@@ -112,7 +129,7 @@ def answer_selector(state: ServiceState, axis: str, selector: str, now_ns: int) 
         if step_s is not None and not 0.0 < step_s < float("inf"):
             raise ValueError(f"step: {step_s:g}, expected more than 0")
         found = buckets_answer(state, axis, now_ns, start_s, end_s, step_s)
-        return found.model_dump_json(by_alias=True).encode()
+        return found.model_dump_json().encode()
     except RequestValidationError as error:
         first = error.errors()[0]
         detail = f"{first['loc'][-1]}: {first['msg']}"

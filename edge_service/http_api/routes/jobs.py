@@ -8,12 +8,11 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from starlette.exceptions import HTTPException
 
-from ..answers import Answer
-from ..axis_answers import AcceptedAnswer
+from ..answers import AcceptedAnswer, Answer
 from ..context import StateDep, check_axis
 from ..jobs import JobAnswer, JobBody, Jobs, JobsAnswer
-from ..problems import documented, problem_response
-from ..recordings import RecordingAnswer, RecordingName, Recordings, RefusedError
+from ..problems import RefusedError, documented
+from ..recordings import RecordingAnswer, RecordingName, Recordings
 
 _REPORT_POLICY = (
     "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
@@ -32,12 +31,6 @@ class RecordingsAnswer(Answer):
     """All recordings, newest first."""
 
     recordings: list[RecordingAnswer]
-
-
-async def on_refused(request: Request, error: Exception) -> Response:
-    """A refusal as a problem document."""
-    assert isinstance(error, RefusedError)
-    return problem_response(request.url.path, error.status, str(error))
 
 
 async def _recordings_of(request: Request) -> Recordings:

@@ -6,7 +6,8 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Query
 from pydantic import Field
 
-from ..answers import Answer, NumberedEventAnswer
+from ...messages.event import Event
+from ..answers import Answer
 from ..context import AxisFilterDep, Moment, StateDep, from_history, moment_query
 from ..problems import documented
 
@@ -15,10 +16,16 @@ _PATH = "/api/v1/log"
 _LAST_NS = 2**63 - 1
 
 
+class NumberedEvent(Event):
+    """One event with the number under which the live stream knows it."""
+
+    id: int
+
+
 class LogAnswer(Answer):
     """Part of the log, newest first."""
 
-    items: list[NumberedEventAnswer]
+    items: list[NumberedEvent]
     next: str | None = Field(
         description="Address of the events before these; null at the end.",
         examples=[f"{_PATH}?cursor=1795000000000000&limit=100"],
@@ -49,9 +56,6 @@ async def log(
     given = {name: value for name, value in asked.items() if value is not None}
     more = urlencode(given | {"cursor": found[limit - 1].id}, doseq=True) if found[limit:] else ""
     return LogAnswer(
-        items=[
-            NumberedEventAnswer.model_validate(dict(each.event) | {"id": each.id})
-            for each in found[:limit]
-        ],
+        items=[NumberedEvent(**dict(each.event), id=each.id) for each in found[:limit]],
         next=f"{_PATH}?{more}" if more else None,
     )

@@ -6,10 +6,10 @@ from fastapi import APIRouter, Depends, Request
 from pydantic import ConfigDict, Field
 from starlette.exceptions import HTTPException
 
+from ...health.service_state import ServiceState
 from ...health.store.outbox import Counts
 from ...messages.health import ComponentHealth, ComponentStatus
-from ..answers import Answer
-from ..axis_answers import AcceptedAnswer
+from ..answers import AcceptedAnswer, Answer
 from ..context import NowDep, StateDep
 from ..problems import documented
 
@@ -87,9 +87,17 @@ output_router = APIRouter(
 @output_router.get("", response_model=OutputsAnswer)
 async def outputs(state: StateDep, now_ns: NowDep, desk: DeskDep) -> OutputsAnswer:
     """Outputs, what waits for them and what they could not deliver."""
+    return OutputsAnswer(items=await output_items(state, now_ns, desk))
+
+
+async def output_items(
+    state: ServiceState, now_ns: int, desk: OutputDesk | None
+) -> list[OutputAnswer]:
+    """Every output as it does now."""
+    if desk is None:
+        return []
     reports = {each.component: each for each in state.components(now_ns)}
-    items = [_answer(name, reports.get(name), await desk.counts(name)) for name in desk.outputs]
-    return OutputsAnswer(items=items)
+    return [_answer(name, reports.get(name), await desk.counts(name)) for name in desk.outputs]
 
 
 @output_router.post("/{output}", response_model=AcceptedAnswer, status_code=202)

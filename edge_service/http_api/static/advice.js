@@ -3,6 +3,7 @@
 import { sentenceOf } from "./dom.js";
 import { clock, day, lasting, number, significant } from "./format.js";
 import { headlineOf } from "./level.js";
+import { statementWords } from "./sentence.js";
 import { has, language, named, t } from "./strings.js";
 
 const NEAR_S = 172800;
@@ -20,14 +21,13 @@ export function reasonsOf(reading) {
   return reasons.length === 0 && has(`status.${reading?.status}`) ? [{ text: t(`status.${reading.status}`) }] : reasons;
 }
 
-// Words of the page for a code of the service; what the service says where the page has none.
-const wordsOr = (key, text) => (has(key) ? { text: t(key) } : { text, lang: "en" });
+// What the service says stays as it is in English; else its code is translated.
+const wordsOr = (key, text) => (language !== "en" && has(key) ? { text: t(key) } : { text, lang: "en" });
 
 export function headlineWords(state) {
   const headline = headlineOf(state);
   if (!headline) return { text: t("todo.wait") };
-  const inDoubt = state.health.advice.some(({ task }) => task === "confirm_loss") ? `headline.${headline.code}_in_doubt` : "";
-  return wordsOr(has(inDoubt) ? inDoubt : `headline.${headline.code}`, headline.text);
+  return statementWords(headline);
 }
 
 export function whatToDo({ health, connected }) {
@@ -62,14 +62,14 @@ export function whatChanged(state) {
   if (since) sentences.push(t("changed.not_normal", { time: clock(since) }));
   sentences.push(trendSentence(health?.trend));
   const part = events.findLast((event) => event.kind === "part_replaced");
-  if (part) sentences.push(t("changed.part", { time: clock(part.time) }));
+  if (part) sentences.push(t("changed.part", { time: clock(part.at) }));
   return sentences.join(" ");
 }
 
 function notNormalSince(events) {
   const changes = events.filter((event) => event.kind === "condition_changed");
   const last = changes.findLastIndex((event) => event.data.to === "NORMAL");
-  return changes[last + 1]?.time ?? null;
+  return changes[last + 1]?.at ?? null;
 }
 
 export function trendSentence(trend) {

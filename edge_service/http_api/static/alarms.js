@@ -3,17 +3,16 @@
 import { ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
-import { openAlarms } from "./level.js";
+import { ORDER, openAlarms } from "./level.js";
 import { alarmWords } from "./sentence.js";
 import { locale, named, t } from "./strings.js";
 
-const GRAVITY = ["error", "warning", "info"];
 const SHELVED_S = 8 * 3600;
 
 // All alarms of these axes, gravest first; the axis is named where there may be several.
 export function renderAlarmList(root, states, several) {
   const alarms = together(states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis }))));
-  alarms.sort((a, b) => Number(b.active) - Number(a.active) || GRAVITY.indexOf(a.severity) - GRAVITY.indexOf(b.severity));
+  alarms.sort((a, b) => Number(b.active) - Number(a.active) || ORDER.indexOf(a.level) - ORDER.indexOf(b.level));
   const place = ({ axes }) => (!several ? "" : axes.length > 1 && axes.length === states.length ? t("alarms.all_axes") : new Intl.ListFormat(locale).format(axes));
   refill(root, JSON.stringify([alarms, several]), () => [
     element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
@@ -25,7 +24,7 @@ export function renderAlarmList(root, states, several) {
 function together(alarms) {
   const found = new Map();
   for (const alarm of alarms) {
-    const key = JSON.stringify(alarm.alarm === "service" ? [alarm.message, alarm.active, alarm.acknowledged_by, Boolean(alarm.shelved_until)] : [alarm.axis, alarm.alarm]);
+    const key = JSON.stringify(alarm.alarm === "service" ? [alarm.text, alarm.active, alarm.acknowledged_by, Boolean(alarm.shelved_until)] : [alarm.axis, alarm.alarm]);
     if (!found.has(key)) found.set(key, { ...alarm, axes: [], occurrences: {} });
     found.get(key).axes.push(alarm.axis);
     found.get(key).occurrences[alarm.axis] = alarm.occurrence;
@@ -37,7 +36,7 @@ function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
   const { text, lang } = alarmWords(alarm);
   const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", lang ? { lang } : {}, text));
-  return element("div", { class: `alarm ${alarm.severity}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), buttonsNode(alarm, place ? `${place} ${name}` : name));
+  return element("div", { class: `alarm ${alarm.level}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), buttonsNode(alarm, place ? `${place} ${name}` : name));
 }
 
 function aboutParts(alarm) {

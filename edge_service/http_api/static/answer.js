@@ -48,7 +48,7 @@ export function renderAnswer(state, nowMs) {
   const reading = state.connected ? state.preload : null;
   const percent = reading?.preload_percent ?? null;
   root.dataset.level = level;
-  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t(`answer.${level}`, { axis }))]);
+  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t("answer.axis", { axis }))]);
   list(parts.headline, [headlineWords(state)].filter(() => state.connected));
   write(parts.since, sinceText(state));
   renderReading(state.limits, reading);
@@ -64,7 +64,7 @@ function sinceText(state) {
   const headline = headlineOf(state);
   if (!headline) return "";
   const { alarms, since } = state.health;
-  const time = alarms.find(({ alarm, active }) => active && alarm === headline.code)?.raised_at ?? since;
+  const time = alarms.find(({ code, active }) => active && code === headline.code)?.raised_at ?? since;
   return t("answer.since", { time: clock(time), span: lasting((state.serverMs() - Date.parse(time)) / 1000) });
 }
 

@@ -68,7 +68,7 @@ function connect() {
   on("health", takeHealth);
   on("live", takeLive);
   on("event", (answer, message) => takeEvent(answer, Number(message.lastEventId)));
-  on("lost", (answer) => takeEvent({ severity: "warning", axis: "", kind: "lost", message: `${t("events.lost")} ${answer.reason}`, time: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
+  on("lost", (answer) => takeEvent({ level: "WARNING", axis: "", kind: "lost", code: "", values: {}, text: `${t("events.lost")} ${answer.reason}`, at: new Date(serverMs()).toISOString(), data: {} }, lastEventId + 0.5));
 }
 
 // Place in the usual order of a machine's axes; others come after them.
@@ -163,7 +163,7 @@ function renderAxes() {
   const key = JSON.stringify([shown === null, all.map((state) => [state.axis, levelOf(state), state === shown])]);
   refill(byId("axes"), key, () => (shown === null ? [] : [...(all.length > 1 ? [element("a", { href: "#/", class: "chip home" }, t("machine.back"))] : []), ...all.map(chip)]));
   const [first] = worstFirst(all);
-  document.title = levelOf(first) === "ok" ? t("title.ok") : `${levelWords(first)}: ${first.axis}`;
+  document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${levelWords(first)}: ${first.axis}`;
 }
 
 function chip(state) {

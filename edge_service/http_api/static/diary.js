@@ -29,14 +29,14 @@ function noteButtons() {
 }
 
 function eventNode(event) {
-  const message = CODED.includes(event.kind) ? withoutCode(event.message) : event.message;
+  const message = CODED.includes(event.kind) ? withoutCode(event.text) : event.text;
   const { text, lang } = eventWords(event, message);
   return element(
     "li",
-    { class: `event ${event.severity}` },
-    element("time", { datetime: event.time, title: event.time }, clock(event.time)),
+    { class: `event ${event.level}` },
+    element("time", { datetime: event.at, title: event.at }, clock(event.at)),
     element("span", { class: "event-axis" }, event.axis || t("service")),
-    element("span", { class: "event-severity" }, t(`severity.${event.severity}`)),
+    element("span", { class: "event-level" }, t(`condition.${event.level}`)),
     element("span", { class: "event-text", ...(lang ? { lang } : {}) }, text),
   );
 }

@@ -59,10 +59,10 @@ export async function fetchJson(path, options) {
 }
 
 const SHAPES = {
-  ok: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
-  attention: ["M12 2.5L23 21.5H1z", "M12 9v6M12 18v.6"],
-  act: ["M8 2h8l6 6v8l-6 6H8l-6-6V8z", "M8.5 8.5l7 7M15.5 8.5l-7 7"],
-  unknown: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12h10"],
+  NORMAL: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12.5l3.5 3.5L17 9"],
+  WARNING: ["M12 2.5L23 21.5H1z", "M12 9v6M12 18v.6"],
+  FAULT: ["M8 2h8l6 6v8l-6 6H8l-6-6V8z", "M8.5 8.5l7 7M15.5 8.5l-7 7"],
+  UNAVAILABLE: ["M12 2a10 10 0 1 0 0 20 10 10 0 0 0 0-20z", "M7 12h10"],
 };
 
 export function symbol(level) {

@@ -215,8 +215,8 @@ function drawEvents(ctx, top, height, x) {
   ctx.lineWidth = devicePixelRatio;
   for (const event of view.state.events) {
     if (!MARKED.includes(event.kind)) continue;
-    const at = x(Date.parse(event.time) / 1000);
-    ctx.strokeStyle = ctx.fillStyle = event.kind === "part_replaced" || event.kind === "note" ? colour("accent") : event.severity === "error" ? colour("fault") : colour("quiet");
+    const at = x(Date.parse(event.at) / 1000);
+    ctx.strokeStyle = ctx.fillStyle = event.kind === "part_replaced" || event.kind === "note" ? colour("accent") : event.level === "FAULT" ? colour("fault") : colour("quiet");
     ctx.globalAlpha = 0.7;
     line(ctx, [[at, top + 6 * devicePixelRatio], [at, top + height]]);
     ctx.globalAlpha = 1;

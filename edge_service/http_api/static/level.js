@@ -2,11 +2,11 @@
 
 import { t } from "./strings.js";
 
-export const ORDER = ["act", "attention", "unknown", "ok"];
+export const ORDER = ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"];
 
 export const headlineOf = (state) => (state.connected ? state.health?.headline : null) ?? null;
-export const levelOf = (state) => headlineOf(state)?.level ?? "unknown";
-export const levelWords = (state) => t(`level.${levelOf(state)}`);
+export const levelOf = (state) => headlineOf(state)?.level ?? "UNAVAILABLE";
+export const levelWords = (state) => t(`condition.${levelOf(state)}`);
 export const openAlarms = (state) => state.health?.alarms ?? [];
 export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);
 
@@ -14,6 +14,6 @@ export const worstFirst = (states) => [...states].sort((a, b) => ORDER.indexOf(l
 
 // Alarms that every axis has, for they are the service's: as text that tells them apart.
 export function alarmsOfAll(states) {
-  const [first, ...others] = states.map((state) => openAlarms(state).filter(({ alarm }) => alarm === "service").map(({ message }) => message));
-  return new Set(first.filter((message) => others.every((each) => each.includes(message))));
+  const [first, ...others] = states.map((state) => openAlarms(state).filter(({ alarm }) => alarm === "service").map(({ text }) => text));
+  return new Set(first.filter((text) => others.every((each) => each.includes(text))));
 }

@@ -40,9 +40,12 @@ async function loadWeek(state) {
 
 function renderHeadline(sorted, isServiceDown) {
   const level = levelOf(sorted[0]);
-  const same = sorted.filter((state) => levelOf(state) === level);
-  const own = same.filter((state) => !isServiceDown || headlineOf(state)?.code !== "service");
-  const text = own.length === 0 ? t("machine.service") : level === "ok" ? t("machine.ok", { all: sorted.length }) : t(`machine.${level}.${own.length === 1 ? "one" : "other"}`, { n: own.length, all: sorted.length, axes: new Intl.ListFormat(locale).format(own.map((state) => state.axis)) });
+  const same = sorted.filter((state) => (level === "UNAVAILABLE" ? levelOf(state) === level : ["FAULT", "WARNING"].includes(levelOf(state))));
+  const own = same.filter((state) => !isServiceDown || headlineOf(state)?.code !== "part_down");
+  const axes = new Intl.ListFormat(locale).format(own.map((state) => (level === "UNAVAILABLE" ? state.axis : `${state.axis} (${levelWords(state)})`)));
+  const key = level === "UNAVAILABLE" ? level : "attention";
+  const counts = { n: own.length, all: sorted.length, axes };
+  const text = level === "NORMAL" ? t("machine.NORMAL", counts) : own.length === 0 ? t("machine.service") : t(`machine.${key}.${own.length === 1 ? "one" : "other"}`, counts);
   const root = byId("machine-answer");
   root.dataset.level = level;
   refill(root, text, () => [element("h2", { id: "machine-title", class: "verdict" }, symbol(level), element("span", {}, text))]);
@@ -51,7 +54,7 @@ function renderHeadline(sorted, isServiceDown) {
 function rowText(state, shared) {
   const { preload, connected, axis } = state;
   const share = connected ? preload?.of_fresh : null;
-  const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.message));
+  const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.text));
   return {
     axis,
     level: levelOf(state),

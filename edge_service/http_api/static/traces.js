@@ -12,7 +12,7 @@ const SIGNALS = [
   ["torque_nm", "unit.nm", 1, 0.1],
   ["speed_rad_s", "unit.r_min", R_MIN_PER_RAD_S, 10],
   ["position_m", "unit.mm", 1000, 1],
-  ["transmission_um", "unit.um", 1, 0.2],
+  ["transmission_m", "unit.um", 1e6, 0.2],
 ];
 const charts = new Map();
 const columns = { axis: null, time_s: [] };
@@ -43,7 +43,7 @@ export async function startTraces(state) {
   if (charts.size === 0) build(byId("traces"));
   columns.axis = state.axis;
   empty();
-  const answer = await fetchJson(`/api/v1/axes/${encodeURIComponent(state.axis)}/traces?seconds=${SPAN_S}`).catch(() => null);
+  const answer = await fetchJson(`/api/v1/axes/${encodeURIComponent(state.axis)}/live?duration=${SPAN_S}`).catch(() => null);
   if (answer === null || columns.axis !== answer.axis) return;
   empty();
   answer.time_s.forEach((time, i) => add(time, (name) => answer[name][i]));

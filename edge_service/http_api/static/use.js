@@ -56,7 +56,7 @@ export async function loadUse(state) {
   if (!byId("use").firstChild) build();
   const asking = parts;
   const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
-  const [use, along] = await Promise.all([fetchJson(`${path}/use`), fetchJson(`${path}/stroke`)]);
+  const { use, stroke: along } = await fetchJson(`${path}/wear`);
   if (asking !== parts) return; // another axis is shown by now
   if (use !== null) renderUse(use);
   else write(parts.mapText, t("use.nothing"));

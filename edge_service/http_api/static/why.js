@@ -126,15 +126,15 @@ export async function loadWhy(state) {
   const asking = parts;
   const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
   const end = state.serverMs() / 1000;
-  const [friction, traces, history] = await Promise.all([
-    fetchJson(`${path}/friction`),
-    fetchJson(`${path}/traces?seconds=1`),
+  const [{ friction }, live, history] = await Promise.all([
+    fetchJson(`${path}/wear`),
+    fetchJson(`${path}/live?duration=1`),
     fetchJson(`${path}/history?from=${end - HISTORY_S}&to=${end}&step=20`),
   ]);
   if (asking !== parts) return; // another axis is shown by now
   parts.friction.set([friction.speed_rad_s.map((speed) => speed * R_MIN_PER_RAD_S), friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
-  renderChannels(traces.channels);
+  renderChannels(live.channels);
   const times = history.buckets.map((bucket) => Date.parse(bucket.time) / 1000 + 10);
   const column = (name) => history.buckets.map((bucket) => bucket[name]?.mean ?? null);
   parts.nis.set([times, column("nis")]);

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.samples import Floats
-from ...messages.waveform import Waveform
+from ...messages.samples import Floats, Waveform
 
 SENSOR, UNIT = "nut_acceleration", "m/s^2"
 REFERENCE_SPEED_RAD_S = 50.0

@@ -33,7 +33,7 @@ from ...diagnose.result import (
 from ...diagnose.session.run import Run
 from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
 from ...diagnose.session.twin import rigid_baseline
-from ...messages.printed import printed
+from ...messages.interval import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError

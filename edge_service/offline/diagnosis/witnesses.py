@@ -10,8 +10,7 @@ from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, NamedEffect, Verdict
 from ...diagnose.session.run import Run
 from ...estimate.mixture.estimator import MixturePreloadEstimator
-from ...messages.channels import ANGLE, TABLE_POSITION
-from ...messages.samples import SampleFrame
+from ...messages.samples import ANGLE, TABLE_POSITION, SampleFrame
 from ...models.effects.registry import effects, get_effect
 from ...models.machine import Machine
 from ...nodes.stages import make_downsampler

@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ...messages.channels import TIME
-from ...messages.samples import Booleans, Floats
+from ...messages.samples import TIME, Booleans, Floats
 from ..columns import ColumnLike, TraceError
 from ..source import MOST_COLUMNS, Block, Source, Text
 from .signals import EDGE_CYCLE, edge_signals

@@ -17,16 +17,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...messages.channels import (
+from ...messages.samples import (
     ANGLE,
     CHANNELS,
     MOTOR_SPEED,
     SETPOINT,
+    SI,
     TABLE_POSITION,
     TABLE_SPEED,
     TORQUE,
 )
-from ...messages.units import SI
 from ..columns import AxisError, ColumnLike, ColumnMap
 
 _SI = SI | {"A": (1.0, "A")}

@@ -6,8 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO
 
-from ...messages.channels import TIME
-from ...messages.samples import Floats
+from ...messages.samples import TIME, Floats
 from ..columns import TraceError
 from ..source import MOST_COLUMNS, Block, Source, Text
 from .record_grid import BLOCK_ROWS, RecordGrid, SignalClock

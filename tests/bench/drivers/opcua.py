@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.base import Driver, DriverContext, DriverUnavailableError
 from drivers.registry import load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages.channels import CHANNELS
+from edge_service.messages.samples import CHANNELS
 
 from ..speed.process_meter import ServiceProcess
 from ..table import BenchError, Figure

@@ -8,9 +8,15 @@ import numpy as np
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.estimate.commissioning.identification import commissioned
-from edge_service.messages.channels import EXTERNAL_FORCE, TABLE_POSITION, TABLE_SPEED, TEMPERATURE
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import (
+    EXTERNAL_FORCE,
+    TABLE_POSITION,
+    TABLE_SPEED,
+    TEMPERATURE,
+    Floats,
+    SampleFrame,
+)
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity

@@ -12,8 +12,7 @@ from edge_service.fingerprint.friction.points import friction_points
 from edge_service.fingerprint.response.frequency_response import drive_responses_along
 from edge_service.fingerprint.response.two_mass_fit import fit_two_mass
 from edge_service.fingerprint.transmission.stiffness import backlash, fit_stiffness
-from edge_service.messages.channels import TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity

@@ -8,8 +8,7 @@ from pathlib import Path
 from drivers.base import DriverContext
 from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages.channels import CHANNELS
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import CHANNELS, SampleFrame
 from edge_service.recordings.writer import TraceWriter
 
 _RECORDED_FRAME_S = 1.0

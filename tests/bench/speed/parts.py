@@ -27,9 +27,8 @@ from edge_service.health.store.rows import (
     rows_of,
 )
 from edge_service.health.store.store import Store
-from edge_service.messages.channels import CHANNELS
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import CHANNELS, Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits

@@ -5,7 +5,7 @@ import pytest
 from edge_service.diagnose.candidates import regressors
 from edge_service.diagnose.candidates.regressors import unobservable
 from edge_service.diagnose.session.session import Session
-from edge_service.messages.channels import TABLE_POSITION, TORQUE
+from edge_service.messages.samples import TABLE_POSITION, TORQUE
 from edge_service.models.machine import Machine
 
 from ..conftest import frame_of, recorded, session_of

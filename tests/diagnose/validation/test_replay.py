@@ -11,8 +11,7 @@ from edge_service.diagnose.session.recordings import Run, runs_of
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
 from edge_service.diagnose.validation import replay as replay_module
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
 from edge_service.models.effects.signature import transmission_signature

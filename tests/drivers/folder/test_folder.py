@@ -17,8 +17,7 @@ from drivers.folder.driver import (
     FolderDriver,
     has_proper_end,
 )
-from edge_service.messages.channels import TABLE_POSITION, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TABLE_POSITION, TORQUE, SampleFrame
 
 from ..bench import CONTEXT
 

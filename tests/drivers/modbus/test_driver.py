@@ -13,9 +13,14 @@ from drivers.base import DriverUnavailableError
 from drivers.modbus.driver import ModbusDriver, PollGroup
 from drivers.modbus.stub import FAULT_ADDRESS, ModbusStub
 from drivers.stub import Fault, FaultKind
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Quality,
+    SampleFrame,
+)
 
 from ..bench import CONTEXT, free_port, truth
 from .bench import REGISTERS, config_of, stub_of

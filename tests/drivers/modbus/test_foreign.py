@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.modbus.driver import ModbusDriver
-from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
-from edge_service.messages.quality import Quality
+from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
 
 from ..bench import CONTEXT, free_port
 from .bench import config_of, stub_of

@@ -13,7 +13,7 @@ from pymodbus.transport.transport import NULLMODEM_HOST, NullModem
 
 from drivers.modbus.link import ModbusLink
 from drivers.modbus.registers import ReadRequest, RegisterConfig
-from edge_service.messages.quality import Quality
+from edge_service.messages.samples import Quality
 
 REGISTER = RegisterConfig(channel="torque_command_nm", address=0)
 REQUEST = ReadRequest(3, 0, 2, (REGISTER,))

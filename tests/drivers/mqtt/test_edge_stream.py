@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.base import DriverMisconfiguredError
 from drivers.mqtt.streams import MOST_LATE, EdgeStream, MessageError, decode_object
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import Quality, SampleFrame
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.sinumerik.edge import RESTART_GAP_S
 from edge_service.recordings.sinumerik.signals import ControllerAxis

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.mqtt.streams import MappedStream, MessageError
-from edge_service.messages.quality import Quality
+from edge_service.messages.samples import Quality
 
 from ..bench import MACHINE
 from .bench import config_of

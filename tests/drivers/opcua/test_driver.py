@@ -22,9 +22,14 @@ from drivers.opcua.stub import LEAST_INTERVAL_S, OpcuaStub
 from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
 from edge_service.config import explain
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE
-from edge_service.messages.quality import Quality
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import (
+    ANGLE,
+    TABLE_POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Quality,
+    SampleFrame,
+)
 
 from ..bench import CONTEXT, truth
 from .bench import SIGNALS, config_of

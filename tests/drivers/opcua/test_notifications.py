@@ -15,8 +15,7 @@ from drivers.opcua.variables import (
     unit_of_code,
 )
 from drivers.signals import Scaling
-from edge_service.messages.channels import ANGLE, TEMPERATURE, TORQUE
-from edge_service.messages.quality import Quality
+from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
 
 from ..bench import MACHINE
 

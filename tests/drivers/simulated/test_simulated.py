@@ -12,8 +12,7 @@ from drivers.base import (
     DriverMisconfiguredError,
 )
 from drivers.simulated import SimulatedConfig, SimulatedDriver
-from edge_service.messages.channels import CHANNELS, TORQUE
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import CHANNELS, TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 
 BENCH = Path(__file__).parents[3] / "deploy" / "machine.toml"

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from edge_service.estimate.commissioning.identification import commissioned, friction_shares
 from edge_service.estimate.commissioning.phases import CommissioningError
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance

@@ -15,9 +15,8 @@ from edge_service.estimate.commissioning.phases import (
     observed_limits,
 )
 from edge_service.estimate.commissioning.timing import torque_lag, wide_inertia
-from edge_service.messages.channels import TORQUE
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.commission import commission_to_file

@@ -11,10 +11,9 @@ import pytest
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
-from edge_service.messages.channels import ANGLE, TORQUE
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TORQUE, Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits

@@ -13,8 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.messages.arrays import decoded, encoded
 from edge_service.messages.features import Phase
+from edge_service.messages.stored import decoded, encoded
 
 from .production import AXIS, machine, production, run
 

@@ -10,10 +10,9 @@ from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TABLE_POSITION, TABLE_SPEED, TIME, SampleFrame
 from edge_service.models.machine import Machine
 
 from ... import foreign_plant as plant

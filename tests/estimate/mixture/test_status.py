@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.messages.channels import (
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.features import PHASES, Fault, FeatureBlock
+from edge_service.messages.samples import (
     ANGLE,
     MOTOR_SPEED,
     SETPOINT,
     TABLE_POSITION,
     TABLE_SPEED,
     TORQUE,
+    Floats,
+    SampleFrame,
 )
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.features import PHASES, Fault, FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
 
 from ...bench.estimator.axis import FRAME_ROWS, downsampled
 from ...bench.estimator.plants.spoiled import CASES, spoiled

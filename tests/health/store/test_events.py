@@ -11,15 +11,15 @@ import pytest
 from edge_service.health.store import events as module
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import State, Store, StoreFailedError, load_state
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 
 NS = 10**9
 NOW_NS = 1_795_000_000 * NS
 
 
 def event(message: str, axis: str = "X", kind: str = "note", time_ns: int = NOW_NS) -> Event:
-    info = Severity.INFO
-    return Event(axis=axis, kind=kind, severity=info, message=message, time_ns=time_ns)
+    info = AxisCondition.NORMAL
+    return Event(axis=axis, kind=kind, level=info, text=message, time_ns=time_ns)
 
 
 @pytest.fixture(params=[True, False], ids=["file", "memory"])
@@ -29,7 +29,7 @@ def log(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[EventLog]:
 
 
 def messages(found: Any) -> list[str]:
-    return [each.event.message for each in found]
+    return [each.event.text for each in found]
 
 
 def full(log: EventLog, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,7 +65,7 @@ def test_pages_go_back_from_the_newest(log: EventLog) -> None:
     assert messages(log.page(9, kinds=["command"])) == ["c"]
     assert messages(log.page(9, "X", ["note"], NOW_NS + 1, NOW_NS + 4)) == ["3", "2", "1"]
     (oldest,) = log.page(1, before_id=log.page(7)[-1].id)
-    assert oldest.event.message == "0"
+    assert oldest.event.text == "0"
     assert log.page(9, start_ns=2**70) == []
 
 
@@ -83,7 +83,7 @@ def test_what_waits_is_found_and_written_with_the_next(
         assert messages(log.page(10, "X")) == ["waits", "kept"]
         newest = log.newest("X", "note")
         assert newest is not None
-        assert newest.event.message == "waits"
+        assert newest.event.text == "waits"
     assert log.save() == {put.id: put.id}
     assert log.waiting == 0
     assert log.after(0, 10)[1] == put
@@ -99,7 +99,7 @@ def test_chatter_goes_first_where_memory_is_bounded(
     with pytest.raises(StoreFailedError):
         log.save()
     assert (log.waiting, log.lost) == (3, 1)
-    assert [each.event.message for each in log._waiting.values()] == ["a", "c", "d"]
+    assert [each.event.text for each in log._waiting.values()] == ["a", "c", "d"]
 
 
 def test_an_event_that_cannot_be_written_holds_up_no_other(log: EventLog) -> None:

@@ -22,7 +22,7 @@ from edge_service.health.store.store import (
     load_state,
 )
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 
 NS = 10**9
 START_S = 1_795_000_000 // HOUR_S * HOUR_S
@@ -32,8 +32,8 @@ PER_ROUND, ROUNDS_AN_HOUR = 5, 20
 
 def event(number: int) -> Event:
     text = f"{number} {'x' * (number % 300)}"
-    info = Severity.INFO
-    return Event(axis="X", kind="note", severity=info, message=text, time_ns=START_S * NS + number)
+    info = AxisCondition.NORMAL
+    return Event(axis="X", kind="note", level=info, text=text, time_ns=START_S * NS + number)
 
 
 def estimate(number: int) -> tuple[int, PreloadEstimate]:
@@ -127,7 +127,7 @@ def check_true(path: Path, known: int) -> None:
         notes = [each.event for each in log.after(0, 10**6)]
         told = [event(number) for number in range(known)]
         assert [each for each in notes if each not in told] == []
-        assert len({each.message for each in notes}) == len(notes)
+        assert len({each.text for each in notes}) == len(notes)
         rows = History(store).rows("X", START_S, START_S + 10**6, 0.1)
         single = rows[rows["samples"] == 1]
         for time_us, number in zip(single["time_us"], single["values"][:, 1, 0], strict=True):

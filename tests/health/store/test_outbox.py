@@ -11,7 +11,7 @@ from edge_service.health.store import outbox as module
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.outbox import Outbox
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 
 
 @pytest.fixture
@@ -24,14 +24,14 @@ def tell(store: Store, *texts: str, kind: str = "note") -> list[int]:
     """Keep events; returns their numbers."""
     at_ns = now_ns()
     events = [
-        Event(axis="X", kind=kind, severity=Severity.INFO, message=text, time_ns=at_ns)
+        Event(axis="X", kind=kind, level=AxisCondition.NORMAL, text=text, time_ns=at_ns)
         for text in texts
     ]
     return [each.id for each in EventLog(store).add(events, at_ns)]
 
 
 def texts(outbox: Outbox) -> list[str]:
-    return [each.event.message for each in outbox.waiting(100)]
+    return [each.event.text for each in outbox.waiting(100)]
 
 
 def test_a_new_output_begins_with_the_events_to_come(store: Store) -> None:
@@ -56,7 +56,7 @@ def test_an_output_is_told_of_its_kinds_alone(store: Store) -> None:
     tell(store, "two", kind="alarm_raised")
     assert texts(outbox) == ["one", "two"]
     assert texts(every) == ["one", "chatter", "two"]
-    assert [each.event.message for each in every.waiting(2)] == ["one", "chatter"]
+    assert [each.event.text for each in every.waiting(2)] == ["one", "chatter"]
     assert outbox.counts()[:2] == (2, 0)
     assert texts(Outbox(store, "opcua", ())) == []
 
@@ -119,7 +119,7 @@ def test_what_a_full_disk_leaves_in_memory_is_delivered_once(store: Store) -> No
     store.write(lambda file: file.execute(f"PRAGMA max_page_count = {pages}").fetchone())
     at_ns = now_ns()
     told = [
-        Event(axis="X", kind=kind, severity=Severity.ERROR, message="x" * 9000, time_ns=at_ns)
+        Event(axis="X", kind=kind, level=AxisCondition.FAULT, text="x" * 9000, time_ns=at_ns)
         for kind in ("note", "alarm_raised")
     ]
     with pytest.raises(StoreFailedError, match="full"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from edge_service.messages import channels
+from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.forward import put_into
 from edge_service.models.effects.registry import effect_names, parse_effect

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages import channels
+from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Baseline, Motion
 from edge_service.models.effects.registry import effect_names, parse_effect

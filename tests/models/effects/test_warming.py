@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from edge_service.messages.channels import SETPOINT, TABLE_POSITION, TEMPERATURE
-from edge_service.messages.samples import Floats
+from edge_service.messages.samples import SETPOINT, TABLE_POSITION, TEMPERATURE, Floats
 from edge_service.models.effects.contribution import HOUSING_LAG_S, lagged_warming
 from edge_service.models.effects.library.warmup import WARM_RISE_K
 from edge_service.models.effects.registry import parse_effect

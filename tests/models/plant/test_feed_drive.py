@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.messages import channels
+from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings

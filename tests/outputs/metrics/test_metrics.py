@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from edge_service.messages.estimate import Interval
 from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Trend, TrendStatus
 from edge_service.outputs.base import OutputConfig, OutputContext
 from edge_service.outputs.metrics import MetricsOutput, Scraped, family_names

@@ -10,9 +10,8 @@ import aiomqtt
 import pytest
 from pydantic import ValidationError
 
-from edge_service.messages.alarm import Alarm, AlarmKind
-from edge_service.messages.event import Severity
-from edge_service.messages.health import AxisCondition
+from edge_service.messages.event import AxisCondition
+from edge_service.messages.health import Alarm, AlarmKind
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
 from edge_service.outputs import mqtt as module
 from edge_service.outputs.base import Events, Output, OutputUnavailableError
@@ -147,9 +146,9 @@ async def test_home_assistant_finds_every_axis_and_shows_only_what_may_be_read(
     trend = Trend(status=TrendStatus.FALLING, reason="r", since_time_ns=1, crossings=(limit,))
     lost = Alarm(
         kind=AlarmKind.PRELOAD_LOST,
-        severity=Severity.ERROR,
+        level=AxisCondition.FAULT,
         active=True,
-        message='preload at "17 %"',
+        text='preload at "17 %"',
         raised_time_ns=1,
     )
     worn = health_of(AxisCondition.WARNING, alarms=(lost,), trend=trend)
@@ -159,7 +158,7 @@ async def test_home_assistant_finds_every_axis_and_shows_only_what_may_be_read(
             await shows(home, "hall/mill X", preload=50.0, preload_low=45.0, preload_high=55.0)
             await shows(home, "hall/mill X", condition="WARNING", problem="on")
             await shows(home, "hall/mill X", next_limit="2026-09-21T14:13:20.000Z")
-            assert home.attributes("hall/mill X", "problem") == {"preload_lost": lost.message}
+            assert home.attributes("hall/mill X", "problem") == {"preload_lost": lost.text}
             await made.take(answer())
             await shows(home, "hall/mill X", condition="NORMAL", problem="off", next_limit=UNKNOWN)
             await made.take(SILENT)

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_service.messages.alarm import Alarm, AlarmKind
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import Severity
-from edge_service.messages.health import AxisCondition
+from edge_service.messages.event import AxisCondition
+from edge_service.messages.health import Alarm, AlarmKind, Limits
 from edge_service.outputs import mtconnect as module
 from edge_service.outputs.base import OutputContext
 from edge_service.outputs.mtconnect import (
@@ -36,9 +35,13 @@ CONTEXT = OutputContext("mtconnect", "hall", "mill", ("X", "Y_Z", "1.b"))
 DEVICES = devices_xml(CONTEXT, NOW_NS)
 NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
 
+FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
 
-def alarm(kind: AlarmKind, severity: Severity = Severity.ERROR, said: str = "gone") -> Alarm:
-    return Alarm(kind=kind, severity=severity, active=True, message=said, raised_time_ns=1)
+
+def alarm(
+    kind: AlarmKind, severity: AxisCondition = AxisCondition.FAULT, said: str = "gone"
+) -> Alarm:
+    return Alarm(kind=kind, level=severity, active=True, text=said, raised_time_ns=1)
 
 
 def told(*answers: AxisAnswer) -> Agent:
@@ -91,7 +94,7 @@ def test_the_condition_is_the_services_own(condition: AxisCondition) -> None:
 
 
 def test_numbers_are_percent_of_fresh_and_carry_the_time_of_the_measurement() -> None:
-    agent = told(answer(preload_percent=3.0, low=2.5, high=4.0, fresh_percent=5.0))
+    agent = told(answer(preload_percent=3.0, low=2.5, high=4.0, limits=FIVE))
     assert [agent.values[name] for name in NUMBERS[:3]] == [60.0, 50.0, 80.0]
     assert agent.times["preload_X"] == datetime.fromtimestamp(MEASURED_NS / 1e9, UTC)
 

@@ -8,7 +8,7 @@ import pytest
 from edge_service.clock import now_ns
 from edge_service.health.store.events import StoredEvent
 from edge_service.http_api.words import words_in
-from edge_service.messages.event import Event, Severity
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.nodes.output_node import due
 from edge_service.outputs.base import Events, Output, OutputMisconfiguredError
 
@@ -30,7 +30,7 @@ async def test_events_of_the_level_go_in_one_letter_and_others_in_none(tmp_path:
     notify = made(tmp_path, f"json://127.0.0.1:{receiver.port}/", level="FAULT")
     await notify.open()
     (who,) = notify.receivers
-    grave = event("preload at 17 %").model_copy(update={"severity": Severity.ERROR})
+    grave = event("preload at 17 %").model_copy(update={"level": AxisCondition.FAULT})
     await notify.take(Events(who, (event("not told"),)))
     await notify.take(Events(who, (event("not told"), grave, grave)))
     (letter,) = receiver.taken
@@ -73,8 +73,8 @@ def test_letters_are_gathered_and_twelve_an_hour(
         old = Event(
             axis="X",
             kind="alarm_raised",
-            severity=Severity.ERROR,
-            message="m",
+            level=AxisCondition.FAULT,
+            text="m",
             time_ns=at_ns - round(age_s * 1e9),
         )
         return [StoredEvent(1, old), StoredEvent(2, event())]

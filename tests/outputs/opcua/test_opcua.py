@@ -13,7 +13,8 @@ from asyncua import Client, ua
 
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.health import AxisCondition
+from edge_service.messages.event import AxisCondition
+from edge_service.messages.health import Limits
 from edge_service.outputs import opcua as module
 from edge_service.outputs.base import OutputContext
 from edge_service.outputs.opcua import OpcuaConfig, OpcuaOutput
@@ -23,6 +24,8 @@ from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 
 FOREIGN = Path(__file__).parent / "foreign_client.py"
 PATIENCE_S = 60.0
+
+FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
 
 
 @asynccontextmanager
@@ -126,7 +129,7 @@ NUMBERS = ("Preload", "PreloadLow", "PreloadHigh")
 
 
 def test_a_number_is_percent_of_fresh_with_its_interval_and_time() -> None:
-    values = data_values(answer(preload_percent=3.0, low=2.5, high=4.0, fresh_percent=5.0))
+    values = data_values(answer(preload_percent=3.0, low=2.5, high=4.0, limits=FIVE))
     assert [values[name].Value.Value for name in NUMBERS] == pytest.approx([60, 50, 80])
     for name in NUMBERS:
         assert values[name].StatusCode.is_good()
@@ -143,7 +146,7 @@ def test_without_a_number_each_is_null_and_bad(status: EstimateStatus) -> None:
 
 
 def test_every_variable_has_a_value_or_a_bad_status() -> None:
-    for said in (answer(), answer(fresh_percent=None), SILENT):
+    for said in (answer(), answer(limits=None), SILENT):
         values = data_values(said)
         assert values.keys() == FIELDS.keys()
         for value in values.values():

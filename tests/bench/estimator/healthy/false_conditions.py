@@ -16,11 +16,10 @@ from edge_service.health.alarms import AlarmSettings
 from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
 from edge_service.health.limits import HealthSettings
 from edge_service.health.usage import ScrewGeometry
+from edge_service.messages.codec import Header
 from edge_service.messages.estimate import PreloadEstimate
-from edge_service.messages.event import Event
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.header import Header
-from edge_service.messages.health import AxisCondition
 from edge_service.models.machine import Machine
 
 from ...table import Table

@@ -6,8 +6,7 @@ from functools import cache
 from typing import Any
 
 from edge_service.estimate.commissioning.identification import commissioned
-from edge_service.messages.channels import TABLE_POSITION, TABLE_SPEED, TIME
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TABLE_POSITION, TABLE_SPEED, TIME, SampleFrame
 from edge_service.models.machine import Machine
 
 from .... import foreign_plant as plant

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.messages.channels import ANGLE, TABLE_POSITION, TORQUE
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 
 from ..axis import RATE_HZ, OwnAxis, downsampled

@@ -1,53 +1,14 @@
-"""Alarms that call for a person, and the commands with which a person answers."""
+"""Commands with which a person answers, and what comes of them."""
 
-from enum import StrEnum
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from .estimate import Frozen
-from .event import Severity
-from .names import check_recording
-from .sentence import Sentence, is_none
+from .health import AlarmKind
+from .interval import Frozen
+from .keys import check_recording
 
 MOST_KEY_LETTERS = 100
-
-
-class AlarmKind(StrEnum):
-    """Subject of an alarm."""
-
-    PRELOAD_LOW = "preload_low"  # below the warning limit
-    PRELOAD_LOST = "preload_lost"  # below the fault limit
-    RATE = "rate"  # wears faster than allowed
-    SUDDEN_DROP = "sudden_drop"
-    MODEL = "model"  # the model no longer fits what is measured
-    DATA_LOST = "data_lost"
-    SERVICE = "service"  # a part of the service does not work
-
-
-class Alarm(Frozen):
-    """One alarm that is active, or that nobody has acknowledged yet.
-
-    Attributes:
-        active: whether its cause holds now.
-        occurrence: number of this time that it was raised; each is greater than those before.
-        message, sentence: its cause in English, and for readers of other languages.
-        raised_time_ns, cleared_time_ns: UNIX times, ns, of the last change either way.
-        acknowledged_by, note: who took note of it, and their words; None if nobody.
-        shelved_until_ns: until then it calls nobody; None if not shelved.
-    """
-
-    kind: AlarmKind
-    severity: Severity
-    active: bool
-    occurrence: int = Field(0, ge=0)
-    message: str
-    raised_time_ns: int
-    cleared_time_ns: int | None = None
-    acknowledged_by: str | None = None
-    note: str = ""
-    shelved_until_ns: int | None = None
-    sentence: Sentence | None = Field(None, exclude_if=is_none)
 
 
 class Command(Frozen):

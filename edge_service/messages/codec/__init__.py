@@ -1,1 +1,0 @@
-"""Bytes on the wire, both ways: JSON messages and binary edge blocks."""

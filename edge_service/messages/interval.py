@@ -1,0 +1,135 @@
+"""A value with its bounds, times as JSON has them, and the base of every JSON payload."""
+
+import math
+import re
+from typing import Annotated
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    PlainSerializer,
+    SerializationInfo,
+    WithJsonSchema,
+)
+
+LAST_S = 253402300799.0
+"""The end of the year 9999, the last that RFC 3339 can write, in UNIX seconds."""
+_RFC3339 = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)(Z|[+-]\d\d:\d\d)?")
+_MOST_MORE = 3
+"""Decimals that are added at most."""
+
+
+class Frozen(BaseModel):
+    """Base of every JSON payload: immutable, unknown keys refused, no NaN on the wire."""
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        validate_by_name=True,
+        validate_by_alias=True,
+        serialize_by_alias=True,
+    )
+
+
+class Interval(Frozen):
+    """A value with the interval that holds the truth with the estimate's `level`."""
+
+    value: float
+    low: float
+    high: float
+
+    def times(self, factor: float) -> "Interval":
+        """The interval in another unit, of a positive factor."""
+        return Interval(value=self.value * factor, low=self.low * factor, high=self.high * factor)
+
+
+def rfc3339(time_ns: int) -> str:
+    """UNIX time in ns as `2026-01-31T12:00:00.000Z`; times out of its years are clipped."""
+    return rfc3339_s(time_ns / 1e9)
+
+
+def rfc3339_s(time_s: float) -> str:
+    """UNIX time in s as `2026-01-31T12:00:00.000Z`; times out of its years are clipped."""
+    milliseconds = round(min(max(time_s, 0.0), LAST_S) * 1e6) // 1000
+    return f"{np.datetime64(milliseconds, 'ms')}Z"
+
+
+def parse_moment(text: str) -> float:
+    """UNIX time in s from RFC 3339 or from UNIX seconds; ValueError says what was expected."""
+    try:
+        time_s = float(text)
+    except ValueError:
+        time_s = _parse_rfc3339(text)
+    if not (math.isfinite(time_s) and 0.0 <= time_s <= LAST_S):
+        raise ValueError(f"{text!r} is outside the years 1970 to 9999")
+    return time_s
+
+
+def _parse_rfc3339(text: str) -> float:
+    expected = "expected RFC 3339 such as 2026-01-31T12:00:00Z, or UNIX seconds"
+    found = _RFC3339.fullmatch(text.strip().upper())
+    try:
+        moment = np.datetime64(f"{found[1]}T{found[2]}", "us") if found else None
+    except ValueError:
+        moment = None
+    if found is None or moment is None:
+        raise ValueError(f"{text!r} is not a time: {expected}")
+    if found[3] is None:
+        raise ValueError(f"{text!r} has no offset from UTC: {expected}")
+    ahead_s = 0.0
+    if found[3] != "Z":
+        hours, minutes = found[3][1:].split(":")
+        ahead_s = float(f"{found[3][0]}1") * (3600.0 * int(hours) + 60.0 * int(minutes))
+    return int(moment.astype(np.int64)) / 1e6 - ahead_s
+
+
+def _to_ns(value: object) -> object:
+    return round(parse_moment(value) * 1000.0) * 1_000_000 if isinstance(value, str) else value
+
+
+def _to_text(time_ns: int, info: SerializationInfo) -> int | str:
+    return time_ns if info.context == EXACT else rfc3339(time_ns)
+
+
+EXACT = "exact"
+"""Context of `model_dump_json` that keeps times to the ns, as integers: for what is stored."""
+TimeNs = Annotated[
+    int,
+    BeforeValidator(_to_ns),
+    PlainSerializer(_to_text, when_used="json"),
+    WithJsonSchema(
+        {"type": "string", "format": "date-time", "examples": ["2026-01-31T12:00:00.000Z"]}
+    ),
+]
+"""UNIX time in ns; in JSON RFC 3339 in UTC, with milliseconds."""
+
+
+def printed(value: float, low: float, high: float, decimals: int = 0) -> tuple[str, str, str]:
+    """Value, low and high as decimals: bounds are rounded outwards, the value lies off both.
+
+    Where the usual decimals would put the value on a bound, some are added; a value that truly is
+    its bound is printed so.
+
+    >>> printed(98.0, 90.4, 104.6)
+    ('98', '90', '105')
+    >>> printed(103.6, 97.2, 103.9)
+    ('103.6', '97.2', '103.9')
+    """
+    for more in range(decimals, decimals + _MOST_MORE + 1):
+        middle, least, most = _scaled(value, low, high, 10**more)
+        if least < middle < most:
+            decimals = more
+            break
+    whole = _scaled(value, low, high, 10**decimals)
+    middle_text, least_text, most_text = (f"{each / 10**decimals:.{decimals}f}" for each in whole)
+    return middle_text, least_text, most_text
+
+
+def _scaled(value: float, low: float, high: float, scale: int) -> tuple[int, int, int]:
+    """Whole numbers of the last decimal; binary fractions are no reason to round on."""
+    least = math.floor(round(low * scale, 6))
+    most = math.ceil(round(high * scale, 6))
+    return min(max(round(value * scale), least), most), least, most
