@@ -8,7 +8,7 @@ from ..messages.health import Limits
 from .inputs import NS_PER_S, moved
 
 HYSTERESIS_PERCENT = 5.0
-"""How far above a limit the preload must rise to leave it, percent of the fresh preload."""
+"""Rise above a limit that ends it, percent of the fresh preload."""
 GRACE_NS = 10 * NS_PER_S
 """So long a condition is kept while estimates come, but without a number."""
 _DELAY_NS = round(0.3 * NS_PER_S)
