@@ -183,7 +183,7 @@ MOST_LINES = {
     "tests": 51673,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 401
+MOST_FILES = 402
 """Modules of the product."""
 
 

@@ -116,12 +116,9 @@ class Bus:
         """Undeclare everything and close; safe twice."""
         if self._session.is_closed():
             return
-        for subscriber in self._subscribers:
-            subscriber.close()
-        for publisher in self._publishers.values():
-            publisher.close()
-        for answering in self._answering:
-            answering.close()
+        declared: list[Any] = [*self._subscribers, *self._publishers.values(), *self._answering]
+        for each in declared:
+            each.close()
         await _OPENERS.run(self._session.close)
 
 

@@ -19,8 +19,8 @@ from ..messages.health import (
 from ..messages.interval import Interval, rfc3339
 from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot, clock
-from .consistency import CHANNEL_WORDS
 from .inputs import NS_PER_S, moved
+from .model_watch.consistency import CHANNEL_WORDS
 
 H_PER_RATE = 1000.0
 _SPANS = ((H_PER_RATE, "1000_h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))

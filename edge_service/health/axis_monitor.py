@@ -21,12 +21,12 @@ from .advice import consistent, of_fresh
 from .alarm_latch import LatchSnapshot
 from .alarms import AlarmSettings, AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
-from .channel_model import LearnedChannel
 from .condition import ConditionMonitor
-from .consistency import ConsistencyWatch, Disagreement
-from .friction_watch import FrictionClasses, FrictionWatch
 from .inputs import NS_PER_S, moved
 from .limits import HealthSettings
+from .model_watch.channel_model import LearnedChannel
+from .model_watch.consistency import ConsistencyWatch, Disagreement
+from .model_watch.friction_watch import FrictionClasses, FrictionWatch
 from .trend import PreloadHistory, PreloadSteps, preload_trend
 from .usage import ScrewGeometry, UsageCounter
 

@@ -17,9 +17,9 @@ from .components import ComponentWatch, Refused
 from .inputs import NS_PER_S
 from .limits import AxisLimits
 from .live_features import ChannelQuality, LiveFeatures, LivePoint
-from .readers import FanOut
 from .store.events import EventLog, StoredEvent
 from .store.history import History
+from .store.readers import FanOut
 from .store.store import Store
 
 BACKLOG = 256

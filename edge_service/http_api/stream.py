@@ -12,9 +12,9 @@ from fastapi.sse import format_sse_event
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from ..health.readers import Batch, Subscription, concerns
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
+from ..health.store.readers import Batch, Subscription, concerns
 from ..messages.addresses import is_loopback
 from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD

@@ -5,9 +5,9 @@ import asyncio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.readers import FanOut
 from edge_service.health.service_state import ServiceState
 from edge_service.health.store.events import StoredEvent
+from edge_service.health.store.readers import FanOut
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event

@@ -12,8 +12,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
 from pydantic import Field
 
-from ...health.history_file import HistoryForm, write_history
 from ...health.service_state import ServiceState
+from ...health.store.history_file import HistoryForm, write_history
 from ...health.store.rows import Bucket
 from ...health.store.store import StoreFailedError
 from ...messages.interval import parse_moment

@@ -11,8 +11,8 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from edge_service.health.history_file import HistoryForm, write_history
 from edge_service.health.store.history import HOUR_S, History
+from edge_service.health.store.history_file import HistoryForm, write_history
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 

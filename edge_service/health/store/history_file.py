@@ -9,8 +9,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from .store.history import History
-from .store.rows import NO_ROWS, QUANTITIES, STATUSES, Rows
+from .history import History
+from .rows import NO_ROWS, QUANTITIES, STATUSES, Rows
 
 
 class HistoryForm(StrEnum):

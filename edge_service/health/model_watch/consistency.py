@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.features import FeatureBlock
-from ..messages.health import Consistency, ConsistencyState
-from ..messages.samples import Floats
+from ...messages.features import FeatureBlock
+from ...messages.health import Consistency, ConsistencyState
+from ...messages.samples import Floats
 from .channel_model import CHANNELS, LEAST_RATIO, ROWS, ChannelModel, LearnedChannel
 
 STRETCH_S = 8.0

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ..messages.event import Event
-from .store.events import StoredEvent
+from ...messages.event import Event
+from .events import StoredEvent
 
 
 @dataclass(frozen=True, slots=True)

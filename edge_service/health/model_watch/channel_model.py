@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.features import Phase
-from ..messages.samples import Floats
-from ..messages.stored import StoredFloats
+from ...messages.features import Phase
+from ...messages.samples import Floats
+from ...messages.stored import StoredFloats
 
 CHANNELS = ("torque_nm", "transmission_m")
 LEARNED = 8
