@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from enum import StrEnum
 from string import Formatter
 from types import MappingProxyType
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from .interval import Frozen, TimeNs
 from .keys import Kind, check_recording
@@ -182,13 +182,18 @@ def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: 
     return Statement(code=code.value, text=text, values=sent)
 
 
+def _whole_ms(time_ns: int) -> int:
+    """The time as readers of JSON get it, so that an event that comes back is the same."""
+    return time_ns // 1_000_000 * 1_000_000
+
+
 class Event(Statement):
     """One event of one axis (or of the service, with an empty axis).
 
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
         level: how grave it is.
-        time_ns: UNIX time in ns; `at` in JSON.
+        time_ns: UNIX time in ns, whole milliseconds; `at` in JSON.
         who, origin: who asked for it, and from where; empty if nobody did.
         data: the values that changed; `recording` names a trace that the service keeps.
     """
@@ -196,7 +201,7 @@ class Event(Statement):
     axis: str
     kind: Kind
     level: AxisCondition
-    time_ns: TimeNs = Field(alias="at")
+    time_ns: Annotated[TimeNs, AfterValidator(_whole_ms)] = Field(alias="at")
     data: dict[str, str | float | int | None] = {}
     who: str = Field("", max_length=100)
     origin: str = Field("", max_length=200)

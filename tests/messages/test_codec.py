@@ -89,7 +89,9 @@ def test_json_payloads_come_back_equal() -> None:
     )
     payload = PRELOAD.encode("X", HEADER, estimate)
     assert PRELOAD.decode(payload) == ("X", HEADER, estimate)
-    event = Event(axis="X", kind="k", level=AxisCondition.NORMAL, text="m", time_ns=5_000_000)
+    event = Event(
+        axis="X", kind="k", level=AxisCondition.NORMAL, text="m", time_ns=1_790_000_000_123_456_789
+    )
     payload = EVENT.encode("X", HEADER, event)
     assert EVENT.decode(payload) == ("X", HEADER, event)
 

@@ -193,7 +193,7 @@ const TAB_PARTS = {
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
   tests: { render: () => {}, load: () => loadTests(shown) },
-  service: { render: () => renderService(shown, service), load: () => loadOutputs(service) },
+  service: { render: () => renderService(service), load: () => loadOutputs(service) },
 };
 
 addEventListener("hashchange", show);

@@ -3,7 +3,7 @@
 import { byId, element, list, withoutCode, write } from "./dom.js";
 import { named, t } from "./strings.js";
 
-export function renderService(state, service) {
+export function renderService(service) {
   const root = byId("parts");
   if (!root.firstChild) {
     root.replaceChildren(element("h2", { id: "parts-title" }, t("parts")), element("p", { id: "service-state" }), element("ul", { class: "waiting" }), element("table", { class: "components" }, element("tbody", {})), element("p", { id: "versions" }));
@@ -12,7 +12,7 @@ export function renderService(state, service) {
   write(byId("service-state"), t(service.ready ? "parts.ready" : "parts.not_ready"));
   list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: withoutCode(reason), lang: "en" })));
   write(byId("versions"), versionWords(service));
-  renderRows(root.querySelector("tbody"), [...(state?.health?.components ?? []), ...service.components]);
+  renderRows(root.querySelector("tbody"), service.components);
 }
 
 function versionWords({ version, configuration }) {

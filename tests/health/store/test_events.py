@@ -16,6 +16,8 @@ from edge_service.messages.event import AxisCondition, Event
 NS = 10**9
 NOW_NS = 1_795_000_000 * NS
 
+MS = 1_000_000
+
 
 def event(message: str, axis: str = "X", kind: str = "note", time_ns: int = NOW_NS) -> Event:
     info = AxisCondition.NORMAL
@@ -57,13 +59,13 @@ def test_an_event_that_is_there_is_not_doubled(log: EventLog) -> None:
 
 
 def test_pages_go_back_from_the_newest(log: EventLog) -> None:
-    log.add([event(str(number), time_ns=NOW_NS + number) for number in range(5)], NOW_NS)
+    log.add([event(str(number), time_ns=NOW_NS + number * MS) for number in range(5)], NOW_NS)
     log.add([event("other", axis="Y"), event("service", axis=""), event("c", kind="command")], 1)
     assert messages(log.page(3)) == ["c", "service", "other"]
     assert messages(log.page(3, "X")) == ["c", "service", "4"]
     assert messages(log.page(9, "Y")) == ["service", "other"]
     assert messages(log.page(9, kinds=["command"])) == ["c"]
-    assert messages(log.page(9, "X", ["note"], NOW_NS + 1, NOW_NS + 4)) == ["3", "2", "1"]
+    assert messages(log.page(9, "X", ["note"], NOW_NS + MS, NOW_NS + 4 * MS)) == ["3", "2", "1"]
     (oldest,) = log.page(1, before_id=log.page(7)[-1].id)
     assert oldest.event.text == "0"
     assert log.page(9, start_ns=2**70) == []
