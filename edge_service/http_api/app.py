@@ -106,8 +106,7 @@ def create_app(
         redoc_url=None,
         responses=DOCUMENTED_DEFAULT,
     )
-    app.state.service_state = state
-    app.state.clock = clock
+    app.state.service_state, app.state.clock = state, clock
     app.state.send_command = send_command
     app.state.jobs, app.state.recordings, app.state.motions = jobs, recordings, motions
     app.state.readers_of = Counter[str]()
@@ -120,6 +119,7 @@ def create_app(
     answer_with_problems(app)
     app.include_router(alive_router)
     for router in (
+        axis_router,  # whoever does a command tells of it
         service_router,
         history_router,
         log_router,
@@ -128,7 +128,7 @@ def create_app(
         docs_router,
     ):
         app.include_router(router, dependencies=[Depends(authorized), Depends(known_query)])
-    for router in (axis_router, job_router, motion_router, output_router, token_router):
+    for router in (job_router, motion_router, output_router, token_router):
         noting = [Depends(authorized), Depends(known_query), Depends(noted)]
         app.include_router(router, dependencies=noting)
     app.add_middleware(Guard, hosts=tuple(hosts))

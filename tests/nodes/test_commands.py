@@ -36,9 +36,9 @@ async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Pat
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
             answer = await done(client, PATH, NOTE, key="a")
-            assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
+            assert answer.json() == {"outcome": "greased (Kim)"}
             (note,) = (await client.get("api/v1/log?kind=note")).json()["items"]
-            assert (note["message"], note["who"]) == ("greased (Kim)", "Kim")
+            assert (note["text"], note["who"]) == ("greased (Kim)", "Kim")
             for action, more in (("acknowledge", {"occurrence": 1}), ("unshelve", {})):
                 body = {"action": action, "alarm": "sudden_drop", "user": "Kim"}
                 answer = await client.post(PATH, json=body | more)
@@ -62,10 +62,10 @@ async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path
                 bus.publish(command, 1)
                 answer = await done(client, PATH, NOTE, key="a")
                 bus.publish(command, 1)
-                assert answer.json() == {"accepted": True, "outcome": "greased (Kim)"}
+                assert answer.json() == {"outcome": "greased (Kim)"}
                 other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=header)
                 assert other.status_code == 422
                 assert "another command" in other.json()["detail"]
                 found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]
-                notes.append([each["message"] for each in found])
+                notes.append([each["text"] for each in found])
     assert notes == [["greased (Kim)"]] * 2
