@@ -83,6 +83,6 @@ async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
 
         async def told() -> list[str]:
             items = (await client.get("api/v1/log?kind=command")).json()["items"]
-            return [each["message"] for each in items]
+            return [each["text"] for each in items]
 
         assert await until(told) == ["kim (127.0.0.1): POST /api/v1/tokens"]

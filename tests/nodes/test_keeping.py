@@ -44,7 +44,7 @@ async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
                 return (await client.get("api/v1/log", params=NOTES)).json()["items"]
 
             (note,) = await until(noted)
-            way_m = (await client.get("api/v1/axes/X/use")).json()["distance_m"]
+            way_m = (await client.get("api/v1/axes/X/wear")).json()["use"]["distance_m"]
     async with running(config) as service:
         address = await asyncio.wait_for(service.address, 20.0)
         async with httpx.AsyncClient(base_url=address) as client:
@@ -54,7 +54,7 @@ async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
             assert (note["who"], note["origin"]) == ("Kim", "127.0.0.1")
 
             async def counted() -> Any:
-                use = (await client.get("api/v1/axes/X/use")).json()
+                use = (await client.get("api/v1/axes/X/wear")).json()["use"]
                 return use and use["distance_m"] >= way_m > 0.0
 
             await until(counted)
@@ -91,7 +91,7 @@ async def test_a_store_that_cannot_be_read_is_waited_for_said_and_left_as_it_is(
             return answer.status_code == 200 and answer.json()["items"]
 
         (found,) = await until(known)
-        assert found["message"] == "greased (Kim)"
+        assert found["text"] == "greased (Kim)"
         again = await done(client, "api/v1/axes/X/commands", note, key="a")
         assert again.json()["outcome"] == "greased (Kim)"
         assert len((await client.get("api/v1/log", params=NOTES)).json()["items"]) == 1
@@ -166,7 +166,7 @@ async def _notes(client: httpx.AsyncClient, count: int) -> tuple[list[str], int]
                 live += value == "live"
             elif name == "data" and event == "event":
                 message = json.loads(value)
-                seen += [message["message"]] if message["kind"] == "note" else []
+                seen += [message["text"]] if message["kind"] == "note" else []
             if len(seen) >= count and live >= LIVE:
                 return seen, live
     return seen, live

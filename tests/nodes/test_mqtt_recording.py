@@ -99,7 +99,7 @@ async def sent_as_captured(
 
 def on_file(recording: Path, config: EdgeConfig) -> list[PreloadEstimate]:
     with open_recording(MACHINE, recording) as frames:
-        return list(estimates(frames, MACHINE, config))
+        return list(estimates(frames, MACHINE, config.estimator))
 
 
 async def known_to_the_broker(config: MqttSourceConfig) -> None:

@@ -118,7 +118,7 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
         )
 
         async def complained() -> bool:
-            lost = ("lost: opc.tcp", *(["lost: 127.0.0.1"] if HAS_MQTT else []))
+            lost = ("acquire: opc.tcp", *(["acquire: 127.0.0.1"] if HAS_MQTT else []))
             return all(each in caplog.text for each in ("mqtt: 127", "a dead letter", *lost))
 
         async with httpx.AsyncClient(base_url=address) as client:
