@@ -1,4 +1,4 @@
-"""What a process hands over to itself without decoding is what the bytes say."""
+"""What a process decodes once for all its readers is what the bytes say, and nobody changes it."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,7 +8,6 @@ import pytest
 
 from edge_service.bus.publisher import Decoding
 from edge_service.config_tables import StoreConfig
-from edge_service.messages.codec import Header
 
 from .conftest import config_of, running, until
 
@@ -25,29 +24,29 @@ async def test_what_is_handed_over_is_what_is_decoded(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """All that a service says of an axis that fails, from features to alarms."""
-    handed: Counter[str] = Counter()
+    heard: Counter[str] = Counter()
+    shared: Counter[str] = Counter()
     differing: list[tuple[object, object]] = []
-    plain = Decoding.sent
+    plain = Decoding.decode
 
-    def sent(
-        self: Decoding[Any], payload: bytes, axis: str | None, header: Header, value: Any
-    ) -> None:
-        plain(self, payload, axis, header, value)
-        if payload in self._recent:
-            name = self._topic.name
-            handed[name] += 1
-            decoded = self._topic.decode(payload)
-            if repr(self._recent[payload]) != repr(decoded):
-                differing.append((self._recent[payload], decoded))
+    def decode(self: Decoding[Any], payload: bytes) -> Any:
+        (shared if payload in self._recent else heard)[self._topic.name] += 1
+        axis, header, value = given = plain(self, payload)
+        decoded = self._topic.decode(payload)
+        if repr(given) != repr(decoded):
+            differing.append((given, decoded))
+        if (again := self._topic.encode(axis or None, header, value)) != payload:
+            differing.append((again, payload))
+        return given
 
-    monkeypatch.setattr(Decoding, "sent", sent)
+    monkeypatch.setattr(Decoding, "decode", decode)
     config = config_of("simulated", SUDDEN, store=StoreConfig(folder=tmp_path))
     async with running(config):
 
-        async def heard() -> bool:
-            return handed["event"] > 0 and handed["preload"] > 100
+        async def told() -> bool:
+            return shared["event"] > 0 and shared["preload"] > 100 and heard["health"] > 0
 
-        await until(heard)
+        await until(told)
     assert not differing
-    assert {"feat", "preload", "health", "status", "event"} <= handed.keys()
-    assert "raw" not in handed  # samples come from a machine
+    assert {"raw", "feat", "preload", "health", "status", "event"} <= heard.keys()
+    assert {"feat", "preload", "status", "event"} <= shared.keys()
