@@ -7,7 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -150,10 +150,10 @@ class SpeedBench:
     def _started(self) -> tuple[float, float]:
         """Time from the start of a service to its page, and to the first `estimated`, s."""
         with service(self._folder, self._kernels, self._recording, 1) as process:
-            poller = PreloadPoller(*process.wait_for_address(_PATIENCE_S), "A1")
-            page_s = process.since_start_s()
-            while poller.ask().status != "estimated" and process.since_start_s() < _PATIENCE_S:
-                time.sleep(0.01)
+            with closing(PreloadPoller(*process.wait_for_address(_PATIENCE_S), "A1")) as poller:
+                page_s = process.since_start_s()
+                while poller.ask().status != "estimated" and process.since_start_s() < _PATIENCE_S:
+                    time.sleep(0.01)
             return page_s, process.since_start_s()
 
     def _start(self) -> list[Figure]:

@@ -3,6 +3,7 @@
 import http.client
 import json
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
@@ -44,6 +45,10 @@ class PreloadPoller:
         at_s = None if measured is None else datetime.fromisoformat(measured).timestamp()
         return Sighting(status, at_s, time.time())
 
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.close()
+
 
 def sample_delays_s(host: str, port: int, axis: str, window_s: float) -> Floats:
     """Delay of every sample of a window, s, (n_samples,).
@@ -51,14 +56,14 @@ def sample_delays_s(host: str, port: int, axis: str, window_s: float) -> Floats:
     An interval that was never seen by itself is there from the next one's sighting on; that of the
     first answer is left out, because nobody knows since when it was there.
     """
-    poller, firsts = PreloadPoller(host, port, axis), []
-    until_s, newest_s = time.monotonic() + window_s, -np.inf
-    while time.monotonic() < until_s:
-        found = poller.ask()
-        if found.measured_s is not None and found.measured_s > newest_s:
-            newest_s = found.measured_s
-            firsts.append((found.measured_s, found.seen_s))
-        time.sleep(_POLL_PERIOD_S)
+    firsts, until_s, newest_s = [], time.monotonic() + window_s, -np.inf
+    with closing(PreloadPoller(host, port, axis)) as poller:
+        while time.monotonic() < until_s:
+            found = poller.ask()
+            if found.measured_s is not None and found.measured_s > newest_s:
+                newest_s = found.measured_s
+                firsts.append((found.measured_s, found.seen_s))
+            time.sleep(_POLL_PERIOD_S)
     delays: list[float] = []
     for (before_s, _), (measured_s, seen_s) in pairwise(firsts):
         count = max(1, round((measured_s - before_s) / INTERVAL_S))
