@@ -16,7 +16,7 @@ MOST_KEPT, LONGEST_KEPT = 64, 16_384
 _HEARTBEAT_S = 10.0
 """Period in which the number of the last payload is told, by which a reader learns what it missed.
 
-Statement once, it would be lost with the router that was to pass it on.
+Told once, it would be lost with the router that was to pass it on.
 """
 
 

@@ -54,7 +54,7 @@ class NodeContext:
         self.events = EventLog(self.store)
         self.dispatcher = EventDispatcher(self.events)
         self.renewals: list[Callable[[AxisConfig], None]] = []
-        """Statement of every axis that begins anew."""
+        """Told of every axis that begins anew."""
 
     @cached_property
     def machines(self) -> dict[str, Machine]:
