@@ -23,8 +23,8 @@ from .link import MqttLink, MqttSourceConfig
 
 BLOCK_ROWS = 25
 FIRST_COUNT = 5000
-MOST_STEP_S = 0.25
-"""Step over which nothing is interpolated: a hole."""
+STEPS, HOLE = 5, 1.5
+"""First steps that tell the source's own, and how many times as long a hole is at least."""
 AGAIN_S = 0.2
 """Between two tries to reach the broker."""
 
@@ -76,8 +76,7 @@ class MqttStub:
 
     async def _send(self, axis: StubAxis, link: MqttLink) -> None:
         """Send an axis' samples, and what is left of a block at the source's end."""
-        writer = EdgeWriter(axis)
-        number = 0
+        writer, number = EdgeWriter(axis), 0
         try:
             async with aclosing(axis.source) as frames:
                 async for frame in frames:
@@ -131,6 +130,7 @@ class EdgeWriter:
         self._header = {"SignalListHFData": signals, "CycleTimeMs": 1e3 * PERIOD_S}
         self._rows: list[list[float]] = []
         self._last = np.empty((0, 1 + len(self._factors)))
+        self._steps_s: list[float] = []
 
     def blocks(self, frame: SampleFrame) -> list[Floats]:
         """Blocks that have become whole.
@@ -139,15 +139,14 @@ class EdgeWriter:
         a hole there is nothing.
         """
         missing = np.full(len(frame), np.nan)
-        columns = [
-            frame.channels.get(channel, missing) / factor
-            for channel, factor in self._factors.items()
-        ]
+        columns = [frame.channels.get(name, missing) / each for name, each in self._factors.items()]
         rows = np.vstack([self._last, np.column_stack([frame.time_s, *columns])])
         latest = np.maximum.accumulate(rows[:, 0])
         rows = rows[np.append(True, rows[1:, 0] > latest[:-1])] if len(rows) else rows
         found = []
-        for row in _at_counts(rows, first=len(self._last) == 0):
+        self._steps_s = (self._steps_s + np.diff(rows[:, 0]).tolist())[:STEPS]
+        most_s = HOLE * float(np.median(self._steps_s or [0.0]))
+        for row in _at_counts(rows, most_s, first=len(self._last) == 0):
             self._rows.append(row)
             if len(self._rows) == BLOCK_ROWS:
                 found += self.rest()
@@ -168,10 +167,11 @@ class EdgeWriter:
         return json.dumps({HEADER: self._header, PAYLOAD: [{SAMPLES: rows}]}).encode()
 
 
-def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
+def _at_counts(rows: Floats, most_s: float, *, first: bool) -> list[list[float]]:
     """Rows [time in s, values] at the instants of the capture, each with its count for the time.
 
     Args:
+        most_s: over a longer step there is nothing in between.
         first: whether the first row was not there before.
     """
     if not len(rows):
@@ -181,7 +181,7 @@ def _at_counts(rows: Floats, *, first: bool) -> list[list[float]]:
     counts = counts if first else counts[counts > at[0]]
     after = np.searchsorted(at, counts)
     before = np.maximum(after - (at[after] > counts), 0)
-    near = rows[after, 0] - rows[before, 0] <= MOST_STEP_S
+    near = rows[after, 0] - rows[before, 0] <= most_s
     counts, after = counts[near], after[near]
     on_row = at[after] == counts  # beside a missing value there may be one
     values = [
