@@ -1,10 +1,18 @@
-"""Linear algebra on one thread, here and in every process that a test starts.
+"""Linear algebra on one thread, here and in every process that a test starts; no lines of progress.
 
 The matrices are small: threads that wait for one another take many times as long as one alone as
-soon as the machine has other work.
+soon as the machine has other work. Lines that come every 10 s would depend on how busy it is.
 """
 
 import os
 
+import pytest
+
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+
+@pytest.fixture(autouse=True)
+def quiet_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands that a test calls in its own process say errors alone."""
+    monkeypatch.setattr("edge_service.cli.terminal.PIPE_S", 3600.0)

@@ -336,7 +336,7 @@ def test_an_unknown_option_is_refused_before_anything_is_loaded() -> None:
 def test_a_mistake_is_told_without_rooms_that_the_command_has_not_used(
     arguments: list[str],
 ) -> None:
-    assert answered(arguments) == f"{BAD_INPUT} pydantic"
+    assert answered(arguments) == f"{BAD_INPUT} numpy pydantic"
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])

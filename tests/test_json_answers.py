@@ -35,9 +35,9 @@ UNIT = re.compile(
 PURE = {"probability", "level", "share", "energy_share", "sigmas", "relative", "n_effective"} | {
     *("log_evidence", "nut_share", "nut_share_sigma", "coverage", "nis", "tolerance", "height"),
     *("mode_probability", "fault_probability", "structure", "scores", "trend", "line", "context"),
-    *("shrink", "replay", "speed", "run_in_loss", "raceway_damage"),
+    *("shrink", "replay", "speed", "noise", "force", "raceway_damage"),
 }
-"""Shares, probabilities and ratios: numbers without a unit."""
+"""Shares, probabilities and ratios: numbers without a unit; keys of the simulated drive."""
 BESIDE = {"unit", "x_label", "preload_percent"}
 """Keys that tell the unit of the numbers beside them."""
 KNOWN = PURE | BESIDE
@@ -204,4 +204,4 @@ def test_a_number_without_its_unit_is_found() -> None:
         "length": {"value": 2.5, "unit": "m"},
     }
     assert list(without_unit(right)) == []
-    assert list(without_unit({"speed": 1.5})) == ["/speed"]
+    assert list(without_unit({"length": 1.5})) == ["/length"]

@@ -77,13 +77,13 @@ def token(config: Path, added: str | None, role: "Role | None", revoked: str | N
 
     A viewer reads; an operator may do everything. A running service knows within a second.
     """
+    if (added is None) != (role is None) or (added and revoked):
+        raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")
     from ..clock import now_ns
     from ..config import load_config
     from ..health.store.store import StoreFailedError
     from ..nodes.http_rights import tokens_of
 
-    if (added is None) != (role is None) or (added and revoked):
-        raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")
     settings = load_config(config)
     if settings.store.folder is None:
         raise InputError(f"{config}: store.folder: missing; tokens are kept in the state folder")

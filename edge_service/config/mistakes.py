@@ -73,7 +73,7 @@ def _closest(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
     if homes:
         return f" here; it belongs under {' or '.join(f'[{name}]' for name in homes)}"
     for part in location[:-1]:
-        if isinstance(part, str):
+        if part in table.model_fields:
             table = next(iter(_within(table.model_fields[part])), table)
     near = difflib.get_close_matches(key, sorted(table.model_fields), n=1)
     return f"; did you mean {f'{above}.{near[0]}'.removeprefix('.')}?" if near else ""

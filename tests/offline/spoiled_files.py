@@ -139,11 +139,16 @@ def command_on(kind: str, content: bytes, folder: Path) -> list[str]:
 
 
 def answer_to(arguments: Sequence[str]) -> str:
-    """Fault of the answer of a command; empty for success, "refused" for one line and status 2."""
+    """Fault of the answer of a command; empty for success, "refused" for one line and status 2.
+
+    `check-config` tells every mistake on a line of its own.
+    """
     said, out = io.StringIO(), io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(out):
         status = main(arguments)
     lines = said.getvalue().splitlines()
     if status == DONE:
         return ""
-    return "refused" if status == BAD_INPUT and len(lines) == 1 else f"status {status}: {lines[:3]}"
+    told = all(line.startswith("edge-service: ") for line in lines)
+    is_clear = told and (len(lines) == 1 or (arguments[0] == "check-config" and lines))
+    return "refused" if status == BAD_INPUT and is_clear else f"status {status}: {lines[:3]}"

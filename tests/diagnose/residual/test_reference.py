@@ -92,6 +92,6 @@ def test_a_reference_that_is_none_is_refused_in_a_line(
     given = ["diagnose", "--machine", crude, healthy[0], "--out", str(out)]
     assert main([*given, "--reference", str(still)]) == 2
     said = capsys.readouterr().err
-    assert "reference: the axis moves for 0 s" in said
+    assert "reference: torque_command_nm, motor_angle_rad: not one value changes" in said
     assert said.count("\n") == 1
     assert not (out / "report.html").exists()
