@@ -24,7 +24,8 @@ from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import PIPELINE, run_nodes
 
 CHROMIUM = shutil.which("chromium")
-PATIENCE_MS = 120_000
+PATIENCE_MS, PATIENCE_OF_SLOW_MS = 30_000, 120_000
+ENDS_S = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +66,10 @@ class Page:
 
 
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[Callable[..., Page]]:
+def open_page(browser: Any, request: pytest.FixtureRequest) -> Iterator[Callable[..., Page]]:
     """Opens pages; at the end none of them has complained or asked anything outside."""
     contexts, opened = [], []
+    is_slow = request.node.get_closest_marker("slow") is not None
 
     def open_page(address: str, **options: Any) -> Page:
         context = browser.new_context(
@@ -75,7 +77,7 @@ def open_page(browser: Any) -> Iterator[Callable[..., Page]]:
         )
         contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(PATIENCE_OF_SLOW_MS if is_slow else PATIENCE_MS)
         seen = Page(page, [], [])
         page.on(
             "console",
@@ -116,7 +118,7 @@ class Service:
     def start(self) -> None:
         """Run until `stop`; returns once the page is served."""
         ready = threading.Event()
-        self._thread = threading.Thread(target=asyncio.run, args=(self._run(ready),))
+        self._thread = threading.Thread(target=asyncio.run, args=(self._run(ready),), daemon=True)
         self._thread.start()
         assert ready.wait(30.0)
 
@@ -124,7 +126,8 @@ class Service:
         """End it; safe twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(30.0)
+            self._thread.join(ENDS_S)
+            assert not self._thread.is_alive(), "the service did not end"
 
     async def _run(self, ready: threading.Event) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()

@@ -19,11 +19,13 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
 ) -> None:
     service = make_service(axes=AXES)
     page = open_page(service.address, size=size, bypass_csp=True).page
-    page.wait_for_selector("#machine-answer:has-text('2 of 8 axes are not all right: Y and C')")
-    assert page.get_attribute("#machine-answer", "data-level") == "act"
-    assert page.title().startswith("ACT NOW")
+    page.wait_for_selector(
+        "#machine-answer:has-text('2 of 8 axes need attention: Y (FAULT) and C (FAULT).')"
+    )
+    assert page.get_attribute("#machine-answer", "data-level") == "FAULT"
+    assert page.title().startswith("FAULT: ")
     rows = page.locator(".axis-row")
-    assert [rows.nth(i).get_attribute("data-level") for i in (0, 1)] == ["act", "act"]
+    assert [rows.nth(i).get_attribute("data-level") for i in (0, 1)] == ["FAULT", "FAULT"]
     assert rows.count() == len(AXES)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     # In one step: the rows are drawn anew at every answer.
@@ -61,46 +63,68 @@ SAYS = """(health) => ({
     ...health,
     condition: "%s",
     alarms: [],
-    headline: { level: "%s", code: "%s", text: "Said by the service." },
-    advice: [{ task: "%s", text: "Statement by the service.", due: null, together_with: [] }],
+    headline: {
+        level: "%s", code: "%s", text: "Said by the service.",
+        values: { value: 41, low: 38, high: 44 },
+    },
+    advice: [
+        { task: "%s", text: "To do by the service.", now: true, due: null, together_with: [] },
+    ],
 })"""
+SAID, TO_DO = "Said by the service.", "To do by the service."
 CONTRARY = [
-    ("NORMAL", "act", "fault", "replace_nut", "Replace or readjust the nut"),
-    ("FAULT", "ok", "normal", "plan_nut", "Plan to replace or readjust the nut."),
-    ("NORMAL", "attention", "new_code", "new_task", "Statement by the service."),
+    (
+        ("NORMAL", "FAULT", "fault", "replace_nut"),
+        "Die Vorspannung ist verloren: 41 % von neu (38 bis 44).",
+        "Mutter ersetzen oder nachstellen",
+    ),
+    (
+        ("FAULT", "NORMAL", "normal", "plan_nut"),
+        "Die Vorspannung liegt in ihren Grenzen: 41 % von neu (38 bis 44).",
+        "Einplanen, die Mutter zu ersetzen",
+    ),
+    (("NORMAL", "WARNING", "new_code", "new_task"), SAID, TO_DO),
 ]
 
 
-@pytest.mark.parametrize(("condition", "level", "code", "task", "words"), CONTRARY)
+@pytest.mark.parametrize(("says", "headline", "task"), CONTRARY, ids=["FAULT", "NORMAL", "new"])
 def test_level_and_advice_are_what_the_service_says(
-    make_service: Any, open_page: Any, condition: str, level: str, code: str, task: str, words: str
+    make_service: Any, open_page: Any, says: tuple[str, ...], headline: str, task: str
 ) -> None:
-    """Whatever else the answer holds: the page judges nothing by itself."""
-    page = open_page(make_service(**HEALTHY).address).page
-    doctored(page, SAYS % (condition, level, code, task))
-    page.wait_for_selector(f"#answer[data-level={level}] .todo:has-text('{words}')")
-    told = page.inner_text("#answer .headline")
-    assert (told == "Said by the service.") is (code == "new_code")
-    assert page.locator("#answer .todo li").count() == 1
+    """Whatever else the answer holds: the page judges nothing, it translates what it knows."""
+    address = make_service(**HEALTHY).address
+    for locale, said, to_do in (("en-GB", SAID, TO_DO), ("de-DE", headline, task)):
+        page = open_page(address, locale=locale).page
+        doctored(page, SAYS % says)
+        page.wait_for_selector(f"#answer[data-level={says[1]}] .todo:has-text('{to_do}')")
+        assert page.inner_text("#answer .headline") == said
+        assert page.locator("#answer .todo li").count() == 1
 
 
 def test_a_loss_that_is_to_be_confirmed_is_no_certain_one(
     make_service: Any, open_page: Any
 ) -> None:
-    page = open_page(make_service(**HEALTHY).address).page
-    doctored(page, SAYS % ("WARNING", "attention", "warning", "confirm_loss"))
-    page.wait_for_selector("#answer[data-level=WARNING] .todo:has-text('Confirm the loss')")
-    assert page.inner_text("#answer .headline") == "The preload is low, or looks so."
+    page = open_page(make_service(**HEALTHY).address, locale="de-DE").page
+    doctored(page, SAYS % ("WARNING", "WARNING", "may_be_warning", "confirm_loss"))
+    page.wait_for_selector("#answer[data-level=WARNING] .todo:has-text('Den Verlust')")
+    assert "Test bestätigen, bevor Sie die Mutter" in page.inner_text("#answer .todo")
+    told = page.inner_text("#answer .headline")
+    assert told == "Die Vorspannung ist vielleicht niedrig: 41 % von neu (38 bis 44)."
 
 
 SERVICE_DOWN = """(health) => ({
     ...health,
     alarms: [{
-        alarm: "service", severity: "warning", active: true, raised_at: health.since,
-        message: "history does not work: the disk is full", cleared_at: null,
+        code: "part_down", text: "history does not work: the disk is full",
+        values: { component: "history", reason: "the disk is full" },
+        alarm: "service", level: "WARNING", active: true, occurrence: 7,
+        raised_at: health.since, cleared_at: null,
         acknowledged_by: null, note: "", shelved_until: null,
     }],
-    headline: { level: "attention", code: "service", text: "History does not work." },
+    headline: {
+        level: "WARNING", code: "part_down", text: "history does not work: the disk is full",
+        values: { component: "history", reason: "the disk is full" },
+    },
 })"""
 
 
@@ -114,25 +138,27 @@ def test_an_alarm_of_the_whole_service_stands_once_and_is_answered_once(
     assert page.inner_text("#machine-title") == "A part of the service does not work"
     assert page.inner_text("#machine").count("Service part down") == 1
     assert page.inner_text("#machine").count("history does not work") == 1
-    asked: list[str] = []
+    asked: list[tuple[str, int]] = []
 
     def take(route: Any) -> None:
-        asked.append(route.request.url)
-        route.fulfill(json={"accepted": True, "outcome": ""})
+        asked.append((route.request.url, route.request.post_data_json["occurrence"]))
+        route.fulfill(status=202, json={"outcome": ""})
 
     page.route("**/commands", take)
     page.click("#machine-alarms button[aria-label='Acknowledge: All axes Service part down']")
     page.fill("#ask-user", "Kim")
     page.press("#ask-user", "Enter")
     page.wait_for_selector("#ask", state="hidden")
-    assert sorted(url.split("/axes/")[1] for url in asked) == [f"{x}/commands" for x in "XYZ"]
+    told = sorted((url.split("/axes/")[1], occurrence) for url, occurrence in asked)
+    assert told == [(f"{x}/commands", 7) for x in "XYZ"]
 
 
 MODEL_ALARM = """(health) => ({
     ...health,
     alarms: [{
-        alarm: "model", severity: "warning", active: true, raised_at: health.since,
-        message: "the model does not fit", cleared_at: null,
+        code: "model_misfit", text: "the model does not fit", values: { times: 9 },
+        alarm: "model", level: "WARNING", active: true, occurrence: 7,
+        raised_at: health.since, cleared_at: null,
         acknowledged_by: null, note: "", shelved_until: null,
     }],
 })"""
