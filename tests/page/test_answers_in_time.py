@@ -10,11 +10,11 @@ import pytest
 HEALTHY = {"scenario": "healthy"}
 HUGE = 7.77e9
 ASKED = [
-    ("overview", "traces?seconds=60"),
-    ("why", "friction"),
+    ("overview", "live?duration=60"),
+    ("why", "wear"),
     ("why", "history"),
     ("history", "history"),
-    ("history", "use"),
+    ("history", "wear"),
 ]
 
 
@@ -167,7 +167,7 @@ def test_the_last_minute_passes_though_no_sample_comes(make_service: Any, open_p
         body["time_s"] = [begun + 1e-3 * i for i in range(len(body["time_s"]))]
         route.fulfill(response=answer, json=body)
 
-    page.route("**/axes/X/traces*", late)
+    page.route("**/axes/X/live?*", late)
     page.add_init_script(
         """const add = EventSource.prototype.addEventListener;
         EventSource.prototype.addEventListener = function (name, take) {

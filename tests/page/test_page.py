@@ -28,17 +28,18 @@ def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page
     service = make_service(**SUDDEN)
     page = open_page(service.address, bypass_csp=True).page
     page.wait_for_selector("#answer[data-level=NORMAL]")
-    assert "Axis X is all right" in page.inner_text("#answer-title")
+    assert page.inner_text("#answer-title").split() == ["NORMAL", "Axis", "X"]
     assert re.search(r"95 % sure: [\d.]+ to [\d.]+ %", page.inner_text("#answer"))
-    page.wait_for_selector(
-        "#answer[data-level=FAULT]:has-text('The preload is lost, or nearly so.')"
-    )
+    page.wait_for_selector("#answer[data-level=FAULT] .headline:has-text('The preload is lost: ')")
     text = page.inner_text("#answer")
-    assert "Axis X is not all right" in text
+    assert page.inner_text("#answer-title").split() == ["FAULT", "Axis", "X"]
+    assert re.search(r"^The preload is lost: \d+ % of fresh \(\d+ to \d+\)\.$", text, re.MULTILINE)
+    dropped = r"The preload dropped from \d+ to \d+ % of fresh at "
+    assert re.search(dropped, page.inner_text("#alarms"))
     assert re.search(r"fell suddenly at [^,]+, from \d+ to \d+ % of fresh", text)
     assert "Not NORMAL since" in text
     assert "Replace or readjust the nut" in text
-    assert page.title() == "ACT NOW: X"
+    assert page.title() == "FAULT: X"
     assert serious_faults(page) == []
     page.click("button[aria-label='Acknowledge: Sudden drop']")
     page.fill("#ask-user", "Kim")
@@ -57,8 +58,9 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
     page.wait_for_selector("#answer[data-level=NORMAL]")
     service.stop()
     page.wait_for_selector("#banner:not([hidden])")
+    assert "No connection to the service since" in page.inner_text("#banner")
     assert "Everything on this page is old" in page.inner_text("#banner")
-    assert page.get_attribute("#answer", "data-level") == "unknown"
+    assert page.get_attribute("#answer", "data-level") == "UNAVAILABLE"
     assert "no value" in page.inner_text("#answer")
     service.start()
     page.wait_for_selector("#banner", state="hidden")
@@ -98,7 +100,7 @@ def test_anybody_can_read_it_while_its_answers_are_still_to_come(
     for tab in TABS:
         show_tab(page, tab)
         assert serious_faults(page) == []
-    assert any("/use" in route.request.url for route in held)
+    assert any("/wear" in route.request.url for route in held)
     page.unroute_all()
 
 
@@ -219,7 +221,12 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
     page = open_page(make_service(**HEALTHY).address).page
     show_tab(page, "history")
     page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
-    page.route("**/stroke", lambda route: route.fulfill(json=stroke))
+
+    def measured(route: Any) -> None:
+        answer = route.fetch()
+        route.fulfill(response=answer, json=answer.json() | {"stroke": stroke})
+
+    page.route("**/wear", measured)
     page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")
     text = page.inner_text("#stroke")
     assert "(95 % sure: 40 to 60 %)" in text

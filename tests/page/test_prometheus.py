@@ -22,6 +22,7 @@ from tests.documents import block
 
 ROOT = Path(__file__).parents[2]
 PROMETHEUS = shutil.which("prometheus")
+PRELOAD = 'edge_service_preload_rating_ratio{bound="value"}'
 
 
 def asked_by_grafana() -> list[str]:
@@ -63,14 +64,14 @@ async def test_prometheus_scrapes_it(make_service: Any, tmp_path: Path) -> None:
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
             async with asyncio.timeout(60.0):
-                while not await _answer(client, "edge_service_preload_percent"):
+                while not await _answer(client, PRELOAD):
                     await asyncio.sleep(0.1)
-            (series,) = await _answer(client, "edge_service_preload_percent")
+            (series,) = await _answer(client, PRELOAD)
             assert series["metric"]["axis"] == "X"
-            assert 5.0 < float(series["value"][1]) < 9.0
+            assert 0.05 < float(series["value"][1]) < 0.09
             (up,) = await _answer(client, "up")
             assert up["value"][1] == "1"
-            assert await _answer(client, "edge_service_distance_metres_total")
+            assert await _answer(client, "edge_service_distance_meters_total")
             for question in asked_by_grafana():
                 query = {"query": question.replace("$axis", ".*")}
                 assert (await client.get("/api/v1/query", params=query)).is_success, question
