@@ -11,6 +11,7 @@ const R_MIN_PER_RAD_S = 30 / Math.PI;
 const HISTORY_S = 3600;
 const CHANGES = ["preload_loss", "lubrication", "payload", "looseness", "process_force"];
 const FITS_BELOW = 4; // times the squared error that the estimator expects of itself
+const LEAST_NM = 0.001; // the last digit shown
 let parts = {};
 
 function build() {
@@ -149,6 +150,7 @@ function frictionText({ torque_nm: now, first_torque_nm: first, count }) {
   if (now.length === 0) return t("friction.none");
   const weight = count.reduce((a, b) => a + b, 0);
   const change = now.reduce((sum, torque, i) => sum + count[i] * (Math.abs(torque) - Math.abs(first[i])), 0) / weight;
+  if (Math.abs(change) < LEAST_NM) return t("friction.same");
   return t(change < 0 ? "friction.lower" : "friction.higher", { n: number(Math.abs(change), 3) });
 }
 

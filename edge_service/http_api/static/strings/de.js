@@ -274,6 +274,7 @@ export const de = {
   "friction": "Reibkurve, Nm über 1/min",
   "friction.label": "Drehmoment bei gleichmäßiger Drehzahl",
   "friction.none": "Noch keine Fahrt mit gleichmäßiger Drehzahl.",
+  "friction.same": "Im Mittel wie im Neuzustand, auf 0,001 Nm.",
   "friction.lower": "Im Mittel {n} Nm niedriger als im Neuzustand.",
   "friction.higher": "Im Mittel {n} Nm höher als im Neuzustand.",
   "model": "Passt das Modell?",

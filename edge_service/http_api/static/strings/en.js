@@ -182,6 +182,7 @@ export const en = {
   "friction": "Friction curve, N m over r/min",
   "friction.label": "Torque at steady speed",
   "friction.none": "No motion at steady speed yet.",
+  "friction.same": "On average the same as when the part was new, to 0.001 N m.",
   "friction.lower": "On average {n} N m lower than when the part was new.",
   "friction.higher": "On average {n} N m higher than when the part was new.",
   "model": "Does the model fit?",
