@@ -288,8 +288,7 @@ class AxisAlarms:
         self._patient_until_ns += step_ns
         self._fallen_ns = moved(self._fallen_ns, step_ns)
         if self.fall is not None:
-            moved_ns = self.fall.time_ns + step_ns
-            self.fall = self.fall.model_copy(update={"time_ns": moved_ns})
+            self.fall = self.fall.model_copy(update={"time_ns": self.fall.time_ns + step_ns})
         self._drop.move(step_ns)
         for latch in self._latches.values():
             latch.move(step_ns)
@@ -299,6 +298,8 @@ class AxisAlarms:
         for kind, (_, words) in self._causes(health, trend, now_ns).items():
             self._latches[kind].follow(words)
         alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
+        if self._latches[AlarmKind.PRELOAD_LOST].active:  # one cause, one acknowledgement
+            alarms = [alarm for alarm in alarms if alarm.kind is not AlarmKind.PRELOAD_LOW]
         return tuple(sorted(alarms, key=lambda a: (a.active, a.level.urgency), reverse=True))
 
     def snapshot(self) -> dict[str, LatchSnapshot]:
@@ -322,8 +323,7 @@ class AxisAlarms:
     def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, Statement]]:
         known = health.condition is not AxisCondition.UNAVAILABLE
         words = limit_words(health, self._percent, self._fresh)
-        fault = health.condition is AxisCondition.FAULT
-        low = health.condition is AxisCondition.WARNING
+        low, fault = (health.condition is AxisCondition[each] for each in ("WARNING", "FAULT"))
         return {
             AlarmKind.PRELOAD_LOW: (low or (None if fault else False) if known else None, words),
             AlarmKind.PRELOAD_LOST: (fault if known else None, words),

@@ -259,11 +259,16 @@ def test_low_and_lost_follow_the_condition():
     axis.tick(0.0)
     assert axis.shown() == {"preload_low": True}
     for _ in range(20):
+        axis.hear(1.0)
+    axis.ask("acknowledge", "sudden_drop")
+    axis.tick(0.0)
+    assert axis.shown() == {"preload_lost": True}  # in place of the low one
+    for _ in range(20):
         axis.hear(7.0)
     axis.tick(0.0)
     axis.hear(7.0, 5.5)
     axis.tick(0.0)
-    assert axis.shown() == {"preload_low": False}
+    assert axis.shown() == {"preload_low": False, "preload_lost": False}
 
 
 def test_lost_data_are_an_alarm_and_hide_the_others_causes():
