@@ -25,7 +25,6 @@ from edge_service.nodes.service import PIPELINE, run_nodes
 
 CHROMIUM = shutil.which("chromium")
 PATIENCE_MS, PATIENCE_OF_SLOW_MS = 30_000, 120_000
-ENDS_S = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +125,7 @@ class Service:
         """End it; safe twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(ENDS_S)
+            self._thread.join(30.0)
             assert not self._thread.is_alive(), "the service did not end"
 
     async def _run(self, ready: threading.Event) -> None:

@@ -101,7 +101,7 @@ def test_no_word_is_shown_from_elsewhere(make_service: Any, open_page: Any) -> N
     """Words of the service itself are English, and say so."""
     service = make_service(scenario="healthy")
     page = open_page(service.address, locale="de-DE").page
-    page.route("**/static/strings/de.js", unreadable)
+    page.route("**/static/*/strings/de.js", unreadable)
     page.reload()
     page.wait_for_selector("#answer[data-level=NORMAL]")
     for tab in TABS:

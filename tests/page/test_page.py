@@ -34,8 +34,7 @@ def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page
     text = page.inner_text("#answer")
     assert page.inner_text("#answer-title").split() == ["FAULT", "Axis", "X"]
     assert re.search(r"^The preload is lost: \d+ % of fresh \(\d+ to \d+\)\.$", text, re.MULTILINE)
-    dropped = r"The preload dropped from \d+ to \d+ % of fresh at "
-    assert re.search(dropped, page.inner_text("#alarms"))
+    assert re.search(r"dropped from \d+ to \d+ % of fresh at ", page.inner_text("#alarms"))
     assert re.search(r"fell suddenly at [^,]+, from \d+ to \d+ % of fresh", text)
     assert "Not NORMAL since" in text
     assert "Replace or readjust the nut" in text
@@ -58,8 +57,8 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
     page.wait_for_selector("#answer[data-level=NORMAL]")
     service.stop()
     page.wait_for_selector("#banner:not([hidden])")
-    assert "No connection to the service since" in page.inner_text("#banner")
-    assert "Everything on this page is old" in page.inner_text("#banner")
+    said = r"No connection to the service since .*\. Everything on this page is old"
+    assert re.match(said, page.inner_text("#banner"))
     assert page.get_attribute("#answer", "data-level") == "UNAVAILABLE"
     assert "no value" in page.inner_text("#answer")
     service.start()
@@ -221,12 +220,7 @@ def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_pa
     page = open_page(make_service(**HEALTHY).address).page
     show_tab(page, "history")
     page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
-
-    def measured(route: Any) -> None:
-        answer = route.fetch()
-        route.fulfill(response=answer, json=answer.json() | {"stroke": stroke})
-
-    page.route("**/wear", measured)
+    page.route("**/wear", lambda r: r.fulfill(json=r.fetch().json() | {"stroke": stroke}))
     page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")
     text = page.inner_text("#stroke")
     assert "(95 % sure: 40 to 60 %)" in text
