@@ -49,7 +49,7 @@ def draw(out: Path) -> None:
             page = browser.new_page(viewport={"width": 1440, "height": 1060})
             page.goto(f"http://{host}:{port}/")
             page.wait_for_selector(
-                "#machine-answer:has-text('Y and C')", timeout=1000 * _PATIENCE_S
+                "#machine-answer:has-text('Y (FAULT) and C (FAULT)')", timeout=1000 * _PATIENCE_S
             )
             page.wait_for_timeout(_SETTLED_MS)
             page.screenshot(path=out)

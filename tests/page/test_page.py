@@ -153,7 +153,7 @@ def test_a_fingerprint_is_made_read_and_compared(
     traces = []
     for seed in (1, 2):
         traces.append(tmp_path / f"accelerations_{seed}.parquet")
-        settings = SimulationSettings("acceleration", (), None, None, 0.0, 0.0, seed)
+        settings = SimulationSettings("acceleration", seed=seed)
         simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1], lambda _line: None)
     service = make_service(**HEALTHY)
     page = open_page(f"{service.address}#/X/tests").page
