@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3601,
     "regression": 960,
     "beside the rooms": 697,
-    "tests": 51692,
+    "tests": 51691,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 402
