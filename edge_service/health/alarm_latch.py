@@ -40,9 +40,8 @@ class LatchSnapshot:
 class AlarmLatch:
     """State of one alarm of one axis.
 
-    It is shown while it is active, and afterwards until somebody has acknowledged it. When it is
-    raised again it must be acknowledged again. Shelved, it goes on, but calls nobody: its events
-    are for information only.
+    It is shown while it is active, and afterwards until somebody has acknowledged it, each time
+    that it is raised. Shelved, it goes on, but its events are for information only.
     """
 
     def __init__(self, axis: str, kind: AlarmKind, rule: AlarmRule, begun_ns: int = 0) -> None:
@@ -56,7 +55,7 @@ class AlarmLatch:
 
     @property
     def active(self) -> bool:
-        """True while its cause holds, after the delays."""
+        """Return whether its cause holds, after the delays."""
         return self._alarm is not None and self._alarm.active
 
     def update(self, cause: bool | None, words: Statement, now_ns: int) -> tuple[Event, ...]:

@@ -90,7 +90,7 @@ class Parts:
         return (before is None) is (key in self._down)
 
     def cause(self) -> tuple[bool, Statement]:
-        """True if a part is down, with the first of them in words."""
+        """A part is down, or none; the first of them in words."""
         return bool(self._down), next(iter(self._down.values()), SILENT)
 
 
@@ -270,18 +270,18 @@ class AxisAlarms:
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Acknowledge, shelve or unshelve."""
-        if command.alarm is None:
+        if command.alarm is None or command.action not in ("acknowledge", "shelve", "unshelve"):
             return ()
         latch = self._latches[command.alarm]
-        match command.action:
-            case "acknowledge":
-                return latch.acknowledge(command.user, command.note, now_ns)
-            case "shelve":
-                return latch.shelve(command.user, command.note, command.duration_s, now_ns)
-            case "unshelve":
-                return latch.unshelve(command.user, command.note, now_ns)
-            case _:
-                return ()
+        if command.action == "shelve":
+            return latch.shelve(command.user, command.note, command.duration_s, now_ns)
+        if command.action == "unshelve":
+            return latch.unshelve(command.user, command.note, now_ns)
+        seen = latch.acknowledge(command.user, command.note, now_ns)
+        if command.alarm is AlarmKind.PRELOAD_LOST and latch.active:  # which hides the low one
+            low = self._latches[AlarmKind.PRELOAD_LOW]
+            seen += low.acknowledge(command.user, command.note, now_ns)
+        return seen
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""

@@ -271,6 +271,20 @@ def test_low_and_lost_follow_the_condition():
     assert axis.shown() == {"preload_low": False, "preload_lost": False}
 
 
+def test_who_acknowledges_the_loss_has_acknowledged_the_low_preload_too():
+    axis = _settled()
+    for percent in [3.9] * 20 + [1.0] * 20:
+        axis.hear(percent)
+    axis.tick(0.0)
+    axis.ask("acknowledge", "preload_lost")
+    for _ in range(20):
+        axis.hear(7.0)
+    axis.tick(0.0)
+    axis.hear(7.0, 5.5)
+    axis.tick(0.0)
+    assert not {"preload_low", "preload_lost"} & set(axis.shown())
+
+
 def test_lost_data_are_an_alarm_and_hide_the_others_causes():
     axis = _settled()
     axis.tick(3.0)
