@@ -77,7 +77,7 @@ class Driver(Protocol):
 
     config_model: ClassVar[type[DriverConfig]]
     paced: bool
-    """True if `frames` keeps time by itself; if not, the caller sets the pace."""
+    """Pace: whether `frames` keeps time by itself; if not, the caller sets the pace."""
 
     @property
     def counters(self) -> dict[str, int]:

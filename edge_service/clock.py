@@ -24,7 +24,7 @@ Moved = Callable[[int], None]
 
 
 def is_future(time_s: float, now_s: float) -> bool:
-    """Tell whether something kept is dated after now; a clock that must be wrong tells nothing."""
+    """Return whether something kept is dated after now; False under a clock that must be wrong."""
     return now_s >= _BORN_S and time_s > now_s + FUTURE_S
 
 

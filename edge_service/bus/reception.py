@@ -166,7 +166,7 @@ class KeyRings:
         return bool(self._turn)
 
     def admits(self, key: str, now_s: float) -> bool:
-        """Tell whether one more payload may come on a key now, and count it against its rate."""
+        """Count a payload against the rate of its key; False where it came too soon."""
         with self._lock:
             ring = self._rings.setdefault(key, _Ring(self._burst, now_s))
             earned = (now_s - ring.credited_s) * self._most_hz
@@ -177,7 +177,7 @@ class KeyRings:
             return True
 
     def knows(self, key: str) -> bool:
-        """Tell whether a key has a ring, or may have one."""
+        """Return whether a key has a ring, or may have one."""
         return key in self._rings or len(self._rings) < self._most_keys
 
     def put(self, arrival: Arrival) -> int:

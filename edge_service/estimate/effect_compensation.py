@@ -121,7 +121,7 @@ def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
 
 
 def _steady(one: ActiveEffect) -> bool:
-    """True if means over a phase determine the effect's influence on them."""
+    """Return whether means over a phase determine the effect's influence on them."""
     return one.effect.term is not Term.COULOMB and not any(map(_fleeting, one.contributions))
 
 

@@ -20,11 +20,6 @@ from ..bench.real_machines import written
 from .conftest import recorded
 
 
-@pytest.fixture(autouse=True)
-def few_twins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-
 def sound(**changes: np.ndarray | None) -> dict[str, np.ndarray]:
     columns = {**recorded((), seed=3).columns, **changes}
     return {name: values for name, values in columns.items() if values is not None}

@@ -10,13 +10,7 @@ from edge_service.cli.entry import main
 from .conftest import recorded
 
 
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("cache")
 def test_three_files_and_a_loop_that_closes(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,7 +51,6 @@ def test_three_files_and_a_loop_that_closes(
     )
 
 
-@pytest.mark.usefixtures("cache")
 def test_bad_data_is_a_verdict_with_a_status_of_its_own(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,10 +26,7 @@ async def once(client: httpx.AsyncClient, path: str, probe: Any) -> Any:
 
 
 @pytest.mark.slow
-async def test_what_begins_in_mid_run_is_seen_kept_and_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+async def test_what_begins_in_mid_run_is_seen_kept_and_named(tmp_path: Path) -> None:
     settings = {
         "scenario": "healthy",
         "speed": 20.0,

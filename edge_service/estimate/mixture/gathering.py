@@ -59,7 +59,7 @@ class SteadyInterval:
         )
 
     def continues(self, before: "SteadyInterval") -> bool:
-        """True if this interval begins where another has ended, in the same direction."""
+        """Return whether this interval begins where another has ended, in the same direction."""
         gap_s = abs(self.time_s - self.duration_s - before.time_s)
         return self.direction == before.direction and gap_s < 0.1 * self.duration_s
 

@@ -145,7 +145,7 @@ def accepted(bank: Bank) -> int:
 
 @compiled
 def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
-    """True if a challenger has led for long enough, in both directions, by a margin."""
+    """Return whether a challenger has led for long enough, in both directions, by a margin."""
     if leader in (STEADY, WEARING) or not calm:
         return False
     seen = bank.age_s[leader] >= process.confirm_s and bank.directions[leader] == _BOTH

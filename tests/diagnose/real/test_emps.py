@@ -18,9 +18,8 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the EMPS recordings a
 
 @pytest.mark.slow
 def test_drag_and_asymmetry_are_found_and_help_on_the_validation_record(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     machine, out = str(ROOT / "deploy" / "emps.toml"), tmp_path / "out"
     trace = str(DATA / "emps_estimation.csv")
     assert main(["diagnose", "--machine", machine, trace, "--out", str(out)]) == 0
