@@ -170,7 +170,7 @@ MOST_LINES = {
     "drivers": 4381,
     "estimate": 5532,
     "fingerprint": 3113,
-    "health": 5559,
+    "health": 5558,
     "http_api": 2734,
     "messages": 2313,
     "models": 6254,
@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3601,
     "regression": 960,
     "beside the rooms": 697,
-    "tests": 51691,
+    "tests": 51689,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 402
