@@ -145,8 +145,15 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
 def test_a_device_that_is_not_there_is_a_finding(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["doctor", write(tmp_path, modbus(free_port()))]) == 1
-    assert "DOUBT connection" in " ".join(capsys.readouterr().out.split())
+    text = modbus(free_port())
+    both = write(tmp_path, text + text.replace('name = "X"', 'name = "Y"'))
+    assert main(["doctor", both]) == 1
+    assert " ".join(capsys.readouterr().out.split()).count("DOUBT connection") == 2
+    assert main(["doctor", both, "--json"]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    found = {each["axis"]: each["findings"] for each in json.loads(line)["axes"]}
+    assert [each[0]["verdict"] for each in found.values()] == ["doubtful"] * 2
+    assert list(found) == ["X", "Y"]
 
 
 @pytest.fixture(scope="module")

@@ -160,7 +160,7 @@ def doctor(
     axis: str | None,
     duration_s: float,
     send_test: bool,
-) -> list[Answer]:
+) -> Answer:
     """Examine a live source or a recording: rate, units, signs.
 
     SOURCE is a configuration, whose drivers are listened to while the axis moves, or recordings.
@@ -174,7 +174,7 @@ def doctor(
     if config is None:
         if send_test:
             raise InputError("--send-test: expected a configuration, which states the outputs")
-        return [examine_traces(machine, sources, axis_number, progress)]
+        return examine_traces(machine, sources, axis_number, progress)
     if send_test:
         progress("sending a test message")
         return asyncio.run(_test_outputs(configured(config)))
@@ -182,18 +182,20 @@ def doctor(
     return asyncio.run(examine_sources(configured(config), axis, duration_s))
 
 
-async def _test_outputs(config: "EdgeConfig") -> list[Answer]:
+async def _test_outputs(config: "EdgeConfig") -> Answer:
     from ..nodes.output_node import send_test
 
-    answers = []
+    words, tested = [], []
     for name in config.outputs:
         for receiver, problem in (await send_test(config, name)).items():
-            said = f"{name} {receiver}".strip() + f": {problem or 'has taken a test message'}"
-            sent = {"output": name, "receiver": receiver, "problem": problem or None}
-            answers.append(Answer(said, sent, INTERNAL_FAILURE if problem else DONE))
-    if not answers:
+            words.append(
+                f"{name} {receiver}".strip() + f": {problem or 'has taken a test message'}"
+            )
+            tested.append({"output": name, "receiver": receiver, "problem": problem or None})
+    if not tested:
         raise InputError("--send-test: no output that takes events, such as mqtt or notify")
-    return answers
+    status = INTERNAL_FAILURE if any(each["problem"] for each in tested) else DONE
+    return Answer("\n".join(words), {"outputs": tested}, status)
 
 
 @click.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")

@@ -62,6 +62,12 @@ class Examined(Document):
     method: str | None
 
 
+class ExaminedAxes(Document):
+    """Findings about the axes of a configuration."""
+
+    axes: list[Examined]
+
+
 def examine_traces(
     machine_file: Path,
     traces: Sequence[Path],
@@ -74,7 +80,7 @@ def examine_traces(
     return _answer(machine.axis.name, source, examine(machine, traces, progress), machine)
 
 
-async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: float) -> list[Answer]:
+async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: float) -> Answer:
     """Read each axis' driver for a while, all at once, and check what it yields.
 
     Raises:
@@ -84,7 +90,10 @@ async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: floa
     if not chosen:
         names = ", ".join(each.name for each in config.axes)
         raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
-    return list(await asyncio.gather(*(_examined(each, duration_s) for each in chosen)))
+    found = await asyncio.gather(*(_examined(each, duration_s) for each in chosen))
+    document = ExaminedAxes(axes=[each.document for each in found])
+    words = "\n".join(each.words for each in found)
+    return Answer(words, document, max(each.status for each in found))
 
 
 async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
