@@ -3,15 +3,13 @@
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from ..messages.samples import Booleans, Floats
-from ..models.effects.baseline import Motion
+from ..messages.samples import Floats
+from ..regression.run import Integers, Run
 
 LEAST_TRAVEL_M, LONG_TRAVEL_M = 5e-3, 0.1
 """A file that stays within these says nothing of the lead, or nothing that reaches further."""
@@ -32,41 +30,9 @@ _LEAST_ROWS = 30
 _OTHER = -99
 
 
-class Run(Protocol):
-    """Unbroken run of an axis, as `diagnose` has it; all arrays (n,) at the native rate."""
-
-    @property
-    def motion(self) -> Motion: ...
-    @property
-    def moving(self) -> Booleans: ...
-    @property
-    def clipped(self) -> Booleans: ...
-    @property
-    def transmission_m(self) -> Floats | None: ...
-    @property
-    def setpoint_m(self) -> Floats | None: ...
-    @property
-    def recording(self) -> int: ...
-    @property
-    def period_s(self) -> float: ...
-    @property
-    def duration_s(self) -> float: ...
-    @property
-    def has_torque(self) -> bool: ...
-    @property
-    def misses_acceleration(self) -> bool: ...
-    @property
-    def compared_rows(self) -> Booleans: ...
-    def resting_zero(self, values: Floats) -> Floats: ...
-    def at_rows(self, values: Floats) -> Floats: ...
-
-
-AnyRun = TypeVar("AnyRun", bound=Run)
-
-
-def by_recording(runs: Iterable[AnyRun]) -> dict[int, list[AnyRun]]:
+def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
     """Runs of each recording, in their order."""
-    found: dict[int, list[AnyRun]] = {}
+    found: dict[int, list[Run]] = {}
     for run in runs:
         found.setdefault(run.recording, []).append(run)
     return found
@@ -109,31 +75,26 @@ class Dynamics:
     friction_nm: Mapping[int, tuple[float, float]]
 
 
-FileFit = tuple[int, Travel, Dynamics | None]
-"""Number of a file, and its findings; no dynamics without a torque or without variety."""
-
-
-def fits_of(runs: Sequence[Run], ratio_m_per_rad: float) -> list[FileFit]:
-    """Findings of each file."""
-    return [
-        (number, _travel(each, ratio_m_per_rad), _dynamics(each))
-        for number, each in sorted(by_recording(runs).items())
-    ]
-
-
-def inconsistency(fits: Sequence[FileFit], lead_m: float, name: Callable[[int], str]) -> str | None:
-    """Reason why two of the files cannot be of one axis, in a line; None if all can be.
+def inconsistency(
+    runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()
+) -> str | None:
+    """Reason why two recordings cannot be of one axis, in a line; None if all can be.
 
     Args:
-        lead_m: of the machine file.
-        name: number of a recording -> how to call it.
+        ratio_m_per_rad: of the machine file.
+        names: of the recordings, by their number.
     """
+    called = dict(enumerate(names))
+    fits = [
+        (called.get(k, f"recording {k + 1}"), _travel(each, ratio_m_per_rad), _dynamics(each))
+        for k, each in sorted(by_recording(runs).items())
+    ]
     for (one, travel, dynamics), (other, way, torque) in itertools.combinations(fits, 2):
-        why = _of_travel(travel, way, lead_m)
+        why = _of_travel(travel, way, 2.0 * np.pi * ratio_m_per_rad)
         if not why and dynamics is not None and torque is not None:
             why = _of_dynamics(dynamics, torque)
         if why:
-            return f"{name(one)} and {name(other)} are not from the same axis: {why}"
+            return f"{one} and {other} are not from the same axis: {why}"
     return None
 
 
@@ -236,7 +197,7 @@ def _dynamics(runs: Sequence[Run]) -> Dynamics | None:
     return Dynamics(float(values[0]), float(sigma[0]), friction)
 
 
-def _both_ways(octave: npt.NDArray[np.int64], direction: Floats) -> list[int]:
+def _both_ways(octave: Integers, direction: Floats) -> list[int]:
     """Octaves run in both directions: friction of others could be a constant load."""
     return [
         k

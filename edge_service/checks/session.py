@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..messages.samples import TORQUE
+from ..regression.run import Run
 from .finding import usual_mistake, wrongly
-from .same_axis import Run, by_recording, fits_of, inconsistency
+from .same_axis import by_recording, inconsistency
 from .torque import INVERTED
 
 LEAST_MOTION_S = 2.0
@@ -46,12 +47,9 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
         return DataCheck((_NO_RUN,), ())
     if any(len(run.motion) < 2 for run in runs):
         return DataCheck((f"too few samples to know the sampling rate, {_RATE}",), ())
-    faults = [*_cover(runs)]
+    faults = _cover(runs)
     if not faults:
-        fits = fits_of(runs, ratio_m_per_rad)
-        lead_m = 2.0 * np.pi * ratio_m_per_rad
-        called = dict(enumerate(names))
-        mixed = inconsistency(fits, lead_m, lambda k: called.get(k, f"recording {k + 1}"))
+        mixed = inconsistency(runs, ratio_m_per_rad, names)
         faults += [mixed] if mixed else _torque(runs)
     return DataCheck(tuple(faults), tuple(_remarks(runs)))
 

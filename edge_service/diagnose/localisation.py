@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..messages.samples import Booleans, Floats
+from ..regression.run import Integers
 from .result import Place
-from .session.session import Integers, Rows
+from .session.session import Rows
 
 UNITS = {
     "motor_speed_rad_s": "rad/s",

@@ -1,7 +1,7 @@
 """Sample frames as rows of one table, and the faults of time that part them."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -66,17 +66,6 @@ def table_of(frame: SampleFrame, ratio_m_per_rad: float) -> Floats:
     return rows
 
 
-@dataclass(slots=True)
-class RowCounters:
-    """Monotonic counts of rows that were set aside."""
-
-    rows: int = 0
-    repeated: int = 0
-    out_of_order: int = 0
-    missing_value: int = 0
-    clock_resets: int = 0
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Screened:
     """Rows in strictly increasing time, each with the faults found just before it."""
@@ -100,7 +89,6 @@ class RowScreen:
     has_torque: bool
     newest_s: Since = -np.inf
     pending: int = 0
-    counters: RowCounters = field(default_factory=RowCounters)
 
     @property
     def _required(self) -> list[int]:
@@ -108,7 +96,6 @@ class RowScreen:
 
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""
-        self.counters.rows += len(rows)
         time_s = rows[:, T]
         rising = time_s[0] > self.newest_s and bool((np.diff(time_s) > 0.0).all())
         if rising and not self.pending and not np.isnan(rows[:, self._required]).any():
@@ -117,7 +104,6 @@ class RowScreen:
         parts = []
         for part in clock_parts(rows[:, T], self.newest_s):
             if part.new_clock:
-                self.counters.clock_resets += 1
                 self.pending = int(Fault.TIME_BACKWARDS)
             parts.append(self._screen(rows[part.rows], part))
         return parts
@@ -127,9 +113,6 @@ class RowScreen:
         timeless = np.isnan(rows[:, T])
         missing = np.isnan(rows[:, self._required]).any(axis=1)
         missing &= ~(repeated | backwards | timeless)
-        self.counters.repeated += int(repeated.sum())
-        self.counters.out_of_order += int(backwards.sum())
-        self.counters.missing_value += int(missing.sum())
         self.newest_s = part.newest_s
         bits = (
             repeated * int(Fault.REPEAT)

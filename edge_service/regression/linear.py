@@ -32,10 +32,8 @@ class LinearFit:
         covariance: (p, p); infinite on the diagonal of what is undetermined.
         residual: target - design @ coefficients, (n,).
         residual_std: with n - p degrees of freedom, in the unit of the target.
-        relative_residual: norm of the residual over that of the target.
         observations: (p,), effective number behind each coefficient.
         n_effective: of the residual.
-        condition: of the scaled regressors that the data determines.
         notes: why a regressor is undetermined, by its name.
     """
 
@@ -44,10 +42,8 @@ class LinearFit:
     covariance: Floats
     residual: Floats
     residual_std: float
-    relative_residual: float
     observations: Floats
     n_effective: float
-    condition: float
     notes: dict[str, str]
 
     def interval_estimate(self, name: str, unit: str) -> IntervalEstimate:
@@ -109,15 +105,7 @@ def least_squares(
     influence = (left * inverse) @ right / scale
     normal_inverse = (right.T * inverse**2) @ right / np.outer(scale, scale)
     notes = _null_notes(names, right[~kept], silent)
-    return _fit_with_covariance(
-        names,
-        design,
-        target,
-        influence,
-        normal_inverse,
-        _condition(singular[kept]),
-        notes,
-    )
+    return _fit_with_covariance(names, design, target, influence, normal_inverse, notes)
 
 
 def instrumental_variables(
@@ -149,16 +137,8 @@ def instrumental_variables(
     solve = (right.T * inverse) @ left.T
     influence = (instruments / rows) @ solve.T / columns
     normal_inverse = influence.T @ influence
-    nothing = np.zeros(len(names), dtype=bool)
-    return _fit_with_covariance(
-        names,
-        design,
-        target,
-        influence,
-        normal_inverse,
-        _condition(singular[kept]),
-        _null_notes(names, right[~kept], nothing),
-    )
+    notes = _null_notes(names, right[~kept], np.zeros(len(names), dtype=bool))
+    return _fit_with_covariance(names, design, target, influence, normal_inverse, notes)
 
 
 def total_least_squares(
@@ -198,15 +178,7 @@ def total_least_squares(
         raise ValueError("regressors are collinear; use least_squares, which says which")
     solve = np.linalg.inv(corrected / np.outer(scale, scale)) / np.outer(scale, scale)
     influence = design @ solve
-    return _fit_with_covariance(
-        names,
-        design,
-        target,
-        influence,
-        solve,
-        math.sqrt(float(np.linalg.cond(corrected / np.outer(scale, scale)))),
-        {},
-    )
+    return _fit_with_covariance(names, design, target, influence, solve, {})
 
 
 def _fit_with_covariance(
@@ -215,7 +187,6 @@ def _fit_with_covariance(
     target: Floats,
     influence: Floats,
     normal_inverse: Floats,
-    condition: float,
     notes: dict[str, str],
 ) -> LinearFit:
     """Fit beta = influence' y with its residual and covariance; influence (n, p)."""
@@ -238,10 +209,8 @@ def _fit_with_covariance(
         covariance=covariance,
         residual=residual,
         residual_std=float(np.linalg.norm(residual)) / math.sqrt(max(count - parameters, 1)),
-        relative_residual=float(np.linalg.norm(residual) / (np.linalg.norm(target) or 1.0)),
         observations=count / times,
         n_effective=effective_size(residual),
-        condition=condition,
         notes=notes,
     )
 
@@ -279,7 +248,3 @@ def _null_notes(names: Sequence[str], null: Floats, silent: Booleans) -> dict[st
                 f"cannot be told from {rivals}" if others else f"no {name} in the recording"
             )
     return notes
-
-
-def _condition(singular: Floats) -> float:
-    return float(singular[0] / singular[-1]) if len(singular) else math.inf

@@ -60,9 +60,6 @@ def assert_spring(found: StiffnessFit) -> None:
         assert point.stiffness.holds(1.0 / truth)
         assert point.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
         assert point.lost_motion.holds(2.0 * GUIDE_FORCE_N * truth)
-    assert found.guide_force.holds(GUIDE_FORCE_N)
-    assert found.clock_skew.holds(1e-4)
-    assert found.scale_error.holds(2e-5)
 
 
 def test_a_spring_is_found_with_its_skew_and_its_lead_error(bench: Machine) -> None:
@@ -93,7 +90,6 @@ def test_play_that_turns_its_flank_is_no_compliance(bench: Machine, mass: Quanti
         lost_m = 2.0 * GUIDE_FORCE_N * truth + 8e-6
         assert point.lost_motion.value == pytest.approx(lost_m, rel=5e-3)
     if mass is not None:
-        assert found.guide_force.value == pytest.approx(GUIDE_FORCE_N, rel=0.02)
         assert backlash(found.points[1], None, found.play) == found.play
 
 
@@ -101,7 +97,6 @@ def test_without_play_no_flank_turns(bench: Machine) -> None:
     for seed in range(8):
         found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
         assert not found.play.determined
-        assert found.guide_force.determined
 
 
 def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
@@ -111,7 +106,6 @@ def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
         assert not point.stiffness.determined
         assert "table_mass_kg" in point.stiffness.note
         assert point.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
-    assert not found.guide_force.determined
 
 
 def test_the_simulated_drive_has_the_stiffness_of_its_plant(
@@ -126,19 +120,17 @@ def test_the_simulated_drive_has_the_stiffness_of_its_plant(
         assert point.stiffness.holds(1.0 / truth)
         assert point.stiffness.sigma < 0.02 / truth
         assert point.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
-    assert found.guide_force.holds(GUIDE_FORCE_N)
 
 
 @pytest.mark.slow
 def test_coverage_on_springs(bench: Machine) -> None:
-    runs, hits = 30, np.zeros(3)
+    runs, hits = 30, np.zeros(2)
     for seed in range(runs):
         found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
         near, far = found.points
         hits += (
             near.stiffness.holds(1.0 / compliance(np.array(0.1))),
             far.stiffness.holds(1.0 / compliance(np.array(0.7))),
-            found.guide_force.holds(GUIDE_FORCE_N),
         )
     assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...messages.samples import Floats
-from ..session.session import Integers
+from ...regression.run import Integers
 
 Columns = npt.NDArray[np.float32]
 """Half the memory; products of theirs are summed in double precision."""

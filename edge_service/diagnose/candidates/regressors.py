@@ -20,7 +20,7 @@ from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
 from ...models.effects.registry import effects
-from ..session.run import Run, is_below
+from ...regression.run import Run, is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"

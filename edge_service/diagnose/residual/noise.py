@@ -18,7 +18,8 @@ from scipy.spatial import KDTree
 from ...messages.samples import Floats
 from ...models.machine import Machine
 from ...regression.linear import effective_size
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session, rms
+from ...regression.run import Integers
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
 from .structure import predicted_structure
 
 MOST_EFFECTIVE = 400.0

@@ -18,8 +18,8 @@ from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
-from ..session.run import Run
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Rows, Session
+from ...regression.run import Integers, Run
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
 from .structure import SmoothFunctions, with_ridge
 
 _RIDGES = (1e-3, 1e-2, 0.1, 1.0)

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from ...messages.samples import Floats
-from ..session.run import Filter
+from ...regression.run import Filter
 from ..session.session import FOLDS, TORQUE_GAP, TRANSMISSION_GAP, Session
 
 _HIGHEST_ORDER = {TORQUE_GAP: 96, TRANSMISSION_GAP: 12}

@@ -15,11 +15,12 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind, Term
 from ...models.effects.registry import effects, effects_where, error_of
 from ...models.machine import Machine
+from ...regression.run import Integers
 from ..candidates.design_matrix import FORCE, DesignMatrix, force_pulses, healthy_priors
 from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Integers, Session
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from ..session.twin import parameter_tolerances
 
 NAME_COST = 4.0

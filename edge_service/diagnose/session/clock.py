@@ -9,7 +9,7 @@ import numpy as np
 
 from ...checks.same_axis import by_recording
 from ...models.effects.baseline import Motion
-from .run import Run
+from ...regression.run import Run
 
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""

@@ -32,8 +32,7 @@ from ...models.plant.prescribed_motion import (
 from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Loads, Plant, axial_compliance
 from ...recordings.conditioning import central_difference
-from .run import Run
-from .session import Integers
+from ...regression.run import Integers, Run
 from .twin import rigid_plant
 
 _DAMPING_RATIO = 0.3

@@ -28,8 +28,8 @@ from ...recordings.conditioning import (
     white_noise_rms,
     with_angle,
 )
+from ...regression.run import FILTER_ORDER, Filter, Run, misses_acceleration
 from .clock import on_one_clock
-from .run import FILTER_ORDER, Filter, Run, misses_acceleration
 
 __all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
 

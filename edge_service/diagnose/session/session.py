@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from ...messages.samples import Booleans, Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect, Effect
 from ...models.effects.signature import torque_signature, transmission_signature
-from .run import Run
+from ...regression.run import Integers, Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
-Integers = npt.NDArray[np.int64]
 MOST_ROWS = 60_000
 """Of a channel; of a longer session every second row is kept, or every third, and so on."""
 BLOCK_S = 5.0

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Booleans, Floats
+from ...regression.run import Integers
 from ..candidates.design_matrix import FORCE
 from ..estimation.estimates import Estimates
 from ..result import Shrink
-from ..session.session import FOLDS, Integers, Rows
+from ..session.session import FOLDS, Rows
 
 LEVEL = 0.9
 PACES = (0.5, 2.0)

@@ -19,8 +19,8 @@ import numpy as np
 
 from ...messages.samples import ANGLE, EXTERNAL_FORCE, TABLE_POSITION, Floats
 from ...models.machine import Machine, Quantity
-from ...regression.interval_estimate import LEVEL, IntervalEstimate, normal_quantile, undetermined
-from ...regression.linear import LinearFit, least_squares
+from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
+from ...regression.linear import least_squares
 from ...regression.prepared_run import PreparedRun, derivative_noise_rms
 from ..result import Contents, Curve
 from .load_reversal import find_load_reversal
@@ -29,7 +29,6 @@ STROKE_SHARES = (0.2, 0.5, 0.8)
 """Places along the stroke at which fingerprints can be compared."""
 MASS_UNKNOWN = "needs the table's mass (model.table_mass_kg)"
 _REVERSAL = "turned flank"
-_CROSSED = "there is play, and it cannot be told from the guides' wind-up"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,29 +56,21 @@ class StiffnessFit:
 
     Attributes:
         points: along the stroke.
-        guide_force: F_guide, N; where no play shows by itself, all lost motion counts as wind-up.
         play: b, m, one for the whole stroke; undetermined unless the axis brakes harder than its
             guides do and play shows.
-        clock_skew: T, s; positive if the linear encoder is sampled late. Guide viscosity through
-            the compliance is in it.
-        scale_error: e, m/m; positive if the screw's lead is greater than stated.
-        fit: the regression behind it.
     """
 
     points: tuple[StiffnessPoint, ...]
-    guide_force: IntervalEstimate
     play: IntervalEstimate
-    clock_skew: IntervalEstimate
-    scale_error: IntervalEstimate
-    fit: LinearFit
 
-    @property
-    def places_m(self) -> Floats:
-        """Places of the points, (k,)."""
-        return np.array([point.position_m for point in self.points])
+    def curve(self, name: str, values: Sequence[IntervalEstimate], unit: str) -> Curve:
+        """Curve of a quantity over the places of the points."""
+        places_m = np.array([point.position_m for point in self.points])
+        y = np.array([each.value for each in values])
+        return Curve(name, places_m, y, "table position, m", f"{name}, {unit}")
 
 
-def stretch_fit(runs: Iterable[PreparedRun], machine: Machine) -> "StiffnessFit":
+def stretch_fit(runs: Iterable[PreparedRun], machine: Machine) -> StiffnessFit:
     """Fit of the stretch between the encoders. Raises ValueError: no stroke, or no fit."""
     if machine.axis.stroke_m is None:
         raise ValueError("axis.stroke_m is missing in the machine file")
@@ -87,19 +78,17 @@ def stretch_fit(runs: Iterable[PreparedRun], machine: Machine) -> "StiffnessFit"
     return fit_stiffness(runs, places_m, machine.model.table_mass_kg)
 
 
-def measure_stiffness(fit: "StiffnessFit") -> Contents:
+def measure_stiffness(fit: StiffnessFit) -> Contents:
     """Stiffness and the table's resonance along the stroke."""
     figures: dict[str, IntervalEstimate] = {}
     for point in fit.points:
         place = f"at_{round(1000.0 * point.position_m)}_mm"
         figures[f"stiffness_{place}_n_per_m"] = point.stiffness
         figures[f"locked_resonance_{place}_hz"] = point.locked_resonance
-    values = np.array([point.stiffness.value for point in fit.points])
-    curve = Curve("stiffness", fit.places_m, values, "table position, m", "stiffness, N/m")
-    return figures, (curve,)
+    return figures, (fit.curve("stiffness", [each.stiffness for each in fit.points], "N/m"),)
 
 
-def measure_backlash(fit: "StiffnessFit", machine: Machine) -> Contents:
+def measure_backlash(fit: StiffnessFit, machine: Machine) -> Contents:
     """Lost motion along the stroke, and the play in it where the guide force is known."""
     known = "guide_force_n" in machine.model.model_fields_set
     guide_n = machine.model.guide_force_n if known else None
@@ -108,9 +97,7 @@ def measure_backlash(fit: "StiffnessFit", machine: Machine) -> Contents:
         place = f"at_{round(1000.0 * point.position_m)}_mm"
         figures[f"lost_motion_{place}_m"] = point.lost_motion
         figures[f"backlash_{place}_m"] = backlash(point, guide_n, fit.play)
-    values = np.array([point.lost_motion.value for point in fit.points])
-    curve = Curve("lost motion", fit.places_m, values, "table position, m", "lost motion, m")
-    return figures, (curve,)
+    return figures, (fit.curve("lost motion", [each.lost_motion for each in fit.points], "m"),)
 
 
 def fit_stiffness(
@@ -146,7 +133,6 @@ def fit_stiffness(
     ]
     loads = [_load(run, table_mass_kg) for run in runs]
     reversal = find_load_reversal(runs, loads, design, stretch_m)
-    crossed = reversal is not None and not reversal.shown
     if reversal is not None and reversal.shown:
         names, noise = [*names, _REVERSAL], np.append(noise, 0.0)
         design = np.column_stack((design, reversal.column))
@@ -160,14 +146,10 @@ def fit_stiffness(
         stiffness, resonance = stiffness_of(load, table_mass_kg), locked_resonance(load, mass)
         lost = fit.interval_estimate(fit.names[count + k], "m").scaled(2.0, "m")
         points.append(StiffnessPoint(place, stiffness, resonance, lost))
-    guide_n = undetermined("N", _CROSSED, fit.n_effective)
-    if not crossed:
-        guide_n = _guide_force(fit, count, table_mass_kg)
     play = undetermined("m", "no play shows where the load turns", fit.n_effective)
     if _REVERSAL in fit.names:
         play = fit.interval_estimate(_REVERSAL, "m").scaled(-1.0, "m")
-    skew, scale = fit.interval_estimate("speed", "s"), fit.interval_estimate("position", "m/m")
-    return StiffnessFit(tuple(points), guide_n, play, skew, scale, fit)
+    return StiffnessFit(tuple(points), play)
 
 
 def _rows(
@@ -218,37 +200,6 @@ def _hats(position_m: Floats, nodes: Floats) -> Floats:
     row = np.arange(len(position_m))
     weights[row, left], weights[row, left + 1] = 1.0 - share, share
     return weights
-
-
-def _guide_force(fit: LinearFit, count: int, table_mass_kg: Quantity | None) -> IntervalEstimate:
-    """F_guide from the ratios of the direction's to the load's coefficients, N."""
-    if table_mass_kg is None:
-        return undetermined("N", MASS_UNKNOWN, fit.n_effective)
-    reversal = fit.names.index(_REVERSAL) if _REVERSAL in fit.names else None
-    half_play = 0.0 if reversal is None else -0.5 * float(fit.coefficients[reversal])
-    ratios, gradients = [], []
-    for k in range(count):
-        load = fit.interval_estimate(fit.names[k], "m/N")
-        if not (load.determined and load.low > 0.0):
-            continue
-        ratio = (float(fit.coefficients[count + k]) - half_play) / load.value
-        gradient = np.zeros(len(fit.names))
-        gradient[k], gradient[count + k] = -ratio / load.value, 1.0 / load.value
-        if reversal is not None:
-            gradient[reversal] = 0.5 / load.value
-        ratios.append(ratio)
-        gradients.append(gradient)
-    covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-    if not ratios or any(fit.names[k] in fit.notes for k in range(2 * count)):
-        return undetermined("N", "the compliance is undetermined", fit.n_effective)
-    weights = np.array([1.0 / float(each @ covariance @ each) for each in gradients])
-    weights /= np.sum(weights)
-    whole = weights @ np.array(gradients)
-    value = float(weights @ np.array(ratios))
-    sigma = math.hypot(math.sqrt(whole @ covariance @ whole), value * table_mass_kg.tolerance)
-    half = normal_quantile() * sigma
-    note = "" if reversal is not None else f"{100 * LEVEL:g} % interval if there is no play"
-    return IntervalEstimate(value, value - half, value + half, "N", fit.n_effective, note)
 
 
 def backlash(

@@ -30,13 +30,13 @@ from ...diagnose.result import (
     learnable,
     withheld,
 )
-from ...diagnose.session.run import Run
 from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.interval import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
+from ...regression.run import Run
 from ..examination import examine
 from ..report.diagnosis_page import render
 from .sessions import BadDataError, DiagnosisError, read_runs, session_of

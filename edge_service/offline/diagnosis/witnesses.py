@@ -8,12 +8,12 @@ from ...checks.finding import Finding
 from ...checks.finding import Verdict as Check
 from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, NamedEffect, Verdict
-from ...diagnose.session.run import Run
 from ...estimate.mixture.estimator import MixturePreloadEstimator
 from ...messages.samples import ANGLE, TABLE_POSITION, SampleFrame
 from ...models.effects.registry import effects, get_effect
 from ...models.machine import Machine
 from ...nodes.stages import make_downsampler
+from ...regression.run import Run
 from ..recordings import open_recording
 
 _TRUST = 0.5

@@ -172,8 +172,6 @@ def _stiffness(machine: Machine, seed: int, play_m: float) -> dict[str, Recovere
         found[f"stiffness_{at}"] = Recovered(point.stiffness, 1.0 / compliance)
         found[f"locked_resonance_{at}"] = Recovered(point.locked_resonance, locked_hz)
         found[f"lost_motion_{at}"] = Recovered(point.lost_motion, lost_m)
-    found["guide_force"] = Recovered(fit.guide_force, GUIDE_N)
-    found["clock_skew"] = Recovered(fit.clock_skew, 0.0)
     if play_m:
         found["play"] = Recovered(fit.play, play_m)
         middle = backlash(fit.points[1], machine.model.guide_force_n)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...messages.samples import Booleans, Floats
-from ...models.compiled import compiled
-from ...models.effects.baseline import Motion
-from ...models.effects.effect import ACCELERATION_HZ
-from ...recordings.conditioning import low_pass
+from ..messages.samples import Booleans, Floats
+from ..models.compiled import compiled
+from ..models.effects.baseline import Motion
+from ..models.effects.effect import ACCELERATION_HZ
+from ..recordings.conditioning import low_pass
 
 Integers = npt.NDArray[np.int64]
 SLOW_HZ = ACCELERATION_HZ
