@@ -9,6 +9,7 @@ from weakref import WeakSet
 
 import zenoh
 
+from ..exit_status import BadInputError
 from ..clock import now_ns
 from ..messages.addresses import split_endpoint
 from ..messages.codec import T
@@ -24,7 +25,7 @@ _EPHEMERAL_TRIES = 5
 _OPENERS = Threads("bus", 8)
 
 
-class BusUnavailableError(Exception):
+class BusUnavailableError(BadInputError):
     """The bus cannot be joined now."""
 
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import zenoh
 
+from ..exit_status import BadInputError
 from ..messages.keys import COMPONENT, ROOT
 from ..messages.topics import OUTCOME, TOPICS
 
@@ -31,7 +32,7 @@ _ROUTER: dict[str, Any] = {
 }
 
 
-class BusConfigurationError(Exception):
+class BusConfigurationError(BadInputError):
     """The bus cannot be set up as asked."""
 
 

@@ -8,10 +8,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from ..exit_status import BadInputError
 from ..secret_files import secret_keys
 
 
-class ConfigError(Exception):
+class ConfigError(BadInputError):
     """Files or keys that are wrong: `mistakes`, a line each. The text is one line.
 
     Args:

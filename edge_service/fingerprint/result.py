@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter
 
+from ..exit_status import BadInputError
 from ..messages.samples import Floats
 from ..messages.stored import finite_or_none
 from ..regression.interval_estimate import IntervalEstimate, normal_quantile, student_quantile
@@ -24,7 +25,7 @@ SPEED_DIGITS = 2
 """Speeds that agree in so many digits are one speed."""
 
 
-class FingerprintError(Exception):
+class FingerprintError(BadInputError):
     """A fingerprint that cannot be made or read; the text is one line."""
 
 

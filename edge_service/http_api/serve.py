@@ -12,6 +12,8 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from ..exit_status import BadInputError
+
 MOST_CONNECTIONS = 256
 HEAD_BYTES = 16_000
 HEAD_S = 10
@@ -23,7 +25,7 @@ _GRACE_S = 2
 _TCP_USER_TIMEOUT = getattr(socket, "TCP_USER_TIMEOUT", None)  # Linux
 
 
-class AddressError(ValueError):
+class AddressError(BadInputError, ValueError):
     """An address that the service must not, or cannot, listen on."""
 
 

@@ -20,6 +20,7 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from pydantic import ValidationError
 
+from ..exit_status import BadInputError
 from .. import __version__
 from ..atomic import PRIVATE, made_folder, new_file, put_in_place, replaced_bytes, sync_file
 from ..command_answer import Answer
@@ -37,7 +38,7 @@ _CHUNK_BYTES = 1 << 20
 _DAMAGE = (BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, zlib.error)
 
 
-class BackupError(Exception):
+class BackupError(BadInputError):
     """Reason why nothing was backed up or restored; the text is one line."""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..exit_status import BadInputError
 from ..command_answer import Answer
 from ..messages.samples import CHANNELS, Floats
 from ..models.effects.registry import parse_effect
@@ -26,7 +27,7 @@ _NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")
 Progress = Callable[[str], None]
 
 
-class SimulationError(Exception):
+class SimulationError(BadInputError):
     """A simulation that cannot be; the text is one line."""
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
 
 ROW_NUMBER = "#row"
@@ -16,7 +17,7 @@ BY_NUMBER = "#"
 _NAMES_SHOWN = 12
 
 
-class TraceError(Exception):
+class TraceError(BadInputError):
     """A file that cannot be read or written as a trace; the text is one line."""
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ...exit_status import BadInputError
 from .store import Store
 
 SCHEMA = """
@@ -28,7 +29,7 @@ Role = Literal["viewer", "operator"]
 """A viewer reads; an operator may do everything."""
 
 
-class TokenError(Exception):
+class TokenError(BadInputError):
     """A token that cannot be made or revoked; the text is one line."""
 
 

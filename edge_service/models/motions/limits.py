@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ...exit_status import BadInputError
 from ..machine import Machine
 from ..plant.controller import MAX_TORQUE_NM
 
@@ -22,7 +23,7 @@ TORQUE_SHARE = 0.5
 _ROUNDING = 1.0 + 1e-9
 
 
-class MotionError(ValueError):
+class MotionError(BadInputError, ValueError):
     """A motion that cannot be run as asked; the text is one line."""
 
 

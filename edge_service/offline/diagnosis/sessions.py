@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from ...exit_status import BadInputError
 from ...diagnose.session.recordings import Run, runs_of
 from ...diagnose.session.session import Session
 from ...diagnose.session.twin import rigid_baseline
@@ -17,7 +18,7 @@ NOTHING_TO_COMPARE = (
 )
 
 
-class DiagnosisError(Exception):
+class DiagnosisError(BadInputError):
     """Recordings or a machine that cannot be compared; the text is one line."""
 
 
