@@ -50,21 +50,28 @@ def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) 
 
 
 def open_secrets(content: dict[str, Any], path: Path) -> list[str]:
-    """Passwords of outputs and drivers that stand in a configuration which others may read."""
-    if not path.stat().st_mode & stat.S_IROTH:
+    """Mistakes of a configuration with passwords that others may read, `key: what to do`."""
+    problem = _exposed(path.stat())
+    if not problem:
         return []
     outputs, axes = content.get("outputs"), content.get("axes")
     tables: dict[str, Any] = {}
     if isinstance(outputs, dict):
         tables |= {f"outputs.{name}": table for name, table in outputs.items()}
-    for number, axis in enumerate(axes if isinstance(axes, list) else ()):
+    for axis in axes if isinstance(axes, list) else ():
         if isinstance(axis, dict):
-            tables[f"axes[{number}].settings"] = axis.get("settings")
+            tables[f"axes.{axis.get('name')}.settings"] = axis.get("settings")
     return [
-        f"{name}.password"
+        f"{name}.password: {problem}; chmod 600 {path}, or use password_file"
         for name, table in tables.items()
         if isinstance(table, dict) and "password" in table
     ]
+
+
+def _exposed(status: os.stat_result) -> str:
+    """Problem with a file that others than its owner, or root's group, may read or change."""
+    allowed, mode = (0o740 if status.st_uid == 0 else 0o700), stat.S_IMODE(status.st_mode)
+    return f"others may read or change it (mode {mode:o})" if mode & ~allowed else ""
 
 
 def secret_path(folder: Path, path: Path) -> Path:
@@ -97,10 +104,8 @@ def read_secret(path: Path) -> str:
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
                 raise SecretError(f"{path}: expected a file")
-            allowed, mode = (0o740 if status.st_uid == 0 else 0o700), stat.S_IMODE(status.st_mode)
-            if mode & ~allowed:
-                problem = f"{path}: others may read or change it (mode {mode:o})"
-                raise SecretError(f"{problem}; chmod 600 {place}")
+            if problem := _exposed(status):
+                raise SecretError(f"{path}: {problem}; chmod 600 {place}")
             content = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise SecretError(f"{path}: {error.strerror}") from None

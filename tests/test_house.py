@@ -147,7 +147,7 @@ LARGE_FOLDERS = {
     "edge_service/messages",
     "edge_service/http_api",
     "edge_service/offline",  # a module a command
-    "edge_service",  # until the modules of the old stores go
+    "edge_service",  # what rooms share: clock, files, threads, exit status
 }
 """Folders of the product that have more modules."""
 

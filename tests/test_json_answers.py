@@ -25,7 +25,7 @@ WITHOUT = {
     "run": "serves until it is stopped",
     "node": "serves until it is stopped",
     "stub": "serves until it is stopped",
-    "bench": "its commands stand in a checkout alone, and have their own",
+    "bench": "its options stand in a checkout alone, and --json among them",
     "help": "shows the help of another command",
     "version": "shows one word",
 }

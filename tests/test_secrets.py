@@ -61,6 +61,7 @@ def test_what_sounds_like_a_secret_is_one_or_names_its_file(
 def config_file(folder: Path, where: str, lines: str) -> Path:
     path = folder / "edge.toml"
     path.write_text(f"[{where}]\n{lines}\n{AXIS}")
+    path.chmod(0o600)
     return path
 
 
@@ -98,6 +99,7 @@ def test_a_table_that_is_none_does_not_show_its_secrets(
 ) -> None:
     path = tmp_path / "edge.toml"
     path.write_text(f'[[{where}]]\n{key} = "{MARKER}"\n{AXIS}')
+    path.chmod(0o600)
     assert MARKER not in complaint(path)
 
 
@@ -204,15 +206,12 @@ def test_what_is_no_file_holds_up_nobody(kind: str, tmp_path: Path) -> None:
         read_secret(path)
 
 
-def test_a_secret_in_a_configuration_that_others_may_read_is_warned_of(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_secret_in_a_configuration_that_others_may_read_is_refused(tmp_path: Path) -> None:
     lines = f'url = "mqtt://u@127.0.0.1"\npassword = "{MARKER}"'
     path = config_file(tmp_path, "outputs.mqtt", lines)
-    path.chmod(0o600)
     load_config(path)
-    assert not caplog.records
     path.chmod(0o644)
-    load_config(path)
-    assert "it contains outputs.mqtt.password; use outputs.mqtt.password_file" in caplog.text
-    assert MARKER not in caplog.text
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    said = "outputs.mqtt.password: others may read or change it (mode 644); chmod 600"
+    assert str(refused.value) == f"{path}: {said} {path}, or use password_file"

@@ -9,8 +9,8 @@ from weakref import WeakSet
 
 import zenoh
 
-from ..exit_status import BadInputError
 from ..clock import now_ns
+from ..exit_status import BadInputError
 from ..messages.addresses import split_endpoint
 from ..messages.codec import T
 from ..messages.topics import Topic

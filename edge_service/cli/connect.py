@@ -2,30 +2,26 @@
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
 from ..command_answer import Answer
-from ..exit_status import DONE, INTERNAL_FAILURE
+from ..exit_status import DONE, INTERNAL_FAILURE, BadInputError
 from .options import (
-    AXIS_NUMBER,
-    BUS,
-    CONFIG,
-    FRESH,
-    LEAD,
-    MACHINE,
-    PATH,
-    PORT,
     POSITIVE,
-    SCREW,
-    SET,
-    TRACE,
-    TRACES,
-    InputError,
-    answering,
+    AxisNumber,
+    Endpoint,
+    Force,
+    Keys,
+    Lead,
+    MachineFile,
+    Option,
+    Port,
+    Screw,
+    Traces,
+    command,
     configured,
-    out_option,
 )
 from .terminal import announce, ask_number, at_terminal, log_to_stderr, progress
 
@@ -33,29 +29,16 @@ if TYPE_CHECKING:
     from ..config import EdgeConfig
 
 
-@click.command(
-    epilog='Example: edge-service init opc.tcp://192.168.0.5:4840 --screw "20x10 C18200 P900"'
-)
-@click.argument("source", required=False)
-@click.option("--machine", type=PATH, help="Machine file of the axis; else one is written.")
-@SCREW
-@LEAD
-@SET
-@click.option("--axis", default="X", show_default=True, help="Name of the axis.")
-@click.option(
-    "--out", type=PATH, default="edge.toml", show_default=True, help="Configuration to write."
-)
-@FRESH
-@answering
+@command('init opc.tcp://192.168.0.5:4840 --screw "20x10 C18200 P900"')
 def init(
     source: str | None,
-    machine: Path | None,
-    screw: str | None,
-    lead: float | None,
-    keys: tuple[str, ...],
-    axis: str,
-    out: Path,
-    force: bool,
+    machine: Annotated[Path | None, Option("Machine file of the axis; else one is written.")],
+    screw: Screw,
+    lead: Lead,
+    keys: Keys,
+    force: Force,
+    axis: Annotated[str, Option("Name of the axis.")] = "X",
+    out: Annotated[Path, Option("Configuration to write.")] = Path("edge.toml"),
 ) -> Answer:
     """Write a first configuration for a device or a recording.
 
@@ -78,48 +61,38 @@ def init(
         elif len(found) == 1:
             source = found[0]
         else:
-            raise InputError(no_device(found))
+            raise BadInputError(no_device(found))
     request = Request(source_of(source), out, machine, axis, known, force)
     return run(request, ask_number if at_terminal() else None, progress)
 
 
-@click.command(
-    epilog="Example: edge-service adopt move1.csv move2.csv --lead 10 --out machine.toml"
-)
-@TRACES
-@out_option("Machine file to write.")
-@AXIS_NUMBER
-@click.option("--axis", help="Name of the axis.  [default: as the file spells it, or X]")
-@SCREW
-@LEAD
-@SET
-@click.option(
-    "--torque-constant",
-    type=click.FloatRange(),
-    help="Torque constant of the motor, N m per A, or per unit of the torque column.",
-)
-@click.option("--period", type=POSITIVE, help="Sampling period, s, if no column holds the time.")
-@click.option(
-    "--column",
-    "columns",
-    multiple=True,
-    metavar="QUANTITY=COLUMN[:UNIT]",
-    help="Content of a column, e.g. current=#6:mA; may be repeated.",
-)
-@click.option("--plot", type=PATH, help="PNG file for a picture of the channels as understood.")
-@answering
+@command("adopt move1.csv move2.csv --lead 10 --out machine.toml")
 def adopt(
-    traces: tuple[Path, ...],
-    out: Path,
-    axis_number: int | None,
-    axis: str | None,
-    screw: str | None,
-    lead: float | None,
-    keys: tuple[str, ...],
-    torque_constant: float | None,
-    period: float | None,
-    columns: tuple[str, ...],
-    plot: Path | None,
+    traces: Traces,
+    out: Annotated[Path, Option("Machine file to write.")],
+    axis_number: AxisNumber,
+    axis: Annotated[
+        str | None, Option("Name of the axis.  [default: as the file spells it, or X]")
+    ],
+    screw: Screw,
+    lead: Lead,
+    keys: Keys,
+    torque_constant: Annotated[
+        float | None,
+        Option("Torque constant of the motor, N m per A, or per unit of the torque column."),
+    ],
+    period: Annotated[
+        float | None, Option("Sampling period, s, if no column holds the time.", kind=POSITIVE)
+    ],
+    columns: Annotated[
+        tuple[str, ...],
+        Option(
+            "Content of a column, e.g. current=#6:mA; may be repeated.",
+            "--column",
+            metavar="QUANTITY=COLUMN[:UNIT]",
+        ),
+    ],
+    plot: Annotated[Path | None, Option("PNG file for a picture of the channels as understood.")],
 ) -> Answer:
     """Propose a machine file from recordings of any kind.
 
@@ -138,28 +111,14 @@ def adopt(
     return run(request, ask_number if at_terminal() else None, progress)
 
 
-@click.command(epilog="Example: edge-service doctor deploy/drivers/modbus.toml --duration 30")
-@click.argument("sources", nargs=-1, required=True, type=PATH, metavar="SOURCE...")
-@MACHINE
-@AXIS_NUMBER
-@click.option("--axis", help="Only this axis of a configuration.")
-@click.option(
-    "--duration",
-    "duration_s",
-    type=click.FloatRange(min=0.1),
-    default=10.0,
-    show_default=True,
-    help="How long to listen, s.",
-)
-@click.option("--send-test", is_flag=True, help="A test message by each output.")
-@answering
+@command("doctor deploy/drivers/modbus.toml --duration 30")
 def doctor(
-    sources: tuple[Path, ...],
-    machine: Path,
-    axis_number: int | None,
-    axis: str | None,
-    duration_s: float,
-    send_test: bool,
+    sources: Annotated[tuple[Path, ...], "SOURCE..."],
+    machine: MachineFile,
+    axis_number: AxisNumber,
+    axis: Annotated[str | None, Option("Only this axis of a configuration.")],
+    send_test: Annotated[bool, Option("A test message by each output.")],
+    duration: Annotated[float, Option("How long to listen, s.", kind=click.FloatRange(0.1))] = 10.0,
 ) -> Answer:
     """Examine a live source or a recording: rate, units, signs.
 
@@ -168,18 +127,17 @@ def doctor(
     """
     from ..offline.doctor import examine_sources, examine_traces
 
-    config = sources[0] if sources[0].suffix == ".toml" else None
-    if config is not None and len(sources) > 1:
-        raise InputError(f"doctor: {sources[1]}: expected one configuration, or recordings")
-    if config is None:
+    if sources[0].suffix != ".toml":
         if send_test:
-            raise InputError("--send-test: expected a configuration, which states the outputs")
+            raise BadInputError("--send-test: expected a configuration, which states the outputs")
         return examine_traces(machine, sources, axis_number, progress)
+    if len(sources) > 1:
+        raise BadInputError(f"doctor: {sources[1]}: expected one configuration, or recordings")
     if send_test:
         progress("sending a test message")
-        return asyncio.run(_test_outputs(configured(config)))
-    progress(f"listening for {duration_s:g} s")
-    return asyncio.run(examine_sources(configured(config), axis, duration_s))
+        return asyncio.run(_test_outputs(configured(sources[0])))
+    progress(f"listening for {duration:g} s")
+    return asyncio.run(examine_sources(configured(sources[0]), axis, duration))
 
 
 async def _test_outputs(config: "EdgeConfig") -> Answer:
@@ -188,25 +146,22 @@ async def _test_outputs(config: "EdgeConfig") -> Answer:
     words, tested = [], []
     for name in config.outputs:
         for receiver, problem in (await send_test(config, name)).items():
-            words.append(
-                f"{name} {receiver}".strip() + f": {problem or 'has taken a test message'}"
-            )
+            said = problem or "has taken a test message"
+            words.append(f"{f'{name} {receiver}'.strip()}: {said}")
             tested.append({"output": name, "receiver": receiver, "problem": problem or None})
     if not tested:
-        raise InputError("--send-test: no output that takes events, such as mqtt or notify")
+        raise BadInputError("--send-test: no output that takes events, such as mqtt or notify")
     status = INTERNAL_FAILURE if any(each["problem"] for each in tested) else DONE
     return Answer("\n".join(words), {"outputs": tested}, status)
 
 
-@click.command(epilog="Example: edge-service record --axis X --duration 60 --out trace.csv")
-@CONFIG
-@out_option("File to write, .csv or .parquet.")
-@click.option("--axis", help="Axis to record; the first configured one by default.")
-@click.option("--duration", "duration_s", type=POSITIVE, help="How long to record, s; or Ctrl-C.")
-@BUS
-@answering
+@command("record --axis X --duration 60 --out trace.csv")
 def record(
-    config: Path | None, out: Path, axis: str | None, duration_s: float | None, endpoint: str | None
+    config: Path | None,
+    out: Annotated[Path, Option("File to write, .csv or .parquet.")],
+    axis: Annotated[str | None, Option("Axis to record; the first configured one by default.")],
+    duration: Annotated[float | None, Option("How long to record, s; or Ctrl-C.", kind=POSITIVE)],
+    endpoint: Endpoint,
 ) -> Answer:
     """Write what the running service measures to a trace file."""
     from ..nodes.record_node import record_axis
@@ -214,36 +169,23 @@ def record(
     settings = configured(config, None, endpoint)
     name = axis or settings.axes[0].name
     progress(f"recording axis {name}")
-    rows, lost = asyncio.run(record_axis(settings, name, out, duration_s))
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration))
     words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
     return Answer(words, {"out": str(out), "axis": name, "rows": rows, "lost_payloads": lost})
 
 
-@click.command(
-    epilog="Example: edge-service replay --machine deploy/emps.toml trace.csv --speed 10"
-)
-@TRACE
-@CONFIG
-@MACHINE
-@AXIS_NUMBER
-@click.option(
-    "--speed",
-    type=click.FloatRange(0.0),
-    default=1.0,
-    show_default=True,
-    help="Multiple of real time; 0: as fast as possible.",
-)
-@click.option("--hold", is_flag=True, help="Keep serving after the end of the recording.")
-@PORT
-@answering
+@command("replay --machine deploy/emps.toml trace.csv --speed 10")
 def replay(
     trace: Path,
     config: Path | None,
-    machine: Path,
-    axis_number: int | None,
-    speed: float,
-    hold: bool,
-    port: int | None,
+    machine: MachineFile,
+    axis_number: AxisNumber,
+    hold: Annotated[bool, Option("Keep serving after the end of the recording.")],
+    port: Port,
+    speed: Annotated[
+        float,
+        Option("Multiple of real time; 0: as fast as possible.", kind=click.FloatRange(0.0)),
+    ] = 1.0,
 ) -> Answer:
     """Play a recording through the whole service.
 
@@ -259,21 +201,14 @@ def replay(
     return asyncio.run(played)
 
 
-@click.command(epilog="Example: edge-service convert trace.xml --axis-number 7 --out trace.parquet")
-@click.argument("source", type=PATH)
-@MACHINE
-@AXIS_NUMBER
-@out_option("File to write, .csv, .parquet or .mcap.")
-@click.option("--interpolate", is_flag=True, help="Interpolate positions that came more slowly.")
-@click.option("--all", "keep_all", is_flag=True, help="Keep columns that are not channels, too.")
-@answering
+@command("convert trace.xml --axis-number 7 --out trace.parquet")
 def convert(
     source: Path,
-    machine: Path,
-    axis_number: int | None,
-    out: Path,
-    interpolate: bool,
-    keep_all: bool,
+    machine: MachineFile,
+    axis_number: AxisNumber,
+    out: Annotated[Path, Option("File to write, .csv, .parquet or .mcap.")],
+    interpolate: Annotated[bool, Option("Interpolate positions that came more slowly.")],
+    keep_all: Annotated[bool, Option("Keep columns that are not channels, too.", "--all")],
 ) -> Answer:
     """Convert a recording or the kept history to another format.
 
@@ -295,30 +230,20 @@ def convert(
     return Answer(summary.as_text(), summary)
 
 
-@click.command(
-    epilog="Example: edge-service stub modbus deploy/drivers/modbus.toml --fault delay:0.3"
-)
-@click.argument("protocol")
-@CONFIG
-@click.option("--axis", help="Serve only this axis; by default all that use this protocol.")
-@click.option(
-    "--scenario",
-    type=click.Choice(["healthy", "gradual", "partial", "sudden"]),
-    default="healthy",
-    show_default=True,
-    help="How the simulated screw loses its preload.",
-)
-@click.option("--trace", type=PATH, help="Recording to play once, not the simulated drive.")
-@click.option("--fault", default="none", help="NAME[:amount]: delay, exception, stale, drop, ...")
-@PORT
+@command("stub modbus deploy/drivers/modbus.toml --fault delay:0.3", answers=False)
 def stub(
     protocol: str,
     config: Path | None,
-    axis: str | None,
-    scenario: str,
-    trace: Path | None,
-    fault: str,
-    port: int | None,
+    axis: Annotated[
+        str | None, Option("Serve only this axis; by default all that use this protocol.")
+    ],
+    trace: Annotated[Path | None, Option("Recording to play once, not the simulated drive.")],
+    port: Port,
+    scenario: Annotated[
+        Literal["healthy", "gradual", "partial", "sudden"],
+        Option("How the simulated screw loses its preload."),
+    ] = "healthy",
+    fault: Annotated[str, Option("NAME[:amount]: delay, exception, stale, drop, ...")] = "none",
 ) -> None:
     """Imitate a machine over Modbus, OPC UA or MQTT.
 
@@ -333,6 +258,6 @@ def stub(
     try:
         wanted = parse_fault(fault)
     except ValueError as error:
-        raise InputError(f"--fault: {error}") from None
+        raise BadInputError(f"--fault: {error}") from None
     settings = configured(config)
     asyncio.run(run_stub(protocol, settings, axis, scenario, wanted, announce, trace, port))

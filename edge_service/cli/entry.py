@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import click
 
 from .. import __version__
-from ..exit_status import BAD_DATA, BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED
+from ..exit_status import BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED, BadInputError
 from .connect import adopt, convert, doctor, init, record, replay, stub
 from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
-from .options import FLAG, InputError, error_document
+from .options import FLAG, error_document
 from .service import backup, check_config, fleet, node, restore, run, token
 from .twin import bench, reproduce, simulate
 
@@ -165,42 +165,19 @@ def _gone(given: Sequence[str]) -> str | None:
 
 def _explained(error: Exception) -> tuple[str, int]:
     """A mistake or failure in words, and the exit status."""
+    if isinstance(error, click.exceptions.NoSuchCommand):
+        near = error.possibilities or []
+        guess = f"did you mean {near[0]!r}?" if near else "`edge-service help` lists them"
+        return f"no command {error.command_name!r}; {guess}", BAD_INPUT
     if isinstance(error, click.ClickException):
         return error.format_message(), BAD_INPUT
-    if _is_bad_input(error):
-        return str(error), BAD_INPUT
-    from ..offline.diagnosis.sessions import BadDataError
-
-    if isinstance(error, BadDataError):
-        return str(error), BAD_DATA
+    if isinstance(error, BadInputError):
+        return str(error), error.status
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
     kind = type(error).__name__
     words = f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
     return words, INTERNAL_FAILURE
-
-
-def _is_bad_input(error: Exception) -> bool:
-    """Errors that a person can mend; the common ones load no room to be known by."""
-    from ..config import ConfigError
-
-    if isinstance(error, (InputError, ConfigError)):
-        return True
-    from ..bus.session import BusUnavailableError
-    from ..bus.settings import BusConfigurationError
-    from ..fingerprint.result import FingerprintError
-    from ..health.store.tokens import TokenError
-    from ..http_api.serve import AddressError
-    from ..models.motions.registry import MotionError
-    from ..offline.backup import BackupError
-    from ..offline.diagnosis.sessions import DiagnosisError
-    from ..offline.simulate import SimulationError
-    from ..recordings.columns import TraceError
-
-    bus = (BusConfigurationError, BusUnavailableError, AddressError)
-    access = (TokenError, BackupError)
-    twin = (MotionError, SimulationError, FingerprintError, DiagnosisError)
-    return isinstance(error, (TraceError, *access, *bus, *twin))
 
 
 def _complain(*lines: str, status: int, as_json: bool) -> int:

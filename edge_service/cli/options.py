@@ -1,14 +1,17 @@
-"""Options that several commands share: of answers, of many recordings; the error of bad input."""
+"""What makes a function a command: parameters that say by annotation how they are given."""
 
 import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial, wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import click
 
+from .. import DEFAULTS
 from ..command_answer import Answer
 from ..exit_status import DONE
 from .terminal import pause_progress, progress
@@ -17,77 +20,89 @@ if TYPE_CHECKING:
     from ..config import EdgeConfig
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+Batch = Callable[[partial[Answer], Sequence[Path], Path], Answer]
 FLAG = "--json"
 PATH = click.Path(path_type=Path)
-Batch = Callable[[partial[Answer], Sequence[Path], Path], Answer]
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
-CONFIG = click.argument("config", type=PATH, required=False)
-TRACE = click.argument("trace", type=PATH)
-TRACES = click.argument("traces", nargs=-1, required=True, type=PATH, metavar="TRACE...")
 
 
-def _test_bench() -> Path:
-    """Machine file where none is named."""
-    from ..config import DEFAULT_MACHINE
+@dataclass(frozen=True, slots=True)
+class Option:
+    """Option whose value goes to the parameter that it annotates.
 
-    return DEFAULT_MACHINE
+    A parameter without one is an argument; a text states how that is shown.
 
-
-MACHINE = click.option(
-    "--machine",
-    type=PATH,
-    default=_test_bench,
-    show_default="the thesis' test bench, deploy/machine.toml",
-    help="Machine file with the baseline model of the axis.",
-)
-AXIS_NUMBER = click.option(
-    "--axis-number",
-    type=click.IntRange(1),
-    show_default="the machine file's, or the only one there",
-    help="The controller's number of the axis, for recordings of several axes.",
-)
-PORT = click.option(
-    "--port", type=click.IntRange(0, 65535), help="Port to serve on; 0: a free one."
-)
-BUS = click.option("--bus", "endpoint", help="Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.")
-SCREW = click.option("--screw", metavar="TEXT", help='Data sheet: "20x10 C18200 P900" (mm, N, N).')
-LEAD = click.option("--lead", type=POSITIVE, help="Travel per revolution of the motor, mm.")
-SET = click.option(
-    "--set",
-    "keys",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Key of the machine file, e.g. table_mass_kg=80 or lead_m=10mm; may be repeated.",
-)
-SEED = click.option("--seed", type=click.IntRange(0), help="Seed of what is left to chance.")
-FRESH = click.option("--force", is_flag=True, help="Overwrite what is there.")
-EFFECTS = click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    metavar="NAME[:KEY=VALUE,...]",
-    help="Effect of the library; may be repeated.",
-)
-
-
-def out_option(text: str, *, required: bool = True) -> Decorator:
-    """Option `--out`: the file or folder that a command writes."""
-    return click.option("--out", type=PATH, required=required, help=text)
-
-
-OUT_FOLDER = out_option("Folder to write the results to.")
-
-
-def answering(command: Callable[..., Answer | Iterable[Answer]]) -> Callable[..., int]:
-    """Print what a command returns, as words or with `--json` as a document; its exit status.
-
-    A command with several answers yields them; each document is then one line.
+    Attributes:
+        words: its help.
+        name: `--` and the parameter's name unless given.
+        kind: of the value, unless the type of the parameter says enough.
+        default: that the words tell.
     """
 
+    words: str
+    name: str = ""
+    kind: click.ParamType[Any] | None = None
+    metavar: str | None = None
+    default: Any = None
+
+
+def command(
+    example: str, name: str | None = None, *, answers: bool = True, **settings: Any
+) -> Callable[[Callable[..., Any]], click.Command]:
+    """Command of a function, whose parameters say what is given to it.
+
+    Args:
+        answers: it returns answers, or yields them, and has `--json`.
+    """
+
+    def decorate(function: Callable[..., Any]) -> click.Command:
+        made = _answering(function) if answers else function
+        for parameter in reversed(signature(function).parameters.values()):
+            if parameter.name != "batch":
+                made = _given(parameter)(made)
+        return click.command(name, epilog=f"Example: edge-service {example}", **settings)(made)
+
+    return decorate
+
+
+def _given(parameter: Parameter) -> Decorator:
+    """Option or argument of a parameter; what may be None, a flag or several may be left out."""
+    hint, said = parameter.annotation, None
+    if get_origin(hint) is Annotated:
+        hint, said = get_args(hint)
+    inner, name = get_args(hint), parameter.name
+    kind = inner[0] if inner and get_origin(hint) is not Literal else hint
+    settings: dict[str, Any] = {"type": PATH if kind is Path else kind}
+    if get_origin(kind) is Literal:
+        settings["type"] = click.Choice(get_args(kind))
+    is_needed = not (type(None) in inner or kind is bool)
+    if parameter.default is not Parameter.empty:
+        is_needed = False
+        settings["default"] = parameter.default
+    is_several = get_origin(hint) is tuple
+    if not isinstance(said, Option):
+        metavar = said or (name.upper() if is_needed else f"[{name.upper()}]")
+        settings |= {"required": is_needed, "metavar": metavar, "nargs": -1 if is_several else 1}
+        return click.argument(name, **settings)
+    if kind is bool:
+        settings = {"is_flag": True}
+    settings["show_default"] = settings.get("default") is not None
+    if said.kind is not None:
+        settings["type"] = said.kind
+    if said.default is not None:
+        settings["default"] = said.default
+    settings |= {"required": is_needed and not is_several and said.default is None}
+    settings |= {"multiple": is_several, "metavar": said.metavar, "help": said.words}
+    return click.option(said.name or f"--{name.replace('_', '-')}", name, **settings)
+
+
+def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[..., int]:
+    """Print what a command returns, as words or as a document; returns its exit status."""
+
     @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
-    @wraps(command)
-    def told(*arguments: Any, as_json: bool, **named: Any) -> int:
-        answers = command(*arguments, **named)
+    @wraps(function)
+    def told(*, as_json: bool, **named: Any) -> int:
+        answers = function(**named)
         status = DONE
         for answer in [answers] if isinstance(answers, Answer) else answers:
             if said := answer.as_json() if as_json else answer.words:
@@ -105,30 +120,65 @@ def error_document(line: str, status: int) -> str:
     return json.dumps({"error": {"detail": line, "exit_status": status}})
 
 
+Traces = Annotated[tuple[Path, ...], "TRACE..."]
+MachineFile = Annotated[
+    Path,
+    Option(
+        "Machine file with the baseline model of the axis.  "
+        "[default: the thesis' test bench, deploy/machine.toml]",
+        "--machine",
+        default=DEFAULTS / "machine.toml",
+    ),
+]
+AxisNumber = Annotated[
+    int | None,
+    Option(
+        "The controller's number of the axis, for recordings of several axes.  "
+        "[default: the machine file's, or the only one there]",
+        kind=click.IntRange(1),
+    ),
+]
+Port = Annotated[
+    int | None, Option("Port to serve on; 0: a free one.", kind=click.IntRange(0, 65535))
+]
+Endpoint = Annotated[
+    str | None, Option("Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.", "--bus")
+]
+Screw = Annotated[str | None, Option('Data sheet: "20x10 C18200 P900" (mm, N, N).')]
+Lead = Annotated[float | None, Option("Travel per revolution of the motor, mm.", kind=POSITIVE)]
+Keys = Annotated[
+    tuple[str, ...],
+    Option(
+        "Key of the machine file, e.g. table_mass_kg=80 or lead_m=10mm; may be repeated.",
+        "--set",
+        metavar="KEY=VALUE",
+    ),
+]
+Seed = Annotated[int | None, Option("Seed of what is left to chance.", kind=click.IntRange(0))]
+Force = Annotated[bool, Option("Overwrite what is there.")]
+Effects = Annotated[
+    tuple[str, ...],
+    Option("Effect of the library; may be repeated.", "--effect", metavar="NAME[:KEY=VALUE,...]"),
+]
+OutFolder = Annotated[Path, Option("Folder to write the results to.")]
+
+
 class Greedy(click.Command):
     """Command whose options for several files take all arguments up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat such an option before each of its files, as click has it."""
-        many = {
-            name
-            for each in self.params
-            if isinstance(each, click.Option) and each.multiple
-            for name in each.opts
-        }
+        options = [each for each in self.params if isinstance(each, click.Option) and each.multiple]
+        many = {name for each in options for name in each.opts}
         spread: list[str] = []
-        option = ""
+        current = ""
         for arg in args:
             if arg.startswith("-"):
-                option = arg if arg in many else ""
-                spread += [] if option else [arg]
+                current = arg if arg in many else ""
+                spread += [] if current else [arg]
             else:
-                spread += [option, arg] if option else [arg]
+                spread += [current, arg] if current else [arg]
         return super().parse_args(ctx, spread)
-
-
-class InputError(Exception):
-    """Bad input; the text is one line."""
 
 
 def configured(
@@ -159,14 +209,18 @@ def batch_options(*written: str, implied: bool = False) -> Decorator:
         written: files of the command in the folder of a case.
         implied: several recordings are cases of their own, there is no --each.
     """
+    each_words = (
+        "Treat every TRACE as a case of its own, a folder as one session; "
+        "--out gets one folder a case and table.parquet."
+    )
 
-    def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
+    def decorate(function: Callable[..., Answer]) -> Callable[..., Answer]:
         @click.option(
             "--jobs", type=click.IntRange(1, 1024), help="Number of processes.  [default: 1]"
         )
         @click.option("--cluster", metavar="ADDRESS", help="Dask scheduler, tls://HOST:PORT.")
         @click.option("--insecure", is_flag=True, help="Allow a cluster on tcp://HOST:PORT.")
-        @wraps(command)
+        @wraps(function)
         def told(jobs: int | None, cluster: str | None, insecure: bool, **named: Any) -> Answer:
             def batch(work: partial[Answer], traces: Sequence[Path], out: Path) -> Answer:
                 from ..offline.batch import run_batch
@@ -174,19 +228,12 @@ def batch_options(*written: str, implied: bool = False) -> Decorator:
                 named = {name: _resolved(value) for name, value in work.keywords.items()}
                 work = partial(work.func, *map(_resolved, work.args), **named)
                 where = jobs or 1, cluster, insecure
-                return run_batch(command.__name__, work, written, traces, out, *where, progress)
+                return run_batch(function.__name__, work, written, traces, out, *where, progress)
 
             each = len(named["traces"]) > 1 if implied else named.pop("each")
-            return command(**named, batch=batch if each or jobs or cluster else None)
+            return function(**named, batch=batch if each or jobs or cluster else None)
 
-        if implied:
-            return told
-        return click.option(
-            "--each",
-            is_flag=True,
-            help="Treat every TRACE as a case of its own, a folder as one session; "
-            "--out gets one folder a case and table.parquet.",
-        )(told)
+        return told if implied else click.option("--each", is_flag=True, help=each_words)(told)
 
     return decorate
 

@@ -5,26 +5,20 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
 import click
 
 from ..command_answer import Answer
-from .options import BUS, CONFIG, PATH, PORT, InputError, answering, configured, out_option
+from ..exit_status import BadInputError
+from .options import Endpoint, Option, Port, command, configured
 from .terminal import announce, log_to_stderr, progress, wants_json
 
-if TYPE_CHECKING:
-    from ..health.store.tokens import Role
 
-
-@click.command(epilog="Example: edge-service run deploy/edge.toml --port 8080")
-@CONFIG
-@PORT
-@BUS
-def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
+@command("run deploy/edge.toml --port 8080", answers=False)
+def run(config: Path | None, port: Port, endpoint: Endpoint) -> None:
     """Run the whole service, or the demo if no CONFIG is given."""
     from ..nodes.service import run_service
 
@@ -32,12 +26,8 @@ def run(config: Path | None, port: int | None, endpoint: str | None) -> None:
     asyncio.run(run_service(partial(configured, config, port, endpoint), announce))
 
 
-@click.command(epilog="Example: edge-service node bus edge.toml & edge-service node http edge.toml")
-@click.argument("name")
-@CONFIG
-@PORT
-@BUS
-def node(name: str, config: Path | None, port: int | None, endpoint: str | None) -> None:
+@command("node bus edge.toml & edge-service node http edge.toml", answers=False)
+def node(name: str, config: Path | None, port: Port, endpoint: Endpoint) -> None:
     """Run one node of the service in a process of its own.
 
     NAME is bus (the router that all others connect to), acquire, downsample, estimate, health, http
@@ -49,9 +39,7 @@ def node(name: str, config: Path | None, port: int | None, endpoint: str | None)
     asyncio.run(run_node(partial(configured, config, port, endpoint), name, announce))
 
 
-@click.command("check-config", epilog="Example: edge-service check-config deploy/edge.toml")
-@CONFIG
-@answering
+@command("check-config deploy/edge.toml", "check-config")
 def check_config(config: Path | None) -> Answer:
     """Check a configuration and every file that it names.
 
@@ -66,27 +54,32 @@ def check_config(config: Path | None) -> Answer:
     return replace(checked, words=f"{checked.words}\nconfiguration is right")
 
 
-@click.command(epilog="Example: edge-service token edge.toml --add kim --role operator")
-@click.argument("config", type=PATH)
-@click.option("--add", "added", metavar="NAME", help="Name of a token to create.")
-@click.option("--role", type=click.Choice(["viewer", "operator"]), help="Role of the new token.")
-@click.option("--revoke", "revoked", metavar="NAME", help="Name of a token to revoke.")
-@answering
-def token(config: Path, added: str | None, role: "Role | None", revoked: str | None) -> Answer:
+@command("token edge.toml --add kim --role operator")
+def token(
+    config: Path,
+    added: Annotated[str | None, Option("Name of a token to create.", "--add", metavar="NAME")],
+    role: Annotated[Literal["viewer", "operator"] | None, Option("Role of the new token.")],
+    revoked: Annotated[
+        str | None, Option("Name of a token to revoke.", "--revoke", metavar="NAME")
+    ],
+) -> Answer:
     """Create, list or revoke the tokens that let people in.
 
     A viewer reads; an operator may do everything. A running service knows within a second.
     """
     if (added is None) != (role is None) or (added and revoked):
-        raise InputError("expected --add NAME --role viewer|operator, or --revoke NAME, or neither")
+        raise BadInputError(
+            "expected --add NAME --role viewer|operator, or --revoke NAME, or neither"
+        )
     from ..clock import now_ns
     from ..config import load_config
     from ..health.store.store import StoreFailedError
+    from ..messages.interval import rfc3339
     from ..nodes.http_rights import tokens_of
 
     settings = load_config(config)
     if settings.store.folder is None:
-        raise InputError(f"{config}: store.folder: missing; tokens are kept in the state folder")
+        raise BadInputError(f"{config}: store.folder: missing; tokens are kept in the state folder")
     tokens = tokens_of(settings)
     try:
         if added is not None and role is not None:
@@ -96,37 +89,32 @@ def token(config: Path, added: str | None, role: "Role | None", revoked: str | N
         if revoked is not None:
             tokens.revoke(revoked)
             return Answer(f"{revoked} is revoked", {"name": revoked})
-        listed = [
-            {
-                "name": each.name,
-                "role": each.role,
-                "created_at": _written(each.created_ns),
-                "used_at": None if each.used_ns is None else _written(each.used_ns),
-            }
-            for each in tokens.all()
-        ]
+        kept = tokens.all()
     except StoreFailedError as error:
-        raise InputError(str(error)) from None
-    lines = [
-        f"{each['name']}: {each['role']}, since {each['created_at']}, "
-        f"used {each['used_at'] or 'never'}"
-        for each in listed
+        raise BadInputError(str(error)) from None
+    listed = [
+        {
+            "name": each.name,
+            "role": each.role,
+            "created_at": rfc3339(each.created_ns),
+            "used_at": None if each.used_ns is None else rfc3339(each.used_ns),
+        }
+        for each in kept
     ]
+    words = "{name}: {role}, since {created_at}, used {used_at}"
+    lines = [words.format(**each | {"used_at": each["used_at"] or "never"}) for each in listed]
     lines = lines or ["no tokens: any user of this machine may look"]
     return Answer("\n".join(lines), {"items": listed})
 
 
-def _written(time_ns: int) -> str:
-    moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
-    return moment.isoformat().replace("+00:00", "Z")
-
-
-@click.command(epilog="Example: edge-service backup /etc/edge-service/edge.toml --out backup.zip")
-@click.argument("config", type=PATH)
-@out_option("Archive to write; it may hold secrets, and is for its owner alone.")
-@click.option("--recordings", is_flag=True, help="Keep the recordings as well.")
-@answering
-def backup(config: Path, out: Path, recordings: bool) -> Answer:
+@command("backup /etc/edge-service/edge.toml --out backup.zip")
+def backup(
+    config: Path,
+    out: Annotated[
+        Path, Option("Archive to write; it may hold secrets, and is for its owner alone.")
+    ],
+    recordings: Annotated[bool, Option("Keep the recordings as well.")],
+) -> Answer:
     """Copy configuration and history while the service runs."""
     from ..offline.backup import back_up
 
@@ -134,14 +122,12 @@ def backup(config: Path, out: Path, recordings: bool) -> Answer:
     return back_up(config, out, recordings=recordings)
 
 
-@click.command(epilog="Example: edge-service restore backup.zip /etc/edge-service/edge.toml")
-@click.argument("archive", type=PATH)
-@click.argument("config", type=PATH)
-@click.option(
-    "--force", is_flag=True, help="Replace what differs; it stays beside, as NAME.before-TIME."
-)
-@answering
-def restore(archive: Path, config: Path, force: bool) -> Answer:
+@command("restore backup.zip /etc/edge-service/edge.toml")
+def restore(
+    archive: Path,
+    config: Path,
+    force: Annotated[bool, Option("Replace what differs; it stays beside, as NAME.before-TIME.")],
+) -> Answer:
     """Put a backup in place, whole or not at all.
 
     CONFIG is the configuration to write, with the files that it names beside it; the history goes
@@ -153,11 +139,13 @@ def restore(archive: Path, config: Path, force: bool) -> Answer:
     return backups.restore(archive, config, force=force)
 
 
-@click.command(epilog="Example: edge-service fleet tcp/router.plant:7447 --watch 10")
-@click.argument("addresses", nargs=-1, required=True, metavar="ADDRESS...")
-@click.option("--watch", "period_s", type=click.FloatRange(1.0), help="Time between rounds, s.")
-@answering
-def fleet(addresses: tuple[str, ...], period_s: float | None) -> Iterator[Answer]:
+@command("fleet tcp/router.plant:7447 --watch 10")
+def fleet(
+    addresses: Annotated[tuple[str, ...], "ADDRESS..."],
+    period_s: Annotated[
+        float | None, Option("Time between rounds, s.", "--watch", click.FloatRange(1.0))
+    ],
+) -> Iterator[Answer]:
     """Show the axes of many machines, worst first.
 
     ADDRESS is that of a service (http://, https://; its token by .netrc) or of a Zenoh router
@@ -172,7 +160,7 @@ def fleet(addresses: tuple[str, ...], period_s: float | None) -> Iterator[Answer
     try:
         watch = FleetWatch(addresses)
     except (ValueError, SyntaxError) as error:
-        raise InputError(str(error)) from None
+        raise BadInputError(str(error)) from None
     try:
         while True:
             progress(f"asking {len(addresses)} addresses")

@@ -1,4 +1,4 @@
-"""Messages of commands while they work, at a bounded rate, and questions to whoever is there."""
+"""Messages of commands while they work, and questions to whoever is there."""
 
 import logging
 import math
@@ -16,8 +16,6 @@ from ..threads import repeating
 if TYPE_CHECKING:
     from ..checks.columns.guess import Question
 
-BURST = 20
-PER_S = 0.2
 LINE_S, PIPE_S = 1.0, 10.0
 """Time between two drawings of the line at a terminal, and between two lines into a pipe."""
 _LINE = "edge_service.progress"
@@ -27,10 +25,9 @@ _SIGNED = ("--torque-constant",)
 
 
 def log_to_stderr() -> None:
-    """Log for people, at a bounded rate; an operating system's error is one line."""
+    """Log for people; an operating system's error is one line."""
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
     handler = logging.StreamHandler(sys.stderr)
-    handler.addFilter(LogRate())
     handler.setFormatter(_Lines("%(asctime)s %(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
@@ -116,13 +113,13 @@ def pause_progress() -> None:
 
 
 def wants_json() -> bool:
-    """Answer whether stdout of the running command belongs to a program."""
+    """Return whether stdout of the running command belongs to a program."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get("as_json"))
 
 
 def at_terminal() -> bool:
-    """Answer whether a person can be asked."""
+    """Return whether a person can be asked."""
     return sys.stdin.isatty() and sys.stdout.isatty() and not wants_json()
 
 
@@ -145,34 +142,3 @@ def ask_number(question: "Question") -> float | None:
         if math.isfinite(number) and (number > 0.0 or signed):
             return number
         click.echo(f"expected a number{'' if signed else ' above 0'}")
-
-
-class LogRate(logging.Filter):
-    """Lets each place that logs say `burst` lines at once, then one every `1 / per_s` seconds.
-
-    What was left out is counted, and told with the next line of that place.
-    """
-
-    def __init__(
-        self,
-        burst: int = BURST,
-        per_s: float = PER_S,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        super().__init__()
-        self._burst, self._per_s, self._clock = burst, per_s, clock
-        self._places: dict[tuple[str, int], tuple[float, float, int]] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Answer whether a record is to be written."""
-        now_s, where = self._clock(), (record.pathname, record.lineno)
-        lines, seen_s, left_out = self._places.get(where, (float(self._burst), now_s, 0))
-        lines = min(self._burst, lines + (now_s - seen_s) * self._per_s)
-        if lines < 1.0:
-            self._places[where] = (lines, now_s, left_out + 1)
-            return False
-        if left_out:
-            record.msg = f"{record.getMessage()} (and {left_out} times more)"
-            record.args = None
-        self._places[where] = (lines - 1.0, now_s, 0)
-        return True

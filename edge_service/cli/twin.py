@@ -4,54 +4,43 @@ import pkgutil
 import sys
 import tomllib
 from pathlib import Path
+from typing import Annotated, Literal
 
 import click
 
 from ..command_answer import Answer
-from .options import EFFECTS, MACHINE, PATH, POSITIVE, SEED, InputError, answering, out_option
+from ..exit_status import BadInputError
+from .options import POSITIVE, Effects, MachineFile, Option, Seed, command
 from .terminal import progress
 
 CHECKOUT = Path(__file__).parents[2]
 
 
-@click.command(
-    epilog="Example: edge-service simulate --motion friction --effect stribeck:excess_nm=0.2 "
-    "--seed 7 --out trace.csv"
-)
-@MACHINE
-@click.option(
-    "--motion",
-    "motions",
-    multiple=True,
-    default=("production",),
-    show_default="production",
-    metavar="NAME[:duration_s=SECONDS]",
-    help="Motion to run; may be repeated, one after another.",
-)
-@EFFECTS
-@click.option(
-    "--duration",
-    "duration_s",
-    type=POSITIVE,
-    help="Length of the recording, s; that of the motion by default.",
-)
-@click.option(
-    "--preload",
-    "preload_percent",
-    type=click.FloatRange(0.0, 100.0),
-    help="Preload in percent of the load rating; that of the fresh screw by default.",
-)
-@SEED
-@out_option("File to write, .csv or .parquet; a folder for several motions.")
-@answering
+@command("simulate --motion friction --effect stribeck:excess_nm=0.2 --seed 7 --out trace.csv")
 def simulate(
-    machine: Path,
-    motions: tuple[str, ...],
-    effects: tuple[str, ...],
-    duration_s: float | None,
-    preload_percent: float | None,
-    seed: int | None,
-    out: Path,
+    machine: MachineFile,
+    effects: Effects,
+    duration: Annotated[
+        float | None,
+        Option("Length of the recording, s; that of the motion by default.", kind=POSITIVE),
+    ],
+    preload: Annotated[
+        float | None,
+        Option(
+            "Preload in percent of the load rating; that of the fresh screw by default.",
+            kind=click.FloatRange(0.0, 100.0),
+        ),
+    ],
+    out: Annotated[Path, Option("File to write, .csv or .parquet; a folder for several motions.")],
+    motions: Annotated[
+        tuple[str, ...],
+        Option(
+            "Motion to run; may be repeated, one after another.",
+            "--motion",
+            metavar="NAME[:duration_s=SECONDS]",
+        ),
+    ] = ("production",),
+    seed: Seed = 1,
 ) -> Answer:
     """Record a simulated axis with any set of effects.
 
@@ -62,46 +51,30 @@ def simulate(
     from ..offline.simulate import SimulationSettings, simulate_session
     from ..offline.simulate import simulate as run_simulation
 
-    settings = SimulationSettings(
-        motions[0], effects, duration_s, preload_percent, 1 if seed is None else seed
-    )
+    settings = SimulationSettings(motions[0], effects, duration, preload, seed or 0)
     if len(motions) == 1:
         return run_simulation(load_machine(machine), settings, out, progress)
-    if duration_s is not None:
-        raise InputError("--duration: with several motions expected NAME:duration_s=SECONDS")
+    if duration is not None:
+        raise BadInputError("--duration: with several motions expected NAME:duration_s=SECONDS")
     return simulate_session(load_machine(machine), settings, motions, out, progress=progress)
 
 
-@click.command(epilog="Example: edge-service reproduce --out out/reproduce")
-@click.argument(
-    "study", type=click.Choice(["thesis", "puzzle", "wear"]), default="thesis", metavar="[STUDY]"
-)
-@click.argument("file", type=PATH, required=False)
-@click.option(
-    "--out",
-    type=PATH,
-    default=Path("out/reproduce"),
-    show_default=True,
-    help="Folder for the report.",
-)
-@SEED
-@click.option(
-    "--window",
-    type=click.IntRange(1, 500),
-    default=20,
-    show_default=True,
-    help="thesis: moving average in the figures, steps of 0.1 s.",
-)
-@click.option(
-    "--exponent",
-    type=click.FloatRange(1.0, 8.0),
-    default=1.33,
-    show_default=True,
-    help="thesis: exponent of the weighted sum (4.5.4).",
-)
-@answering
+@command("reproduce --out out/reproduce")
 def reproduce(
-    study: str, file: Path | None, out: Path, seed: int | None, window: int, exponent: float
+    study: Literal["thesis", "puzzle", "wear"] = "thesis",
+    file: Path | None = None,
+    seed: Seed = None,
+    out: Annotated[Path, Option("Folder for the report.")] = Path("out/reproduce"),
+    window: Annotated[
+        int,
+        Option(
+            "thesis: moving average in the figures, steps of 0.1 s.", kind=click.IntRange(1, 500)
+        ),
+    ] = 20,
+    exponent: Annotated[
+        float,
+        Option("thesis: exponent of the weighted sum (4.5.4).", kind=click.FloatRange(1.0, 8.0)),
+    ] = 1.33,
 ) -> Answer:
     """Repeat the thesis' simulations beside published results.
 
@@ -112,7 +85,7 @@ def reproduce(
     reading. FILE has columns time_h, speed_rpm, drag_torque_nm, or one drag torque a line (N m).
     """
     if (study == "wear") != (file is not None):
-        raise InputError("reproduce: STUDY wear, and no other, needs a FILE of drag torques")
+        raise BadInputError("reproduce: STUDY wear, and no other, needs a FILE of drag torques")
     if file is not None:
         from ..offline.reproduce.wear import reproduce_wear
 
@@ -144,13 +117,13 @@ def bench(arguments: tuple[str, ...]) -> object:
 
 
 def benchmarks(checkout: Path) -> click.Command:
-    """Command that the project file of a checkout names; `InputError` where it names none."""
+    """Command that the project file of a checkout names; `BadInputError` where it names none."""
     try:
         project = tomllib.loads((checkout / "pyproject.toml").read_text("utf-8"))
         named = str(project["tool"]["edge-service"]["benchmarks"])
     except (OSError, KeyError):
         none = "it needs a checkout of the project, and this is an installed package"
-        raise InputError(f"bench: {none}") from None
+        raise BadInputError(f"bench: {none}") from None
     if str(checkout) not in sys.path:
         sys.path.insert(0, str(checkout))
     found = pkgutil.resolve_name(named)

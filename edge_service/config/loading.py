@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import logging
 import os
 import re
 import tomllib
@@ -11,14 +10,14 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from .. import DEFAULTS
 from ..models.machine import Machine
 from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
 from .gone import GONE_SETTINGS, gone_keys
 from .mistakes import ConfigError, explain
 from .service import AxisConfig, EdgeConfig
 
-log = logging.getLogger(__name__)
-DEFAULT_CONFIG = Path(__file__).parents[1] / "defaults" / "edge.toml"
+DEFAULT_CONFIG = DEFAULTS / "edge.toml"
 BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
 _OF_SECURITY = ("certificate", "private_key", "server_certificate")
 FILE_KEYS = ("path", "folder", "truth", *_OF_SECURITY, *BROKER_FILES)
@@ -49,10 +48,8 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
     if "axes" not in content and {"axis", "model"} & content.keys():
         kind = "this is a machine file ([axis], [model])"
         raise ConfigError(f"{path}: {kind}; expected a configuration, which has [[axes]]")
-    for key in open_secrets(content, path):
-        log.warning("%s: other users can read it, and it contains %s; use %s_file", path, key, key)
     gone = gone_keys(content)
-    mistakes, config = list(gone), None
+    mistakes, config = [*gone, *open_secrets(content, path)], None
     try:
         config = EdgeConfig.model_validate(content)
     except ValidationError as error:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from .. import DEFAULTS
 from ..config_tables import (
     AlarmsConfig,
     StoreConfig,
@@ -16,7 +17,7 @@ from ..estimate.registry import AUTO, ESTIMATORS
 from ..messages.addresses import is_http_url, is_loopback, split_endpoint
 from ..messages.keys import MachineKeys, check_component, check_part
 
-DEFAULT_MACHINE = Path(__file__).parents[1] / "defaults" / "machine.toml"
+DEFAULT_MACHINE = DEFAULTS / "machine.toml"
 
 
 class ServiceConfig(Table):

@@ -20,11 +20,11 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from pydantic import ValidationError
 
-from ..exit_status import BadInputError
 from .. import __version__
 from ..atomic import PRIVATE, made_folder, new_file, put_in_place, replaced_bytes, sync_file
 from ..command_answer import Answer
 from ..config import load_config, state_folder
+from ..exit_status import BadInputError
 from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
 from ..messages.interval import Frozen
 from .document import Document

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..exit_status import BadInputError
 from ..command_answer import Answer
+from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, Floats
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings

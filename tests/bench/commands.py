@@ -1,12 +1,14 @@
 """The command that measures: speed and size, and how right the answers are."""
 
+import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
 
-from edge_service.cli.options import InputError
+from edge_service.cli.options import FLAG
 from edge_service.cli.terminal import progress
+from edge_service.exit_status import BadInputError
 
 from .estimator.parts import FIRST_SEED, PARTS
 from .speed.parts_of import SPEED_PARTS
@@ -34,7 +36,10 @@ NOT_BESIDE_OTHERS = {"soak", "second-plant", "real-machines"}
 @click.option(
     "--seeds", type=click.IntRange(1), default=1, show_default=True, help="Number of seeds."
 )
-def bench(name: str, quick: bool, only: tuple[str, ...], seed: int, seeds: int) -> None:
+@click.option(FLAG, "as_json", is_flag=True, help="Print the tables as JSON.")
+def bench(
+    name: str, quick: bool, only: tuple[str, ...], seed: int, seeds: int, as_json: bool
+) -> None:
     """Measure speed, memory and accuracy.
 
     speed: beside a peer and the bare parts. diagnose: causes named on plants that share no code
@@ -45,10 +50,13 @@ def bench(name: str, quick: bool, only: tuple[str, ...], seed: int, seeds: int) 
     unknown = [each for each in only if each not in parts]
     if unknown:
         there = ", ".join(parts) or "none"
-        raise InputError(f"--only {unknown[0]}: no part of {name}; there are {there}")
+        raise BadInputError(f"--only {unknown[0]}: no part of {name}; there are {there}")
     chosen = only or tuple(part for part in parts if part not in NOT_BESIDE_OTHERS)
     tables = _tables(name, chosen, quick, seed, seeds)
-    click.echo("\n\n".join(str(table) for table in tables))
+    if as_json:
+        click.echo(json.dumps({"tables": [table.document() for table in tables]}, allow_nan=False))
+    else:
+        click.echo("\n\n".join(str(table) for table in tables))
 
 
 def _tables(

@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import TypeVar
 
-from edge_service.cli.options import InputError
+from edge_service.exit_status import BadInputError
 
 Progress = Callable[[str], None]
 """Takes a line that says how far it is."""
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 _THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
-class BenchError(InputError):
+class BenchError(BadInputError):
     """A measurement that could not be made; the text is one line."""
 
 
@@ -49,9 +49,20 @@ class Table:
         ]
         return "\n".join([*lines, *self.notes])
 
+    def document(self) -> dict[str, object]:
+        """The same for programs; what is no number is null."""
+        rows = [[_written(each) for each in row] for row in self.rows]
+        return {"heads": self.heads, "rows": rows, "notes": self.notes}
+
     @property
     def _columns(self) -> range:
         return range(len(self.heads))
+
+
+def _written(figure: object) -> object:
+    if isinstance(figure, list | tuple):
+        return [_written(each) for each in figure]
+    return None if isinstance(figure, float) and not math.isfinite(figure) else figure
 
 
 def cell(figure: object) -> str:

@@ -150,6 +150,7 @@ def test_no_secret_is_in_what_check_config_prints(tmp_path: Path) -> None:
     text, _ = configuration(tmp_path, free_port())
     path = tmp_path / "edge.toml"
     path.write_text(text)
+    path.chmod(0o600)
     result = CliRunner().invoke(cli, ["check-config", str(path)])
     assert "configuration is right" in result.output
     assert MARKER not in result.output

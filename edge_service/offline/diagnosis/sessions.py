@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...exit_status import BadInputError
 from ...diagnose.session.recordings import Run, runs_of
 from ...diagnose.session.session import Session
 from ...diagnose.session.twin import rigid_baseline
+from ...exit_status import BAD_DATA, BadInputError
 from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
@@ -22,8 +22,10 @@ class DiagnosisError(BadInputError):
     """Recordings or a machine that cannot be compared; the text is one line."""
 
 
-class BadDataError(Exception):
+class BadDataError(BadInputError):
     """Recordings that can be read but not diagnosed; the text is one line."""
+
+    status = BAD_DATA
 
 
 def read_runs(
