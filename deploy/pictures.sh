@@ -29,7 +29,7 @@ from pathlib import Path
 
 from edge_service.fingerprint.result import read_fingerprint
 from edge_service.offline.report.fingerprint_figures import draw_sections
-from edge_service.offline.report.pictures import write_png
+from edge_service.offline.report.page import write_png
 
 for folder in (Path("healthy"), Path("runs")):
     for name, figure in draw_sections(read_fingerprint(folder / "fingerprint.json"), None).items():

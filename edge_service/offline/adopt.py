@@ -33,7 +33,7 @@ from .examination import examine
 from .machine_text import Ask, Sheet, asked, machine_text
 from .raw_columns import RawColumns, read_columns
 from .recordings import Progress, silent
-from .report.pictures import ESTIMATE, STYLE, write_png
+from .report.page import ESTIMATE, STYLE, write_png
 
 ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
 _DPI, _POINTS = 90, 20_000

@@ -25,7 +25,7 @@ from ..regression.interval_estimate import LEVEL
 from ..regression.prepared_run import PreparationSettings
 from .examination import ExaminationError
 from .recordings import Progress, open_recording, reported, silent
-from .report.pictures import ESTIMATE, MUTED, STYLE, TRUTH
+from .report.page import ESTIMATE, MUTED, STYLE, TRUTH
 from .report.quantities import SHOWN_UNITS, amount, estimate
 
 BLOCK_COLUMNS = ("HFBlockEvent.ActiveTool", "HFBlockEvent.GCode")

@@ -32,8 +32,7 @@ from .examination import require_sound
 from .recordings import Progress, read_recording, silent
 from .report.fingerprint_figures import draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
-from .report.page import rendered
-from .report.pictures import as_svg
+from .report.page import as_svg, rendered
 from .report.quantities import brief, estimate
 
 RESPONSE = "frequency_response"

@@ -31,7 +31,7 @@ from ..models.motions.registry import (
 )
 from ..models.motions.segments import samples_of
 from .document import Document
-from .report.pictures import ESTIMATE, STYLE, write_png
+from .report.page import ESTIMATE, STYLE, write_png
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"

@@ -2,15 +2,19 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from edge_service.estimate.imm.bank import run_bank
+from edge_service.estimate.imm.mode_transition import THESIS_MODE_TRANSITION
 from edge_service.estimate.imm.mode_weighting import weighted_level
 from edge_service.offline.reproduce.simulation import (
     LEVELS,
     ThesisCase,
+    bank_inputs,
     has_false_drop,
     mean_absolute_error,
     run_case,
@@ -76,7 +80,11 @@ def test_a_tenth_of_the_step_works_with_the_scaled_matrix_only() -> None:
     for level in (10.0, 5.0, 0.0):
         scaled = mean_probability(ThesisCase(level, step_s=0.01), range(1))
         assert float(weighted_level(scaled, LEVELS)) == pytest.approx(level, abs=0.3)
-    printed = mean_probability(ThesisCase(10.0, step_s=0.01, rescale=False), range(1))
+    case = ThesisCase(10.0, step_s=0.01)
+    run, _ = run_case(case, 0)
+    step, drives, start = bank_inputs(case, run)
+    step = replace(step, mode_transition=THESIS_MODE_TRANSITION)
+    printed = run_bank(step, drives, run.measurement, start).mode_probability.mean(axis=0)
     assert float(weighted_level(printed, LEVELS)) < 8.5
 
 
@@ -126,9 +134,3 @@ def test_text_has_a_line_per_row(written: tuple[Path, Reproduction, list[str]]) 
     for row in result.levels:
         assert any(f"{row.percent:5.2f} ({row.published_percent:4.1f})" in line for line in lines)
     assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows)
-
-
-def test_needs_at_least_one_seed(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="seeds: expected at least 1"):
-        reproduce(tmp_path / "none", seeds=0)
-    assert not (tmp_path / "none").exists()

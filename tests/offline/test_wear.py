@@ -8,52 +8,38 @@ import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.offline.reproduce.wear import (
-    Crossing,
-    WearTest,
-    crossing,
-    read_wear_test,
-    study,
-)
+from edge_service.offline.reproduce.wear import first_crossing_h, read_wear_test, study
 
 REAL = Path(__file__).parents[3] / "shared/data/xjtu_wear/lower_screw_drag_nm.txt"
-
-
-def worn(percent: list[float]) -> WearTest:
-    """A screw read every 10 h at 100 m/h."""
-    time_h = 10.0 * np.arange(len(percent))
-    return WearTest(time_h, 100.0 * time_h, 0.005 * np.array(percent))
 
 
 def test_drag_torques_alone_are_a_test_whose_speed_rises(tmp_path: Path) -> None:
     file = tmp_path / "drag.txt"
     file.write_text("0.5\n" * 10)
-    found = read_wear_test(file)
-    np.testing.assert_allclose(found.time_h, 35.0 * np.arange(10))
+    time_h, distance_m, _ = read_wear_test(file)
+    np.testing.assert_allclose(time_h, 35.0 * np.arange(10))
     by_hand = 60.0 * 0.008 * np.array([0.0, 300.0 * 35.0, 300.0 * 140.0, 800.0 * 140.0])
-    np.testing.assert_allclose(found.distance_m[[0, 1, 4, 8]], by_hand)
+    np.testing.assert_allclose(distance_m[[0, 1, 4, 8]], by_hand)
 
 
 def test_a_wear_test_may_state_its_times_and_speeds(tmp_path: Path) -> None:
     file = tmp_path / "drag.csv"
     file.write_text("time_h,speed_rpm,drag_torque_nm\n0,100,0.5\n10,100,0.4\n15,200,0.3\n")
-    found = read_wear_test(file)
-    assert found.time_h.tolist() == [0.0, 10.0, 15.0]
-    np.testing.assert_allclose(found.distance_m, 0.48 * np.array([0.0, 1000.0, 2000.0]))
-    assert found.drag_nm.tolist() == [0.5, 0.4, 0.3]
+    time_h, distance_m, drag_nm = read_wear_test(file)
+    assert time_h.tolist() == [0.0, 10.0, 15.0]
+    np.testing.assert_allclose(distance_m, 0.48 * np.array([0.0, 1000.0, 2000.0]))
+    assert drag_nm.tolist() == [0.5, 0.4, 0.3]
 
 
-def test_a_crossing_is_the_first_below_and_the_last_from_above() -> None:
-    test = worn([100.0, 95.0, 85.0, 95.0, 85.0, 80.0])
-    found = crossing(test, 90.0)
-    assert (found.first_h, found.last_h) == (pytest.approx(15.0), pytest.approx(35.0))
-    assert crossing(test, 50.0) == Crossing(math.inf, math.inf)
-    assert math.isinf(crossing(worn([100.0, 85.0, 95.0]), 90.0).last_h)
+def test_a_crossing_lies_straight_between_readings() -> None:
+    time_h, percent = 10.0 * np.arange(6), np.array([100.0, 95.0, 85.0, 95.0, 85.0, 80.0])
+    assert first_crossing_h(time_h, percent, 90.0) == pytest.approx(15.0)
+    assert first_crossing_h(time_h, percent, 50.0) == math.inf
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"needs {REAL}, a real screw's wear")
 def test_a_real_screw_crosses_within_the_bands() -> None:
-    found = study(read_wear_test(REAL))
+    found = study(*read_wear_test(REAL))
     assert (found.held, found.stated) == (27, 28)
     assert {limit for stage in found.stages for limit in stage.dates} == {90.0, 85.0, 80.0}
 
@@ -72,7 +58,7 @@ def test_the_command_writes_table_json_and_picture(tmp_path: Path, capsys) -> No
     assert main(["reproduce", "wear", str(file), "--out", str(out), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert len(found["stages"]) == 14
-    assert found["crossings"]["90.0"]["first_h"] == pytest.approx(175.0, abs=20.0)
+    assert found["crossings_h"]["90.0"] == pytest.approx(175.0, abs=20.0)
 
 
 def test_a_screw_that_reaches_no_limit_is_told_so(tmp_path: Path, capsys) -> None:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...diagnose.result import ChannelGap, Diagnosis, ReplayedSeries, Verdict, WaterfallStep
 from ...diagnose.session.session import Session
-from .pictures import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
+from .page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
 LABELS = {

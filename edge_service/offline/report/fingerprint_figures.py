@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ...fingerprint.result import AxisFingerprint, Curve
 from ...messages.samples import Floats
 from ...regression.interval_estimate import IntervalEstimate
-from .pictures import ESTIMATE, MUTED, STYLE, TRUTH
+from .page import ESTIMATE, MUTED, STYLE, TRUTH
 
 PANEL_INCHES = (7.6, 3.1)
 _POINTS = {"forward": (">", ESTIMATE), "backward": ("<", "#c9820b")}

@@ -1,34 +1,65 @@
-"""One self-contained page from a template: nothing in it is loaded from elsewhere."""
+"""Look of all figures, and self-contained pages from templates that load nothing from elsewhere."""
 
+import io
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from ...atomic import replaced_file
-from .pictures import as_svg, write_png
+
+_DPI = 130
+ESTIMATE, TRUTH, MUTED = "#2f62c9", "#1c2430", "#98a2b0"
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "svg.fonttype": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e7ec",
+    "axes.edgecolor": "#8a94a3",
+    "legend.frameon": False,
+}
 
 
-def rendered(template: str, filters: Mapping[str, Callable[..., object]], **content: object) -> str:
+def as_svg(figure: Figure, salt: str, dpi: float | None = None) -> str:
+    """An SVG element; the same figure and salt give the same text; `dpi` of what is rasterised."""
+    stream = io.StringIO()
+    undated = {"Date": None, "Creator": None}
+    with mpl.rc_context({**STYLE, "svg.hashsalt": salt}):
+        figure.savefig(stream, format="svg", metadata=undated, dpi=dpi or "figure")
+    text = stream.getvalue()
+    return text[text.index("<svg") :]
+
+
+def write_png(figure: Figure, path: Path, dpi: int = _DPI) -> None:
+    """A PNG file, whole or not at all."""
+    stream = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
+    with replaced_file(path) as file:
+        file.buffer.write(stream.getvalue())
+
+
+def rendered(
+    template: str, filters: Mapping[str, Callable[..., object]] | None = None, **content: object
+) -> str:
     """HTML of a template of this folder; a name that it lacks is an error."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters.update(filters)
+    environment.filters.update(filters or {})
     source = files(__package__).joinpath("templates", template).read_text("utf-8")
     return environment.from_string(source).render(**content)
 
 
 def write_study(out: Path, name: str, title: str, verdict: str, text: str, figure: Figure) -> None:
     """Write `report.html` and its picture, `NAME.png`, into `out`; the text is a terminal's."""
-    page = rendered(
-        "study.html",
-        {},
-        title=title,
-        verdict=verdict,
-        text=text,
-        picture=as_svg(figure, name),
-    )
+    picture = as_svg(figure, name)
+    page = rendered("study.html", title=title, verdict=verdict, text=text, picture=picture)
     with replaced_file(out / "report.html") as file:
         file.write(page)
     write_png(figure, out / f"{name}.png")

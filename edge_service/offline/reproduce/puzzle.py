@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.pipeline import diagnose_session
-from ...diagnose.result import Diagnosis
-from ...diagnose.session.recordings import Run, runs_of
+from ...diagnose.session.recordings import runs_of
 from ...diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import SampleFrame
@@ -29,8 +28,7 @@ from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
 from ..recordings import Progress, silent
-from ..report.page import write_study
-from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH
+from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, write_study
 
 BENCH = {"guide_force_n": 0.0, "table_mass_kg": 20.0}
 HIDDEN = (
@@ -40,15 +38,12 @@ HIDDEN = (
 """Beside the Coulomb friction and the falling stiffness that the bench has anyway."""
 SESSION = (("acceleration", None), ("friction", None), ("warmup", 60.0), ("production", 40.0))
 ROUNDS = 2
-LEAST_SHRINK = 0.04
-"""A step that shrinks no channel by this share is none."""
 _UNIT_M_PER_N = 1e-8
 _RATE_HZ = 1000.0
 _PRELOAD_PERCENT = 6.85
 SEED = 1
 CHANNELS = (("torque_nm", "N m", 1.0), ("transmission_m", "µm", 1e6))
 _LABELS = {"torque_nm": "torque gap", "transmission_m": "gap of table against motor"}
-Entry = tuple[str, dict[str, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,40 +55,34 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Round:
-    """One diagnosis: what it said, and the steps that what it named takes the gap down."""
-
-    verdict: str
-    steps: tuple[Step, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Puzzle:
     """The whole way from the linear model down.
 
     Attributes:
         before, fitted, floor: root mean square gap by channel of the linear model, of the same with
             the parameters that fit best, and of what no model could explain.
+        verdicts: of the diagnoses.
+        steps: effects that they named, in the order in which they were put into the model.
     """
 
     before: dict[str, float]
     fitted: dict[str, float]
     floor: dict[str, float]
-    rounds: tuple[Round, ...]
-
-    @property
-    def steps(self) -> list[Step]:
-        """All steps in their order."""
-        return [step for each in self.rounds for step in each.steps]
+    verdicts: tuple[str, ...]
+    steps: tuple[Step, ...]
 
     def as_text(self) -> str:
         """Report of what is missing, in which order, and how far each addition shrinks the gap."""
-        lines = ["the linear two-mass model against the bench; root mean square gap"]
-        lines += [_line("linear model", self.before), _line("the same, fitted", self.fitted)]
-        for number, each in enumerate(self.rounds, start=1):
-            lines += [_line(f"+ {step.effect}", step.gap) for step in each.steps]
-            lines += [f"  diagnosis {number}: {each.verdict}"]
-        return "\n".join([*lines, _line("noise floor", self.floor)])
+        return "\n".join(
+            [
+                "the linear two-mass model against the bench; root mean square gap",
+                _line("linear model", self.before),
+                _line("the same, fitted", self.fitted),
+                *(_line(f"+ {step.effect}", step.gap) for step in self.steps),
+                _line("noise floor", self.floor),
+                f"  diagnoses: {', '.join(self.verdicts)}",
+            ]
+        )
 
 
 def _line(name: str, gap: dict[str, float]) -> str:
@@ -105,15 +94,8 @@ def reproduce_puzzle(out: Path, seed: int = SEED, progress: Progress = silent) -
     """Write `report.html` and `puzzle.png` into `out`; returns the story."""
     found = solve(seed, progress)
     named = " and ".join(step.effect.replace("_", " ") for step in found.steps) or "nothing"
-    verdict = f"The linear model lacks {named}."
-    write_study(
-        out,
-        "puzzle",
-        "Why linear models did not fit the bench",
-        verdict,
-        found.as_text(),
-        draw_puzzle(found),
-    )
+    verdict, title = f"The linear model lacks {named}.", "Why linear models did not fit the bench"
+    write_study(out, "puzzle", title, verdict, found.as_text(), draw_puzzle(found))
     return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)
 
 
@@ -124,22 +106,22 @@ def solve(seed: int = SEED, progress: Progress = silent) -> Puzzle:
     frames = recorded(bench, seed)
     machine = linear_model(bench, frames)
     refitted = fitted(machine, frames)
-    runs = list(runs_of(frames, rigid_baseline(machine)))
-    first = _session(machine, runs)
-    before = {name: rows.rms for name, rows in first.channels.items()}
-    best = _gap(refitted, list(runs_of(frames, rigid_baseline(refitted))))
-    rounds: list[Round] = []
+    before, best = gap_of(machine, frames), gap_of(refitted, frames)
     floor: dict[str, float] = {}
-    while len(rounds) < ROUNDS:
-        progress(f"diagnosis {len(rounds) + 1}")
-        found = diagnose_session(_session(machine, runs), machine, progress=progress)
+    verdicts: list[str] = []
+    steps: list[Step] = []
+    for number in range(1, ROUNDS + 1):
+        progress(f"diagnosis {number}")
+        found = diagnose_session(session_of(machine, frames), machine, progress=progress)
         floor = {name: each.floor for name, each in found.gap.items()}
-        steps, better = _added(machine, runs, found)
-        rounds.append(Round(found.verdict.value, tuple(steps)))
-        if not steps:
+        verdicts.append(found.verdict.value)
+        for effect in sorted(found.effects, key=lambda each: -each.shrink.estimate):
+            for values in effect.entries:
+                machine = _with_effect(machine, effect.name, dict(values))
+            steps.append(Step(effect.name, gap_of(machine, frames)))
+        if not found.effects:
             break
-        machine = better
-    return Puzzle(before, best, floor, tuple(rounds))
+    return Puzzle(before, best, floor, tuple(verdicts), tuple(steps))
 
 
 def bench_machine() -> Machine:
@@ -175,7 +157,7 @@ def linear_model(bench: Machine, frames: Sequence[SampleFrame]) -> Machine:
 
 def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
     """The linear model with the inertia and the viscous friction that fit best: least squares."""
-    session = _session(linear, list(runs_of(frames, rigid_baseline(linear))))
+    session = session_of(linear, frames)
     columns = np.column_stack(
         [
             session.column(TORQUE_GAP, lambda motion: motion.acceleration_rad_s2),
@@ -192,7 +174,7 @@ def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
 
 def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:
     """Compliance that explains most of the stretch, m/N."""
-    session = _session(machine, list(runs_of(frames, rigid_baseline(machine))))
+    session = session_of(machine, frames)
     effect = get_effect("compliance")
     unit = effect.complete({"level_m_per_n": _UNIT_M_PER_N})
     column = session.column(
@@ -209,47 +191,15 @@ def _with_effect(machine: Machine, name: str, values: dict[str, float]) -> Machi
     return machine.model_copy(update={"effects": (*machine.effects, added)})
 
 
-def _session(machine: Machine, runs: Sequence[Run]) -> Session:
-    return Session.of_runs(runs, rigid_baseline(machine), machine_effects(machine))
+def session_of(machine: Machine, frames: Sequence[SampleFrame]) -> Session:
+    """The bench's recordings beside a model."""
+    baseline = rigid_baseline(machine)
+    return Session.of_runs(list(runs_of(frames, baseline)), baseline, machine_effects(machine))
 
 
-def _added(machine: Machine, runs: Sequence[Run], found: Diagnosis) -> tuple[list[Step], Machine]:
-    """Add what was named to the model one by one, each time what helps most."""
-    waiting = {
-        each.name: [(each.name, dict(values)) for values in each.entries] for each in found.effects
-    }
-    steps: list[Step] = []
-    now = _gap(machine, runs)
-    while waiting:
-        tried: dict[tuple[str, ...], Machine] = {
-            (name,): _with_all(machine, waiting[name]) for name in waiting
-        }
-        gaps = {names: _gap(each, runs) for names, each in tried.items()}
-        names = min(gaps, key=lambda n: _change(gaps[n], now))
-        if _change(gaps[names], now) >= 0.0:  # these help together only
-            names = tuple(waiting)
-            tried[names] = _with_all(machine, [each for one in waiting.values() for each in one])
-            gaps[names] = _gap(tried[names], runs)
-        if min(gaps[names][c] / now[c] for c in now) < 1.0 - LEAST_SHRINK:
-            machine, now = tried[names], gaps[names]
-            steps.append(Step(" and ".join(names), now))
-        waiting = {name: entries for name, entries in waiting.items() if name not in names}
-    return steps, machine
-
-
-def _change(gap: dict[str, float], before: dict[str, float]) -> float:
-    """Sum over channels of the logarithm by which a gap grew."""
-    return float(sum(np.log(gap[name] / before[name]) for name in before))
-
-
-def _with_all(machine: Machine, entries: Sequence[Entry]) -> Machine:
-    for name, values in entries:
-        machine = _with_effect(machine, name, values)
-    return machine
-
-
-def _gap(machine: Machine, runs: Sequence[Run]) -> dict[str, float]:
-    return {name: rows.rms for name, rows in _session(machine, runs).channels.items()}
+def gap_of(machine: Machine, frames: Sequence[SampleFrame]) -> dict[str, float]:
+    """Root mean square gap by channel."""
+    return {name: rows.rms for name, rows in session_of(machine, frames).channels.items()}
 
 
 def draw_puzzle(found: Puzzle) -> Figure:

@@ -15,10 +15,9 @@ from ...estimate.imm.mode_weighting import (
 from ...messages.samples import Floats
 from ..recordings import Progress, silent
 from ..report.page import rendered
-from .figures import draw_figures
+from .figures import drawn_figures
 from .simulation import (
     LEVELS,
-    TABLE_WINDOW_STEPS,
     ThesisCase,
     has_false_drop,
     mean_absolute_error,
@@ -30,6 +29,8 @@ from .simulation import (
 SEEDS = 60
 MAE_WINDOW_STEPS = 20
 WINDOWS_STEPS = (1, 3, 5, 10, 20, 40)
+TABLE_WINDOW_STEPS = 50
+"""Centred window with which simulation 1 comes closest to the published Table 4.2."""
 PUBLISHED_TABLE: dict[float, tuple[tuple[float, ...], float, float]] = {
     10.0: ((0.85, 0.07, 0.04, 0.03, 0.02), 9.3, 9.7),
     7.5: ((0.04, 0.88, 0.04, 0.02, 0.02), 7.3, 7.5),
@@ -48,7 +49,7 @@ class LevelRow:
         probability, linear_percent, percent: mean over runs of constant preload.
         sliding_percent: the same of the sliding innovation bank.
         ramp_percent: read from the ramp of simulation 1 where it passes the level, with a centred
-            window of TABLE_WINDOW_STEPS, which comes closest to the published table.
+            window of TABLE_WINDOW_STEPS.
     """
 
     actual_percent: float
@@ -87,16 +88,6 @@ class Reproduction:
     levels: tuple[LevelRow, ...]
     windows: tuple[WindowRow, ...]
 
-    @property
-    def scenario_mae_points(self) -> tuple[float, ...]:
-        """Mean absolute error of simulations 1 to 5 with the window of MAE_WINDOW_STEPS."""
-        return self.window(MAE_WINDOW_STEPS).mae_points
-
-    @property
-    def own_probability(self) -> tuple[float, ...]:
-        """Probability of the right mode at each constant level."""
-        return tuple(row.probability[index] for index, row in enumerate(self.levels))
-
     def window(self, steps: int) -> WindowRow:
         """The row of one window."""
         return next(row for row in self.windows if row.window_steps == steps)
@@ -109,11 +100,10 @@ class Reproduction:
             f"ramp: read from simulation 1, centred window of {TABLE_WINDOW_STEPS} steps",
             f"actual   own mode     linear       exp {self.exponent:<4g}      sliding  ramp",
         ]
-        for row, own in zip(self.levels, self.own_probability, strict=True):
-            published = row.published_probability[len(lines) - 3]
+        for index, row in enumerate(self.levels):
             lines.append(
                 f"{row.actual_percent:5.1f} %"
-                f"  {own:.2f} ({published:.2f})"
+                f"  {row.probability[index]:.2f} ({row.published_probability[index]:.2f})"
                 f"  {row.linear_percent:5.2f} ({row.published_linear_percent:4.1f})"
                 f"  {row.percent:5.2f} ({row.published_percent:4.1f})"
                 f"  {row.sliding_percent:6.2f}  {row.ramp_percent:5.2f}"
@@ -146,29 +136,22 @@ def reproduce(
         window_steps: causal moving average of the figures.
         exponent: of the weighted sum (4.5.4).
     """
-    if seeds < 1:
-        raise ValueError("seeds: expected at least 1")
     runs = range(seed, seed + seeds)
     progress("Table 4.2")
-    ramp = _ramp_percent(runs, exponent)
-    levels = tuple(_level_row(level, runs, exponent, ramp[level]) for level in PUBLISHED_TABLE)
+    levels = _level_rows(runs, exponent)
     progress("simulations 1 to 5")
-    windows = _window_rows(runs, exponent)
-    result = Reproduction(
-        seeds=seeds,
-        exponent=exponent,
-        levels=levels,
-        windows=windows,
-    )
+    result = Reproduction(seeds, exponent, levels, _window_rows(runs, exponent))
     progress("report")
     document = {"schema": "reproduction/1", **asdict(result)}
     page = rendered(
         "reproduction.html",
-        {},
         result=result,
-        figures=draw_figures(seed, window_steps, exponent),
+        own_probability=[row.probability[index] for index, row in enumerate(levels)],
+        mae_points=result.window(MAE_WINDOW_STEPS).mae_points,
+        figures=drawn_figures(seed, window_steps, exponent),
         levels=LEVELS.tolist(),
         table_window_steps=TABLE_WINDOW_STEPS,
+        window_steps=window_steps,
     )
     with replaced_file(out_dir / "reproduction.json") as file:
         file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
@@ -183,33 +166,29 @@ def mean_probability(case: ThesisCase, seeds: range) -> Floats:
     return np.asarray(np.mean(runs, axis=0))
 
 
-def _level_row(level: float, seeds: range, exponent: float, ramp_percent: float) -> LevelRow:
-    published, published_linear, published_percent = PUBLISHED_TABLE[level]
-    probability = mean_probability(ThesisCase(level), seeds)
-    sliding = mean_probability(ThesisCase(level, method="sif-imm"), seeds)
-    return LevelRow(
-        actual_percent=level,
-        published_probability=published,
-        published_linear_percent=published_linear,
-        published_percent=published_percent,
-        probability=tuple(probability.tolist()),
-        linear_percent=float(probability @ LEVELS),
-        percent=float(weighted_level(probability, LEVELS, exponent)),
-        sliding_percent=float(weighted_level(sliding, LEVELS, exponent)),
-        ramp_percent=ramp_percent,
-    )
-
-
-def _ramp_percent(seeds: range, exponent: float) -> dict[float, float]:
-    """Prediction where the ramp of simulation 1 passes each level, percent."""
-    case = ThesisCase(1)
-    truth = case.true_preload_percent()
+def _level_rows(seeds: range, exponent: float) -> tuple[LevelRow, ...]:
+    ramp = ThesisCase(1)
     smoothed = [
-        centred_moving_average(run_case(case, seed)[1].mode_probability, TABLE_WINDOW_STEPS)
+        centred_moving_average(run_case(ramp, seed)[1].mode_probability, TABLE_WINDOW_STEPS)
         for seed in seeds
     ]
-    percent = weighted_level(np.mean(smoothed, axis=0), LEVELS, exponent)
-    return {level: float(percent[np.argmin(np.abs(truth - level))]) for level in PUBLISHED_TABLE}
+    ramp_percent = weighted_level(np.mean(smoothed, axis=0), LEVELS, exponent)
+    truth = ramp.true_preload_percent()
+    rows = []
+    for level, published in PUBLISHED_TABLE.items():
+        probability = mean_probability(ThesisCase(level), seeds)
+        sliding = mean_probability(ThesisCase(level, method="sif-imm"), seeds)
+        row = LevelRow(
+            level,
+            *published,
+            probability=tuple(probability.tolist()),
+            linear_percent=float(probability @ LEVELS),
+            percent=float(weighted_level(probability, LEVELS, exponent)),
+            sliding_percent=float(weighted_level(sliding, LEVELS, exponent)),
+            ramp_percent=float(ramp_percent[np.argmin(np.abs(truth - level))]),
+        )
+        rows.append(row)
+    return tuple(rows)
 
 
 def _window_rows(seeds: range, exponent: float) -> tuple[WindowRow, ...]:
@@ -225,12 +204,7 @@ def _window_rows(seeds: range, exponent: float) -> tuple[WindowRow, ...]:
         ]
         delays = [steps_to_see_drop(estimate, truths[3]) for estimate in estimates[3]]
         seen = [delay for delay in delays if delay is not None]
-        rows.append(
-            WindowRow(
-                window_steps=window,
-                mae_points=tuple(errors),
-                drop_steps=max(seen) if len(seen) == len(delays) else None,
-                false_drop_share=float(np.mean([has_false_drop(e) for e in estimates[2]])),
-            )
-        )
+        drop_steps = max(seen) if len(seen) == len(delays) else None
+        false_drops = float(np.mean([has_false_drop(each) for each in estimates[2]]))
+        rows.append(WindowRow(window, tuple(errors), drop_steps, false_drops))
     return tuple(rows)

@@ -6,7 +6,7 @@ states for a limit stands beside the time at which the limit was crossed.
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,7 @@ from ...command_answer import Answer
 from ...health.trend import NS_PER_S, preload_trend
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
-from ..report.page import write_study
-from ..report.pictures import ESTIMATE, MUTED, STYLE, TRUTH
+from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, write_study
 
 LEAD_M = 0.008
 LIMITS = (90.0, 85.0, 80.0)
@@ -30,25 +29,6 @@ _S_PER_H = 3600.0
 _STAGE_H, _SPEED_STEP_H = 35.0, 140.0
 _SPEED_RPM, _SPEED_STEP_RPM = 300.0, 200.0
 """Test of Xi'an Jiaotong University: a reading every 35 h, 200 r/min more every 140 h."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WearTest:
-    """Readings of one screw; the first is that of the fresh screw.
-
-    Attributes:
-        time_h, distance_m: time and way run until each reading, (n,).
-        drag_nm: mean drag torque, N m, (n,).
-    """
-
-    time_h: Floats
-    distance_m: Floats
-    drag_nm: Floats
-
-    @property
-    def percent(self) -> Floats:
-        """Drag in percent of the fresh screw's, (n,)."""
-        return np.asarray(100.0 * self.drag_nm / self.drag_nm[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,129 +54,105 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
-    """Time at which a limit was crossed, h from new, straight between readings; inf if never.
-
-    Attributes:
-        first_h: when a reading first lay below.
-        last_h: when the last reading above it was left for good.
-    """
-
-    first_h: float
-    last_h: float
-
-
-@dataclass(frozen=True, slots=True)
 class WearStudy:
     """All that was stated of one screw, and what came, by limit in percent of fresh.
 
     Attributes:
-        stated, held: dates stated before the first crossing, and bands that held it.
+        crossings_h: when a reading first lay below, h from new; inf if never.
+        stated, held: dates stated before the crossing, and bands that held it.
     """
 
     stages: tuple[Stage, ...]
-    crossings: Mapping[float, Crossing]
+    crossings_h: Mapping[float, float]
     stated: int
     held: int
 
 
 def reproduce_wear(path: Path, out: Path) -> Answer:
     """Write `report.html` and `wear.png` into `out`. Raises TraceError: no wear test."""
-    test = read_wear_test(path)
-    found = study(test)
+    found = study(*read_wear_test(path))
     lines = [f"{'h':>6} {'drag %':>7}  " + "".join(f"{limit:<26g}" for limit in LIMITS).rstrip()]
-    lines += [_line(stage, found.crossings) for stage in found.stages]
-    for limit, came in found.crossings.items():
-        last = f"for good at {came.last_h:.0f} h" if math.isfinite(came.last_h) else "not for good"
-        first = f"first reading below at {came.first_h:.0f} h, {last}"
-        said = first if math.isfinite(came.first_h) else "not reached"
+    lines += [_line(stage, found.crossings_h) for stage in found.stages]
+    for limit, came_h in found.crossings_h.items():
+        said = f"first below at {came_h:.0f} h" if math.isfinite(came_h) else "not reached"
         lines.append(f"{limit:g} % of fresh: {said}")
     verdict = f"{found.held} of {found.stated} {LEVEL:.0%} bands held what came."
-    write_study(
-        out,
-        "wear",
-        "Dates of a screw that wore out",
-        verdict,
-        "\n".join(lines),
-        draw_wear(test, found),
-    )
-    words = "\n".join([*lines, verdict, f"report: {out / 'report.html'}"])
-    return Answer(words, found)
+    text, title = "\n".join(lines), "Dates of a screw that wore out"
+    write_study(out, "wear", title, verdict, text, draw_wear(found))
+    return Answer(f"{text}\n{verdict}\nreport: {out / 'report.html'}", found)
 
 
-def read_wear_test(path: Path) -> WearTest:
-    """Read `time_h,speed_rpm,drag_torque_nm`, or one drag torque a line, N m. Raises TraceError.
+def read_wear_test(path: Path) -> tuple[Floats, Floats, Floats]:
+    """Times in h, way run until each in m and drag torque in N m, each (n,). Raises TraceError.
 
-    The speed of a row is that since the row before. Drag torques alone are a test of Xi'an
-    Jiaotong University.
+    Of a table `time_h,speed_rpm,drag_torque_nm`, the speed of a row being that since the row
+    before, or of one drag torque a line, as in a test of Xi'an Jiaotong University.
     """
     try:
         lines = path.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TraceError(f"{path}: {error}") from None
-    rows = [(number, line) for number, line in enumerate(csv.reader(lines), 1) if any(line)]
-    named = rows and any(name in COLUMNS for name in rows[0][1])
-    header = [each.strip() for each in rows[0][1]] if named else ["drag_torque_nm"]
+    rows = [(number, row) for number, row in enumerate(csv.reader(lines), 1) if any(row)]
+    header = [each.strip() for each in rows[0][1]] if rows else []
+    named = not set(COLUMNS).isdisjoint(header)
     if named and not set(COLUMNS) <= set(header):
         raise TraceError(f"{path}: line {rows[0][0]}: expected the columns {', '.join(COLUMNS)}")
-    content = rows[1:] if named else rows
-    drag_nm = np.array([_number(path, *row, header, "drag_torque_nm") for row in content])
+    columns = {name: header.index(name) for name in COLUMNS} if named else {COLUMNS[-1]: 0}
+    table: dict[str, list[float]] = {name: [] for name in columns}
+    for number, row in rows[named:]:
+        for name, place in columns.items():
+            table[name].append(_number(f"{path}: line {number}", row[place : place + 1], name))
+    drag_nm = np.array(table[COLUMNS[-1]])
     if drag_nm.size < 2:
         raise TraceError(f"{path}: expected a drag torque in N m on each of at least 2 lines")
+    time_h = _STAGE_H * np.arange(drag_nm.size, dtype=np.float64)
+    steps = np.maximum(np.ceil(time_h / _SPEED_STEP_H) - 1.0, 0.0)
+    speed_rpm = _SPEED_RPM + steps * _SPEED_STEP_RPM
     if named:
-        time_h = np.array([_number(path, *row, header, "time_h") for row in content])
-        speed_rpm = np.array([_number(path, *row, header, "speed_rpm") for row in content])
-        if np.any(np.diff(time_h) <= 0.0):
-            raise TraceError(f"{path}: time_h: expected times that rise")
-    else:
-        time_h = _STAGE_H * np.arange(drag_nm.size, dtype=np.float64)
-        steps = np.maximum(np.ceil(time_h / _SPEED_STEP_H) - 1.0, 0.0)
-        speed_rpm = _SPEED_RPM + steps * _SPEED_STEP_RPM
+        time_h, speed_rpm = np.array(table["time_h"]), np.array(table["speed_rpm"])
+    if np.any(np.diff(time_h) <= 0.0):
+        raise TraceError(f"{path}: time_h: expected times that rise")
     way_m = 60.0 * LEAD_M * np.diff(time_h, prepend=time_h[0]) * speed_rpm
-    return WearTest(time_h, np.cumsum(way_m), drag_nm)
+    return time_h, np.cumsum(way_m), drag_nm
 
 
-def _number(path: Path, number: int, row: list[str], header: list[str], column: str) -> float:
-    """Value of a row; only times may be 0. Raises TraceError."""
-    text = row[header.index(column)] if len(row) > header.index(column) else ""
+def _number(place: str, cell: list[str], column: str) -> float:
+    """Value of a cell; only times may be 0. Raises TraceError."""
+    text = cell[0] if cell else ""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not (0.0 < value < math.inf or (column == "time_h" and value == 0.0)):
-        raise TraceError(f"{path}: line {number}: {text[:40]!r} is no {column} above 0")
+        raise TraceError(f"{place}: {text[:40]!r} is no {column} above 0")
     return value
 
 
-def study(test: WearTest, limits: Sequence[float] = LIMITS) -> WearStudy:
-    """Ask the trend after every reading, each time with the readings until then."""
-    came = {limit: crossing(test, limit) for limit in limits}
-    stages = []
-    for count in range(1, test.time_h.size + 1):
-        seen = WearTest(test.time_h[:count], test.distance_m[:count], test.drag_nm[:count])
-        dates = trend_dates(seen, limits)
-        stages.append(Stage(float(seen.time_h[-1]), float(seen.percent[-1]), dates))
-    judged = [
-        date.holds(came[limit].first_h)
-        for stage in stages
-        for limit, date in stage.dates.items()
-        if stage.time_h < came[limit].first_h < math.inf
-    ]
-    return WearStudy(tuple(stages), came, len(judged), sum(judged))
+def study(time_h: Floats, distance_m: Floats, drag_nm: Floats) -> WearStudy:
+    """Ask the trend after every reading, (n,) each, with the readings until then."""
+    percent = 100.0 * drag_nm / drag_nm[0]
+    came_h = {limit: first_crossing_h(time_h, percent, limit) for limit in LIMITS}
+    stages, judged = [], []
+    for end in range(1, time_h.size + 1):
+        stage = Stage(
+            float(time_h[end - 1]),
+            float(percent[end - 1]),
+            stated_dates(time_h[:end], distance_m[:end], percent[:end]),
+        )
+        stages.append(stage)
+        for limit, date in stage.dates.items():
+            if stage.time_h < came_h[limit] < math.inf:
+                judged.append(date.holds(came_h[limit]))
+    return WearStudy(tuple(stages), came_h, len(judged), sum(judged))
 
 
-def trend_dates(seen: WearTest, limits: Sequence[float]) -> dict[float, Date]:
+def stated_dates(time_h: Floats, distance_m: Floats, percent: Floats) -> dict[float, Date]:
     """Dates that the service would state of a screw of which it has seen so much.
 
     The readings come without an interval; their scatter tells it.
     """
-    trend = preload_trend(
-        seen.time_h * _S_PER_H,
-        seen.percent,
-        np.zeros_like(seen.percent),
-        seen.distance_m,
-        {f"{limit:g}": limit for limit in limits},
-    )
+    limits = {f"{limit:g}": limit for limit in LIMITS}
+    trend = preload_trend(time_h * _S_PER_H, percent, np.zeros_like(percent), distance_m, limits)
     dates = {}
     for each in trend.crossings:
         if each.likely_ns is not None:
@@ -206,59 +162,55 @@ def trend_dates(seen: WearTest, limits: Sequence[float]) -> dict[float, Date]:
     return dates
 
 
-def crossing(test: WearTest, limit: float) -> Crossing:
-    """Times at which the drag fell below a limit, percent of fresh; perhaps two, by scatter."""
-    below = test.percent < limit
-    first = int(np.argmax(below)) if below.any() else below.size
-    last = below.size if not below[-1] else below.size - int(np.argmin(below[::-1]))
-    times = [math.inf, math.inf]
-    for place, after in enumerate((first, last)):
-        if after < below.size:
-            between = slice(max(after - 1, 0), after + 1)
-            falling = -test.percent[between]
-            times[place] = float(np.interp(-limit, falling, test.time_h[between]))
-    return Crossing(*times)
+def first_crossing_h(time_h: Floats, percent: Floats, limit: float) -> float:
+    """Time at which the drag first fell below a limit, straight between readings; inf if never."""
+    below = percent < limit
+    if not below.any():
+        return math.inf
+    first = int(np.argmax(below))
+    between = slice(max(first - 1, 0), first + 1)
+    return float(np.interp(-limit, -percent[between], time_h[between]))
 
 
-def _line(stage: Stage, crossings: Mapping[float, Crossing]) -> str:
+def _line(stage: Stage, crossings_h: Mapping[float, float]) -> str:
     """Row of the table: dates with bands, and whether they held what came."""
     cells = []
-    for limit, came in crossings.items():
+    for limit, came_h in crossings_h.items():
         date = stage.dates.get(limit)
         if date is None:
-            cells.append("passed" if stage.time_h >= came.first_h else "no date yet")
+            cells.append("passed" if stage.time_h >= came_h else "no date yet")
             continue
         latest = f"{date.latest_h:.0f}" if math.isfinite(date.latest_h) else "open"
-        verdict = "held" if date.holds(came.first_h) else "missed"
-        verdict = verdict if math.isfinite(came.first_h) else "?"
+        verdict = "held" if date.holds(came_h) else "missed"
+        verdict = verdict if math.isfinite(came_h) else "?"
         cells.append(f"{date.likely_h:.0f} ({date.earliest_h:.0f} to {latest}) {verdict}")
     row = "".join(f"{each:<26}" for each in cells)
     return f"{stage.time_h:6.0f} {stage.percent:7.1f}  {row}".rstrip()
 
 
-def draw_wear(test: WearTest, found: WearStudy) -> Figure:
+def draw_wear(found: WearStudy) -> Figure:
     """Drag with its limits, and a panel for each limit: date stated against when it was stated."""
+    time_h = [each.time_h for each in found.stages]
+    top_h = 1.6 * time_h[-1]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.2, 5.4), layout="constrained")
-        grid = figure.add_gridspec(2, len(found.crossings), height_ratios=(1.0, 1.3))
+        grid = figure.add_gridspec(2, len(LIMITS), height_ratios=(1.0, 1.3))
         drag = figure.add_subplot(grid[0, :])
-        drag.plot(test.time_h, test.percent, "o-", color=TRUTH, ms=3.5, lw=1.0)
+        percent = [each.percent for each in found.stages]
+        drag.plot(time_h, percent, "o-", color=TRUTH, ms=3.5, lw=1.0)
         drag.set(xlabel="h from new", ylabel="drag, % of fresh")
-        top_h = 1.6 * float(test.time_h[-1])
         shared: Axes | None = None
-        for column, (limit, came) in enumerate(found.crossings.items()):
+        for column, (limit, came_h) in enumerate(found.crossings_h.items()):
             drag.axhline(limit, color=MUTED, linestyle=":", lw=1.0)
             shared = axes = figure.add_subplot(grid[1, column], sharey=shared)
-            stated = [(e.time_h, e.dates[limit]) for e in found.stages if limit in e.dates]
-            for at_h, date in stated:
-                latest_h = min(date.latest_h, 2.0 * top_h)
-                axes.vlines(at_h, date.earliest_h, latest_h, color=ESTIMATE, lw=2.0)
-                axes.plot(at_h, date.likely_h, "o", color=ESTIMATE, ms=3.5)
-            if math.isfinite(came.first_h):
-                last_h = min(came.last_h, top_h)
-                axes.axhspan(came.first_h, last_h, color=TRUTH, alpha=0.15, lw=0.0)
-                axes.axhline(came.first_h, color=TRUTH, lw=1.2)
+            for stage in found.stages:
+                if date := stage.dates.get(limit):
+                    latest_h = min(date.latest_h, 2.0 * top_h)
+                    axes.vlines(stage.time_h, date.earliest_h, latest_h, color=ESTIMATE, lw=2.0)
+                    axes.plot(stage.time_h, date.likely_h, "o", color=ESTIMATE, ms=3.5)
+            if math.isfinite(came_h):
+                axes.axhline(came_h, color=TRUTH, lw=1.2)
             axes.set(title=f"crossing of {limit:g} %", xlabel="stated at, h")
-            axes.set(xlim=(0.0, float(test.time_h[-1])), ylim=(0.0, top_h))
+            axes.set(xlim=(0.0, time_h[-1]), ylim=(0.0, top_h))
         figure.axes[1].set_ylabel("date, h from new")
     return figure

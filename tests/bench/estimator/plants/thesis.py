@@ -13,11 +13,14 @@ from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
 from edge_service.offline.reproduce.simulation import (
+    DAMPING_NM_S_PER_RAD,
     DRAG_PER_PERCENT_NM,
     DURATION_S,
+    INERTIA_KG_M2,
     PRINTED_STEP_S,
+    PROCESS_VARIANCE,
+    READING_VARIANCE,
     ThesisCase,
-    ThesisPlant,
     ThesisRun,
     preload_profile,
     run_case,
@@ -56,7 +59,6 @@ ONE_POINT = 6
 
 def thesis_machine() -> Machine:
     """The thesis' plant (Table 4.1) as a commissioned machine file, known exactly."""
-    plant = ThesisPlant()
 
     def exact(value: float) -> Quantity:
         return Quantity(value=value, tolerance=1e-4)
@@ -65,34 +67,34 @@ def thesis_machine() -> Machine:
     return Machine(
         axis=AxisConfig(lead_m=0.02, dynamic_load_rating_n=RATING_N),
         model=ModelConfig(
-            inertia_kg_m2=exact(plant.inertia_kg_m2),
-            viscous_nm_s_per_rad=exact(plant.damping_nm_s_per_rad),
+            inertia_kg_m2=exact(INERTIA_KG_M2),
+            viscous_nm_s_per_rad=exact(DAMPING_NM_S_PER_RAD),
             preload_drag_nm=exact(fresh_nm),
             preload_n=exact(FRESH_PERCENT / 100.0 * RATING_N),
         ),
         commissioned=CommissionedConfig(
             coulomb_nm=fresh_nm,
-            noise_density_nm2_s=torque_noise_var(plant) * PRINTED_STEP_S,
-            edge_noise_rad2_s2=edge_noise_var(plant),
+            noise_density_nm2_s=torque_noise_var() * PRINTED_STEP_S,
+            edge_noise_rad2_s2=edge_noise_var(),
             motion_s=DURATION_S,
             sample_period_s=PRINTED_STEP_S,
         ),
     )
 
 
-def torque_noise_var(plant: ThesisPlant) -> float:
+def torque_noise_var() -> float:
     """Variance of J times the speed's own noise over T, (N m)^2 (4.6.1)."""
-    return (plant.inertia_kg_m2 / PRINTED_STEP_S) ** 2 * plant.speed_noise_var_rad2_s2
+    return float((INERTIA_KG_M2 / PRINTED_STEP_S) ** 2 * PROCESS_VARIANCE[1])
 
 
-def edge_noise_var(plant: ThesisPlant) -> float:
+def edge_noise_var() -> float:
     """Variance of a first difference of the angle over T, rad^2/s^2 (4.6.1).
 
     The angle's own noise, and the encoder's at both ends. Two neighbours share a reading of the
     encoder; taking them as independent is on the safe side.
     """
-    bend = plant.angle_noise_var_rad2 + 2.0 * plant.rotary_noise_var_rad2
-    return bend / PRINTED_STEP_S**2
+    bend = PROCESS_VARIANCE[0] + 2.0 * READING_VARIANCE[0]
+    return float(bend / PRINTED_STEP_S**2)
 
 
 def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
@@ -177,7 +179,7 @@ def _simulated(simulation: int, seed: int) -> ThesisRun:
         percent = np.where(time_s < 0.5 * DURATION_S, FRESH_PERCENT, FRESH_PERCENT - 1.0)
     else:
         percent = preload_profile(simulation, time_s)
-    return simulate(ThesisPlant(), percent, np.random.default_rng(seed))
+    return simulate(percent, np.random.default_rng(seed))
 
 
 def _scored(simulation: int, track: Track) -> Score:
