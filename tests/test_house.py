@@ -175,15 +175,15 @@ MOST_LINES = {
     "messages": 2313,
     "models": 6255,
     "nodes": 2867,
-    "offline": 6833,
+    "offline": 6533,
     "outputs": 2177,
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 713,
-    "tests": 51674,
+    "tests": 51613,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 402
+MOST_FILES = 401
 """Modules of the product."""
 
 
