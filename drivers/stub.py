@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import StrEnum
 from importlib.metadata import entry_points
 from typing import Any, Protocol, cast
 
@@ -18,16 +18,16 @@ from .base import DriverContext, DriverMisconfiguredError
 ENTRY_POINT_GROUP = "edge_service.stubs"
 
 
-class FaultKind(IntEnum):
+class FaultKind(StrEnum):
     """Kinds of fault that a stub can simulate."""
 
-    NONE = 0
-    DELAY = 1  # answers late, by `amount` seconds
-    EXCEPTION = 2  # refuses, with code `amount` (Modbus) or a bad status (OPC UA)
-    STALE = 3  # repeats the values of now
-    DROP = 4  # hangs up, at every request
-    WORD_ORDER = 5  # exchanges the words of longer numbers (Modbus)
-    HANG = 6  # takes requests and never answers
+    NONE = "none"
+    DELAY = "delay"  # answers late, by `amount` seconds
+    EXCEPTION = "exception"  # refuses, with code `amount` (Modbus) or a bad status (OPC UA)
+    STALE = "stale"  # repeats the values of now
+    DROP = "drop"  # hangs up, at every request
+    WORD_ORDER = "word_order"  # exchanges the words of longer numbers (Modbus)
+    HANG = "hang"  # takes requests and never answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +44,9 @@ DEFAULT_AMOUNTS = {FaultKind.DELAY: 0.3, FaultKind.EXCEPTION: 4.0}
 def parse_fault(text: str) -> Fault:
     """`delay`, `delay:0.3`, `exception:2`, ... Raises ValueError."""
     name, _, amount = text.partition(":")
-    known = {kind.name.lower(): kind for kind in FaultKind}
-    if name not in known:
-        raise ValueError(f"no fault {name!r}; expected one of {', '.join(known)}")
-    kind = known[name]
+    if name not in list(FaultKind):
+        raise ValueError(f"no fault {name!r}; expected one of {', '.join(FaultKind)}")
+    kind = FaultKind(name)
     try:
         return Fault(kind, float(amount) if amount else DEFAULT_AMOUNTS.get(kind, 0.0))
     except ValueError:

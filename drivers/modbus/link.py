@@ -1,76 +1,29 @@
-"""One connection to one device: requests out, replies in, vetted where the library does not.
+"""One connection to one device: read requests out, replies in, believed where every field agrees.
 
-It takes a reply of another function code, with another number of registers, with transaction id 0
-or with bytes left over, and it fails with a traceback in the event loop where a reply cannot be
-decoded. Modbus messaging on TCP/IP 1.0b, 3.1.3: transaction, protocol (0), length, unit; then
-function, byte count and registers, or function + 0x80 and an exception code.
+Modbus messaging on TCP/IP 1.0b, 3.1.3: transaction, protocol (0), length, unit; then function,
+byte count and registers, or function + 0x80 and an exception code.
 """
 
 import asyncio
-import logging
 import struct
 from dataclasses import dataclass
 
-from pymodbus.client import AsyncModbusTcpClient
-from pymodbus.exceptions import ModbusException
-
 from edge_service.messages.samples import Quality
-from edge_service.retry import heed_cancellation
 
 from ..base import DriverUnavailableError
-from .registers import FUNCTION_OF, ReadRequest
+from .registers import ReadRequest
 
-# What the library finds wrong with a frame is passed on in the quality of the samples, once.
-logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
-_HEADER = struct.Struct(">HHHBB")
-_BEFORE_LENGTH = 6
+_HEADER = struct.Struct(">HHHB")
 _LONGEST = 254
 """Unit and longest protocol data unit."""
 
 
-class WrongReplyError(ModbusException):
+class WrongReplyError(Exception):
     """Bytes that are no reply to the request; the text says why."""
 
-    def __str__(self) -> str:
-        return self.string
 
-
-def vet(received: bytes, asked: bytes) -> bytes:
-    """The reply in the bytes received since a read request was sent; empty while it is not whole.
-
-    Whole frames of other transactions are passed over: an earlier request may be answered late.
-
-    Args:
-        asked: bytes of the request.
-
-    Raises:
-        WrongReplyError: what has come contradicts the request.
-    """
-    wanted, _, _, to_unit, to_function = _HEADER.unpack_from(asked)
-    count = int.from_bytes(asked[10:12], "big")
-    start = 0
-    while len(received) - start >= _HEADER.size:
-        transaction, protocol, length, unit, function = _HEADER.unpack_from(received, start)
-        if protocol != 0 or not 3 <= length <= _LONGEST:
-            raise WrongReplyError(f"no Modbus frame: protocol {protocol}, length {length}")
-        end = start + _BEFORE_LENGTH + length
-        if transaction == wanted:
-            refused = function == to_function | 0x80
-            if unit != to_unit:
-                raise WrongReplyError(f"a reply of unit {unit} to a request to unit {to_unit}")
-            if function != to_function and not refused:
-                raise WrongReplyError(f"a reply with function {function} to {to_function}")
-            if length != (3 if refused else 3 + 2 * count):
-                raise WrongReplyError(f"a reply of length {length} to {count} registers")
-            if len(received) >= end:
-                announced = received[start + _HEADER.size]
-                if not refused and announced != 2 * count:
-                    raise WrongReplyError(f"{announced} bytes announced for {count} registers")
-                return received[start:end]
-        if len(received) < end:
-            break
-        start = end
-    return b""
+class RefusedError(Exception):
+    """An exception of the device; the text is its code."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,61 +37,38 @@ class Reply:
         sent_s, received_s: on the event loop's clock.
     """
 
-    words: list[int]
+    words: tuple[int, ...]
     quality: Quality
     problem: str
     sent_s: float
     received_s: float
 
-    @property
-    def midpoint_s(self) -> float:
-        """Time at which the device read its registers: half way between request and reply."""
-        return 0.5 * (self.sent_s + self.received_s)
-
 
 class ModbusLink:
-    """A connection that is made when it is needed and let go after a reply that cannot be trusted.
+    """A connection that is let go after a reply that cannot be trusted, or none.
 
-    A stream that was once out of step, or a reply that may still be under way, must not be read as
-    the answer to the next request, so nothing but a new connection follows.
+    What is still under way must not be read as the answer to the next request, so nothing but a
+    new connection follows.
     """
 
-    def __init__(self, host: str, port: int, device_id: int, timeout_s: float) -> None:
-        self._host, self._port = host, port
-        self._device_id = device_id
-        self._timeout_s = timeout_s
-        self._client: AsyncModbusTcpClient | None = None
-        self._asked: bytes | None = None
+    def __init__(self, host: str, port: int, unit: int, timeout_s: float) -> None:
+        self._host, self._port, self._unit, self._timeout_s = host, port, unit, timeout_s
+        self._stream: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._transaction = 0
 
     @property
     def connected(self) -> bool:
-        """True while the connection is up."""
-        return self._client is not None and self._client.connected
+        """True until the connection is let go, or its end has been noticed."""
+        return self._stream is not None and not self._stream[1].is_closing()
 
     async def connect(self) -> None:
-        """Connect unless connected. Raises DriverUnavailableError."""
-        if self.connected:
-            return
+        """Connect anew. Raises DriverUnavailableError."""
         self.close()
-        client = AsyncModbusTcpClient(
-            self._host,
-            port=self._port,
-            timeout=self._timeout_s,
-            retries=0,
-            reconnect_delay=0,
-            trace_packet=self._vet,
-            trace_connect=self._note_connection,
-        )
-        self._client = client
         try:
-            reached = await client.connect()
-            heed_cancellation()
-        except BaseException:
-            self._let_go(client)
-            raise
-        if not reached or self._client is not client:
-            self._let_go(client)
-            raise DriverUnavailableError(f"{self._host}:{self._port}: no connection")
+            async with asyncio.timeout(self._timeout_s):
+                self._stream = await asyncio.open_connection(self._host, self._port)
+        except OSError:
+            raise DriverUnavailableError(f"{self._host}:{self._port}: no connection") from None
 
     async def read(self, request: ReadRequest) -> Reply:
         """One read; every way in which it can fail is a quality. Raises nothing but cancellation.
@@ -147,68 +77,51 @@ class ModbusLink:
         """
         loop = asyncio.get_running_loop()
         sent_s = loop.time()
-        client = self._client
-        if client is None:
-            return Reply([], Quality.NO_REPLY, "not connected", sent_s, sent_s)
-        read = (
-            client.read_holding_registers
-            if request.function == FUNCTION_OF["holding"]
-            else client.read_input_registers
-        )
+        words, quality, problem, kept = (), Quality.GOOD, "", False
         try:
-            response = await read(request.address, count=request.count, device_id=self._device_id)
-            heed_cancellation()
-        except (ModbusException, OSError) as error:
-            malformed = isinstance(error, WrongReplyError)
-            quality = Quality.MALFORMED if malformed else Quality.NO_REPLY
-            problem = str(error) if malformed else "no reply"
-            self._let_go(client)
-            return Reply([], quality, problem, sent_s, loop.time())
-        except BaseException:
-            self._let_go(client)
-            raise
-        received_s = loop.time()
-        if response.isError():
-            problem = f"exception {response.exception_code}"
-            return Reply([], Quality.DEVICE_EXCEPTION, problem, sent_s, received_s)
-        return Reply(list(response.registers), Quality.GOOD, "", sent_s, received_s)
+            async with asyncio.timeout(self._timeout_s):
+                words = await self._ask(request)
+            kept = True
+        except RefusedError as error:
+            quality, problem, kept = Quality.DEVICE_EXCEPTION, f"exception {error}", True
+        except WrongReplyError as error:
+            quality, problem = Quality.MALFORMED, str(error)
+        except (OSError, EOFError):
+            quality, problem = Quality.NO_REPLY, "no reply"
+        finally:
+            if not kept:
+                self.close()
+        return Reply(words, quality, problem, sent_s, loop.time())
 
     def close(self) -> None:
         """Let go of the connection; a read that is under way ends at once. Safe twice."""
-        if self._client is not None:
-            self._let_go(self._client)
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            stream[1].transport.abort()
 
-    def _vet(self, sending: bool, packet: bytes) -> bytes:
-        """Bytes that the library may see: a whole reply to the request, or nothing yet."""
-        if sending:
-            self._asked = packet
-            return packet
-        if self._asked is None:
-            return b""
-        try:
-            reply = vet(packet, self._asked)
-        except WrongReplyError as error:
-            self._fail(error)
-            return b""
-        if reply:
-            self._asked = None
-        return reply
-
-    def _note_connection(self, connected: bool) -> None:
-        if not connected:
-            self._fail(OSError("the device closed the connection"))
-
-    def _fail(self, error: Exception) -> None:
-        """End the read that is under way, if any, instead of waiting for its time to run out."""
-        waiting = self._client.ctx.response_future if self._client else None
-        if self._asked is not None and waiting is not None and not waiting.done():
-            waiting.set_exception(error)
-        self._asked = None
-
-    def _let_go(self, client: AsyncModbusTcpClient) -> None:
-        self._fail(OSError("closed"))
-        if isinstance(client.ctx.transport, asyncio.WriteTransport):
-            client.ctx.transport.abort()
-        client.close()
-        if self._client is client:
-            self._client = None
+    async def _ask(self, request: ReadRequest) -> tuple[int, ...]:
+        """The registers. Raises WrongReplyError, RefusedError, OSError and EOFError."""
+        if self._stream is None:
+            raise EOFError
+        reader, writer = self._stream
+        self._transaction = self._transaction % 0xFFFF + 1
+        function, count = request.function, request.count
+        header = _HEADER.pack(self._transaction, 0, 6, self._unit)
+        writer.write(header + struct.pack(">BHH", function, request.address, count))
+        while True:
+            header = await reader.readexactly(_HEADER.size)
+            transaction, protocol, length, unit = _HEADER.unpack(header)
+            if protocol != 0 or not 3 <= length <= _LONGEST:
+                raise WrongReplyError(f"no Modbus frame: protocol {protocol}, length {length}")
+            content = await reader.readexactly(length - 1)
+            if transaction == self._transaction:  # or an earlier request is answered late
+                break
+        if unit != self._unit:
+            raise WrongReplyError(f"a reply of unit {unit} to a request to unit {self._unit}")
+        if content[0] == function | 0x80 and len(content) == 2:
+            raise RefusedError(content[1])
+        if content[0] != function:
+            raise WrongReplyError(f"a reply with function {content[0]} to {function}")
+        if len(content) != 2 + 2 * count or content[1] != 2 * count:
+            raise WrongReplyError(f"a reply of {len(content)} bytes to {count} registers")
+        return struct.unpack(f">{count}H", content[2:])

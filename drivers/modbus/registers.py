@@ -165,10 +165,6 @@ class ModbusConfig(DriverConfig):
         """Registers of a poll group."""
         return [each for each in self.registers if self.group_of(each) == name]
 
-    def key_of(self, register: RegisterConfig) -> str:
-        """Key of a register in the configuration."""
-        return f"registers[{self.registers.index(register)}]"
-
 
 def decode_number(
     words: Sequence[int], kind: NumberType, word_order: Order = "big", byte_order: Order = "big"

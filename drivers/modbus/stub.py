@@ -14,8 +14,6 @@ from ..signals import Scaling
 from ..stub import Fault, FaultKind, Following, StubAxis
 from .registers import ModbusConfig, Order, Table, encode_number
 
-FAULT_ADDRESS = 65_000
-"""Holding register: write a fault's number here, its amount in thousandths into the next one."""
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 _OPPOSITE: dict[Order, Order] = {"big": "little", "little": "big"}
 
@@ -36,7 +34,7 @@ class ModbusStub:
         self._released = asyncio.Event()
         self._scalings = {
             (axis.name, register.address, register.table): Scaling.of(
-                register, axis.context.machine, axis.config.key_of(register)
+                register, axis.context.machine, "registers"
             )
             for axis in axes
             for register in axis.config.registers
@@ -65,8 +63,7 @@ class ModbusStub:
 
     def _device(self, unit: int) -> SimDevice:
         axes = [axis for axis in self._axes if axis.config.endpoint[2] == unit]
-        fault = dict.fromkeys((FAULT_ADDRESS, FAULT_ADDRESS + 1), True)
-        holding, inputs = _block(_taken(axes, "holding") | fault), _block(_taken(axes, "input"))
+        holding, inputs = _block(axes, "holding"), _block(axes, "input")
         bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
         return SimDevice(
             unit, simdata=(bits, list(bits), holding, inputs), action=partial(self._serve, axes)
@@ -80,20 +77,9 @@ class ModbusStub:
         _address: int,
         _count: int,
         registers: list[int],
-        written: list[int] | list[bool] | None,
+        _written: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         """Callback of the library before a reply: bring the registers up to date, or misbehave."""
-        if written:
-            asyncio.get_running_loop().call_soon(self._obey, registers, start)
-            return None
-        refusal = await self._misbehave()
-        if refusal is None and self.fault.kind is not FaultKind.STALE:
-            for axis in axes:
-                self._write(axis, "input" if function == 4 else "holding", start, registers)
-        return refusal
-
-    async def _misbehave(self) -> ExcCodes | None:
-        """Do what the fault asks for; a refusal if it is one."""
         fault = self.fault
         match fault.kind:
             case FaultKind.DELAY:
@@ -102,19 +88,13 @@ class ModbusStub:
                 await self._released.wait()
             case FaultKind.EXCEPTION:
                 return ExcCodes(int(fault.amount))
-            case FaultKind.DROP:
-                if self._server is not None:
-                    for connection in list(self._server.active_connections.values()):
-                        connection.close()
-            case _:
-                pass
+            case FaultKind.DROP if self._server is not None:
+                for connection in list(self._server.active_connections.values()):
+                    connection.close()
+        if fault.kind is not FaultKind.STALE:
+            for axis in axes:
+                self._write(axis, "input" if function == 4 else "holding", start, registers)
         return None
-
-    def _obey(self, registers: list[int], start: int) -> None:
-        """Take the fault that somebody wrote into the registers."""
-        number, thousandths = registers[FAULT_ADDRESS - start : FAULT_ADDRESS - start + 2]
-        if number in set(FaultKind):
-            self.fault = Fault(FaultKind(number), thousandths / 1000.0)
 
     def _write(self, axis: StubAxis, table: Table, start: int, registers: list[int]) -> None:
         config: ModbusConfig = axis.config
@@ -136,20 +116,16 @@ class ModbusStub:
                 registers[first : first + len(words)] = words
 
 
-def _taken(axes: Sequence[StubAxis], table: Table) -> dict[int, bool]:
-    """Addresses of a table that the map uses; none is for clients to write."""
-    return {
-        address: False
+def _block(axes: Sequence[StubAxis], table: Table) -> list[SimData]:
+    """One piece of memory for each register that the map uses; none is for clients to write."""
+    taken = {
+        address
         for axis in axes
         for register in axis.config.registers
         if register.table == table
         for address in range(register.address, register.address + register.words)
     }
-
-
-def _block(taken: dict[int, bool]) -> list[SimData]:
-    """One piece of memory per register; those that clients may write are marked."""
     return [
-        SimData(address, values=0, datatype=DataType.REGISTERS, readonly=not writable)
-        for address, writable in sorted(taken.items())
-    ] or [SimData(0, values=0, datatype=DataType.REGISTERS)]
+        SimData(address, values=0, datatype=DataType.REGISTERS, readonly=True)
+        for address in sorted(taken) or [0]
+    ]

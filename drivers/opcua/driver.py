@@ -1,17 +1,15 @@
 """OPC UA: one subscription to an axis' variables, rows of samples out."""
 
-import logging
 import math
 import time
 from collections.abc import AsyncGenerator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import ClassVar
 
 from asyncua import ua
 
 from edge_service.messages.samples import CHANNELS, Quality, SampleFrame
-from edge_service.retry import heed_cancellation
 
 from ..base import (
     DriverConfig,
@@ -22,10 +20,9 @@ from ..base import (
 )
 from ..rows import QualityCounts, RowBlock, Values
 from ..signals import Scaling
-from .session import LOST_AFTER_S, Granted, OpcuaSession
+from .session import LOST_AFTER_S, OpcuaSession
 from .variables import OpcuaConfig
 
-log = logging.getLogger(__name__)
 MERGE_SHARE = 0.5
 """Changes closer together than this share of the sampling interval were sampled together."""
 _SEVERITY = 0xC000_0000
@@ -165,11 +162,10 @@ class OpcuaDriver:
             if signal.channel is not None
         }
         self._channels = tuple(name for name in CHANNELS if name in self._scalings)
-        self._counts = {"publications": 0, "changes": 0, "dropped_publications": 0, "sessions": 0}
-        self._session = OpcuaSession(config, self._counts)
-        self._granted: Granted | None = None
-        self._maker: RowMaker | None = None
+        self._counts = {"publications": 0, "changes": 0, "sessions": 0}
         self._qualities = QualityCounts()
+        self._session: OpcuaSession | None = None
+        self._maker: RowMaker | None = None
 
     @property
     def counters(self) -> dict[str, int]:
@@ -178,86 +174,72 @@ class OpcuaDriver:
 
     @property
     def readings(self) -> dict[str, float]:
-        """Parameters that the server granted on request: intervals and queue."""
-        granted = {} if self._granted is None else asdict(self._granted)
-        return {name: float(value) for name, value in granted.items()}
+        """Intervals that the server has granted, s."""
+        session = self._session
+        if session is None:
+            return {}
+        return {"publishing_s": session.publishing_s, "sampling_s": session.sampling_s}
 
     async def open(self) -> None:
         """Connect and subscribe. Raises DriverUnavailableError or DriverMisconfiguredError."""
-        if self._session.connected:
+        if self._session is not None and self._session.connected:
             return
-        await self._session.close()
-        session = self._session = OpcuaSession(self._config, self._counts)
+        await self.close()
+        session = OpcuaSession(self._config)
         try:
-            await session.connect()
-            nodes = await session.find(self._config.signals)
-            self._granted = await session.subscribe(nodes)
+            await session.open()
         except DriverMisconfiguredError as error:
-            await session.close()
             if self._counts["sessions"]:  # it has worked: the server is on its way up or down
                 raise DriverUnavailableError(str(error)) from None
             raise
-        except BaseException:
-            await session.close()
-            raise
-        heed_cancellation()
+        self._session = session
         self._counts["sessions"] += 1
-        self._maker = RowMaker(
-            self._scalings,
-            MERGE_SHARE * max(self._granted.sampling_s, 1e-3),
-            self._config.stale_after_s,
-        )
-        asked_s, granted = self._config.sampling_s, self._granted
-        if max(granted.sampling_s, granted.publishing_s) > asked_s:
-            log.info(
-                "%s: asked for %g s, got %g s sampling and %g s publishing",
-                self._config.url,
-                asked_s,
-                granted.sampling_s,
-                granted.publishing_s,
-            )
+        merge_s = MERGE_SHARE * max(session.sampling_s, 1e-3)
+        self._maker = RowMaker(self._scalings, merge_s, self._config.stale_after_s)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """A frame per publication until `close`, or DriverUnavailableError."""
-        session, granted, maker = self._session, self._granted, self._maker
-        if not session.connected or granted is None or maker is None:
+        session, maker = self._session, self._maker
+        if session is None or maker is None or not session.connected:
             raise DriverUnavailableError(f"{self._config.url}: the session is not open")
         block = RowBlock(self._channels)
-        patience_s = max(LOST_AFTER_S, 3.0 * granted.publishing_s)
+        patience_s = max(LOST_AFTER_S, 3.0 * session.publishing_s)
         while True:
             result = await session.next(patience_s)
             if result is None or self._session is not session:
                 return
-            for time_s, values in self._rows(maker, result, granted):
+            now_s, changes = time.time(), self._changes(result)
+            self._counts["publications"] += 1
+            self._counts["changes"] += len(changes)
+            if changes:
+                rows = maker.rows(changes, now_s)
+            else:
+                rows = maker.unchanged(now_s, session.publishing_s)
+            for time_s, values in rows:
                 block.add(time_s, values)
             if len(block):
                 yield self._qualities.count(block.take())
 
     async def probe(self) -> Probe:
         """Channels and rate, once all variables have been found. Raises like `open`."""
-        session = OpcuaSession(self._config, dict.fromkeys(self._counts, 0))
+        session = OpcuaSession(self._config)
         try:
-            await session.connect()
-            nodes = await session.find(self._config.signals)
-            granted = await session.subscribe(nodes)
+            await session.open()
         finally:
             await session.close()
-        rate_hz = 1.0 / granted.sampling_s if granted.sampling_s > 0.0 else None
         return Probe(
-            f"OPC UA server {self._config.url}, publishing every {granted.publishing_s:g} s",
+            f"OPC UA server {self._config.url}, publishing every {session.publishing_s:g} s",
             self._channels,
-            rate_hz,
+            1.0 / session.sampling_s if session.sampling_s > 0.0 else None,
         )
 
     async def close(self) -> None:
         """End `frames` and leave; safe twice."""
-        session, self._session = self._session, OpcuaSession(self._config, self._counts)
-        await session.close()
+        session, self._session = self._session, None
+        if session is not None:
+            await session.close()
 
-    def _rows(
-        self, maker: RowMaker, result: ua.PublishResult, granted: Granted
-    ) -> list[tuple[float, Values]]:
-        now_s = time.time()
+    def _changes(self, result: ua.PublishResult) -> list[Change]:
         changes: list[Change] = []
         for data in result.NotificationMessage.NotificationData or ():
             if isinstance(data, ua.DataChangeNotification):
@@ -275,10 +257,7 @@ class OpcuaDriver:
                 raise DriverUnavailableError(
                     f"{self._config.url}: the subscription ended, {data.Status.name}"
                 )
-        self._counts["changes"] += len(changes)
-        if changes:
-            return maker.rows(changes, now_s)
-        return maker.unchanged(now_s, granted.publishing_s)
+        return changes
 
 
 def _unix_s(moment: datetime | None) -> float | None:

@@ -1,19 +1,16 @@
-"""A session with an OPC UA server: in, the limits, the variables, one subscription, out."""
+"""A session with an OPC UA server: in, the variables, one subscription, out."""
 
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 from asyncua import ua
 from asyncua.client.client import Client
 from asyncua.common.node import Node
 from asyncua.crypto import security_policies, uacrypto
 from asyncua.ua.attribute_ids import AttributeIds
-from asyncua.ua.object_ids import ObjectIds
-from asyncua.ua.status_codes import StatusCodes, get_name_and_doc
+from asyncua.ua.status_codes import get_name_and_doc
 from asyncua.ua.uaerrors import (
     BadBrowseNameInvalid,
     BadNodeIdInvalid,
@@ -36,17 +33,10 @@ SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""
 GOODBYE_S = 1.0
 """Longest time a server may take to close a session."""
-APPLICATION_URI = "urn:edge-service:client"
-"""Ours, where no certificate of ours says another."""
 ANSWER_S = LOST_AFTER_S = 2.0
-MOST_ITEMS = ua.NodeId(
-    ua.Int32(ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall)
-)
-MOST_WAITING = 1000
-"""Publications that may wait for a reader that is too slow."""
 QUEUE_SIZE = 20
 """Values that the server keeps for us between two publications."""
-FAILURES = (OSError, TimeoutError, UaError)
+FAILURES = (OSError, UaError)
 """Errors raised by the library when communication with a server fails, or the server refuses."""
 NOT_THERE = (
     BadBrowseNameInvalid,
@@ -58,89 +48,65 @@ NOT_THERE = (
 )
 """Errors raised for a variable that the server does not have, or for an invalid name."""
 _REFUSED = {
-    StatusCodes.BadUserAccessDenied: "user",
-    StatusCodes.BadIdentityTokenRejected: "user",
-    StatusCodes.BadIdentityTokenInvalid: "user",
-    StatusCodes.BadSecurityChecksFailed: "certificate",
-    StatusCodes.BadCertificateUntrusted: "certificate",
-    StatusCodes.BadCertificateInvalid: "certificate",
-    StatusCodes.BadCertificateTimeInvalid: "certificate",
-    StatusCodes.BadCertificateUriInvalid: "certificate",
-    StatusCodes.BadSecurityPolicyRejected: "security",
-    StatusCodes.BadSecurityModeRejected: "security",
+    "BadUserAccessDenied": "user",
+    "BadIdentityToken": "user",
+    "BadCertificate": "certificate",
+    "BadSecurityChecksFailed": "certificate",
+    "BadSecurity": "security",
 }
-"""A refusal that trying again does not change -> the key to look at."""
-
-
-@asynccontextmanager
-async def translated(url: str) -> AsyncIterator[None]:
-    """Every failure inside becomes one of the two driver errors."""
-    try:
-        yield
-    except FAILURES as error:
-        key = _REFUSED.get(error.code) if isinstance(error, UaStatusCodeError) else None
-        if key is not None:
-            raise DriverMisconfiguredError(key, f"{url}: refused, {say(error)}") from None
-        raise DriverUnavailableError(f"{url}: {say(error)}") from None
-
-
-def say(error: Exception) -> str:
-    """An error in a few words."""
-    if isinstance(error, UaStatusCodeError):
-        return str(get_name_and_doc(error.code)[0])
-    if isinstance(error, TimeoutError):
-        return "no answer in time"
-    return str(error) or type(error).__name__
-
-
-@dataclass(frozen=True, slots=True)
-class Granted:
-    """Granted parameters: intervals in s, and values that the server queues."""
-
-    publishing_s: float
-    sampling_s: float
-    queue_size: int
+"""Beginning of a refusal that trying again does not change -> the key to look at."""
 
 
 class OpcuaSession:
-    """One connection. Every failure of the library leaves as one of the two driver errors."""
+    """One connection with a subscription to the variables; the handle of each is its number.
 
-    def __init__(self, config: OpcuaConfig, counts: dict[str, int]) -> None:
-        self._config, self._counts = config, counts
+    Every failure of the library leaves as one of the two driver errors.
+
+    Attributes:
+        publishing_s, sampling_s: intervals that the server has granted.
+    """
+
+    def __init__(self, config: OpcuaConfig) -> None:
+        self._config = config
         self._client: Client | None = None
-        self._is_lost = self._is_closed = False
-        self._waiting: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue(MOST_WAITING)
+        self._is_closed = False
+        self._arrived: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue()
+        self.publishing_s = self.sampling_s = config.sampling_s
 
     @property
     def connected(self) -> bool:
         """True while a session is open and no loss of it has been noticed."""
-        return self._client is not None and not self._is_lost
+        return self._client is not None
 
-    async def connect(self) -> None:
-        """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
+    async def open(self) -> None:
+        """Connect and subscribe. Raises DriverUnavailableError and DriverMisconfiguredError."""
         config = self._config
         client = Client(config.url, timeout=ANSWER_S)
         client.name = client.description = "edge-service"
-        client.application_uri = APPLICATION_URI
+        client.application_uri = "urn:edge-service:client"
         client.session_timeout = round(1e3 * SESSION_S)
         client.connection_lost_callback = self._note_loss
         if config.user is not None:
             client.set_user(config.user)
             client.set_password(config.plain_password)
-        await self._secure(client)
         try:
-            async with translated(self._config.url):
+            if config.security != "None":
+                await _secure(client, config)
+            with _translated(config.url):
                 await client.connect()
+                self._client = client
+                await self._subscribe(client, await _find(client, config.signals))
+            heed_cancellation()
         except BaseException:
+            self._client = None
             await _leave(client)
             raise
-        self._client = client
 
     async def close(self) -> None:
         """Leave, which ends `next`; safe twice."""
         client, self._client = self._client, None
         self._is_closed = True
-        self._put(None)
+        self._arrived.put_nowait(None)
         if client is not None:
             await _leave(client)
 
@@ -149,50 +115,23 @@ class OpcuaSession:
         result, problem = None, "connection closed"
         try:
             async with asyncio.timeout(patience_s):
-                result = await self._waiting.get()
+                result = await self._arrived.get()
         except TimeoutError:
             problem = f"no message for {patience_s:g} s"
         if result is None and not self._is_closed:
             await self.close()
-            heed_cancellation()
             raise DriverUnavailableError(f"{self._config.url}: {problem}")
         return result
 
-    async def find(self, signals: Sequence[NodeConfig]) -> list[Node]:
-        """The variables. Raises DriverMisconfiguredError for one that is not there."""
-        client = self._require()
-        async with translated(self._config.url):
-            namespaces = await client.get_namespace_array()
-        nodes = []
-        for number, signal in enumerate(signals):
-            key = f"signals[{number}]"
-            try:
-                if is_path(signal.node):
-                    path = browse_path(signal.node, namespaces)
-                    node = await client.nodes.objects.get_child(path)
-                else:
-                    node = client.get_node(node_id(signal.node, namespaces))
-                await node.read_browse_name()
-            except NOT_THERE as error:
-                raise DriverMisconfiguredError(
-                    f"{key}.node", f"{signal.node!r}: {say(error)}"
-                ) from None
-            except FAILURES as error:
-                raise DriverUnavailableError(f"{self._config.url}: {say(error)}") from None
-            unit, declared = await _stated_unit(node), signal.declared_unit
-            if unit is not None and unit != declared and signal.scale == 1.0:
-                raise DriverMisconfiguredError(
-                    f"{key}.unit",
-                    f"{declared!r}, but the server states {unit!r} for {signal.node}",
-                )
-            nodes.append(node)
-        return nodes
+    async def _note_loss(self, _error: Exception) -> None:
+        lost, self._client = self._client, None
+        self._arrived.put_nowait(None)
+        if lost is not None:
+            await _leave(lost)
 
-    async def subscribe(self, nodes: Sequence[Node]) -> Granted:
-        """Subscribe to all nodes; the client handle of a node is its number."""
-        config, session = self._config, self._require().uaclient.session
-        asked_ms = 1e3 * config.sampling_s
-        keep_alive = max(int(LOST_AFTER_S / config.sampling_s / 3.0), 1)
+    async def _subscribe(self, client: Client, nodes: list[Node]) -> None:
+        asked_ms, session = 1e3 * self._config.sampling_s, client.uaclient.session
+        keep_alive = max(int(LOST_AFTER_S / self._config.sampling_s / 3.0), 1)
         parameters = ua.CreateSubscriptionParameters(
             RequestedPublishingInterval=asked_ms,
             RequestedLifetimeCount=10 * keep_alive + 100,
@@ -214,84 +153,91 @@ class OpcuaSession:
             )
             for number, node in enumerate(nodes)
         ]
-        async with translated(self._config.url):
-            (most,) = await session.read_attributes([MOST_ITEMS], AttributeIds.Value)
-            at_once = (most.Value.Value if most.Value is not None else 0) or len(items)
-            created = await session.create_subscription(parameters, self._receive)
-            results = []
-            for start in range(0, len(items), at_once):
-                results += await session.create_monitored_items(
-                    ua.CreateMonitoredItemsParameters(
-                        SubscriptionId=created.SubscriptionId,
-                        TimestampsToReturn=ua.TimestampsToReturn.Both,
-                        ItemsToCreate=items[start : start + at_once],
-                    )
-                )
+        created = await session.create_subscription(parameters, self._arrived.put_nowait)
+        results = await session.create_monitored_items(
+            ua.CreateMonitoredItemsParameters(
+                SubscriptionId=created.SubscriptionId,
+                TimestampsToReturn=ua.TimestampsToReturn.Both,
+                ItemsToCreate=items,
+            )
+        )
         for number, result in enumerate(results):
             if not result.StatusCode.is_good():
                 raise DriverMisconfiguredError(
                     f"signals[{number}].node", f"cannot be subscribed to: {result.StatusCode.name}"
                 )
-        return Granted(
-            1e-3 * created.RevisedPublishingInterval,
-            1e-3 * max(result.RevisedSamplingInterval for result in results),
-            min(int(result.RevisedQueueSize) for result in results),
-        )
-
-    async def _secure(self, client: Client) -> None:
-        config = self._config
-        if config.security == "None":
-            return
-        assert config.certificate and config.private_key and config.server_certificate
-        for key in ("certificate", "private_key", "server_certificate"):
-            path = getattr(config, key)
-            if not path.is_file():
-                raise DriverMisconfiguredError(key, f"{path}: no such file")
-        policy = getattr(security_policies, f"SecurityPolicy{config.security}")
-        try:
-            await client.set_security(
-                policy,
-                config.certificate,
-                config.private_key,
-                server_certificate=str(config.server_certificate),
-                mode=ua.MessageSecurityMode.SignAndEncrypt,
-            )
-            ours = await uacrypto.load_certificate(config.certificate)
-            with contextlib.suppress(x509.ExtensionNotFound, IndexError):
-                names = ours.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-                uris = names.get_values_for_type(x509.UniformResourceIdentifier)
-                client.application_uri = uris[0]
-        except (ValueError, TypeError, OSError) as error:
-            raise DriverMisconfiguredError("certificate", f"cannot be used: {error}") from None
-
-    async def _note_loss(self, _error: Exception) -> None:
-        self._is_lost = True
-        self._put(None)
-
-    def _receive(self, result: ua.PublishResult) -> None:
-        self._counts["publications"] += 1
-        self._put(result)
-
-    def _put(self, result: ua.PublishResult | None) -> None:
-        """Hand on, dropping the oldest where the reader is too slow."""
-        if self._waiting.full():
-            self._waiting.get_nowait()
-            self._counts["dropped_publications"] += 1
-        self._waiting.put_nowait(result)
-
-    def _require(self) -> Client:
-        if self._client is None:
-            raise DriverUnavailableError(f"{self._config.url}: the session is not open")
-        return self._client
+        self.publishing_s = 1e-3 * created.RevisedPublishingInterval
+        self.sampling_s = 1e-3 * max(result.RevisedSamplingInterval for result in results)
 
 
-async def _stated_unit(node: Node) -> str | None:
-    """Unit that a variable itself states, if it does and it is one of ours."""
+@contextlib.contextmanager
+def _translated(url: str) -> Iterator[None]:
     try:
-        stated = await (await node.get_child("0:EngineeringUnits")).read_value()
-        return unit_of_code(int(stated.UnitId))
-    except (*FAILURES, AttributeError, TypeError):
-        return None
+        yield
+    except FAILURES as error:
+        said = _words(error)
+        key = next((key for start, key in _REFUSED.items() if said.startswith(start)), None)
+        if key is not None:
+            raise DriverMisconfiguredError(key, f"{url}: refused, {said}") from None
+        raise DriverUnavailableError(f"{url}: {said}") from None
+
+
+def _words(error: Exception) -> str:
+    if isinstance(error, UaStatusCodeError):
+        return str(get_name_and_doc(error.code)[0])
+    if isinstance(error, TimeoutError):
+        return "no answer in time"
+    return str(error) or type(error).__name__
+
+
+async def _secure(client: Client, config: OpcuaConfig) -> None:
+    assert config.certificate and config.private_key and config.server_certificate
+    for key in ("certificate", "private_key", "server_certificate"):
+        path = getattr(config, key)
+        if not path.is_file():
+            raise DriverMisconfiguredError(key, f"{path}: no such file")
+    try:
+        await client.set_security(
+            getattr(security_policies, f"SecurityPolicy{config.security}"),
+            config.certificate,
+            config.private_key,
+            server_certificate=str(config.server_certificate),
+            mode=ua.MessageSecurityMode.SignAndEncrypt,
+        )
+        ours = await uacrypto.load_certificate(config.certificate)
+        with contextlib.suppress(x509.ExtensionNotFound, IndexError):
+            names = ours.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            client.application_uri = names.get_values_for_type(x509.UniformResourceIdentifier)[0]
+    except (ValueError, TypeError, OSError) as error:
+        raise DriverMisconfiguredError("certificate", f"cannot be used: {error}") from None
+
+
+async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
+    """The variables. Raises DriverMisconfiguredError for one that is not there."""
+    namespaces = await client.get_namespace_array()
+    nodes = []
+    for number, signal in enumerate(signals):
+        try:
+            if is_path(signal.node):
+                path = browse_path(signal.node, namespaces)
+                node = await client.nodes.objects.get_child(path)
+            else:
+                node = client.get_node(node_id(signal.node, namespaces))
+            await node.read_browse_name()
+        except NOT_THERE as error:
+            problem = f"{signal.node!r}: {_words(error)}"
+            raise DriverMisconfiguredError(f"signals[{number}].node", problem) from None
+        unit, declared = None, signal.declared_unit
+        with contextlib.suppress(*FAILURES, AttributeError, TypeError):
+            stated = await (await node.get_child("0:EngineeringUnits")).read_value()
+            unit = unit_of_code(int(stated.UnitId))
+        if unit is not None and unit != declared and signal.scale == 1.0:
+            raise DriverMisconfiguredError(
+                f"signals[{number}].unit",
+                f"{declared!r}, but the server states {unit!r} for {signal.node}",
+            )
+        nodes.append(node)
+    return nodes
 
 
 async def _leave(client: Client) -> None:

@@ -8,7 +8,6 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import UTC
 from typing import Any
 
@@ -24,7 +23,7 @@ from asyncua.ua.uaerrors import UaStatusCodeError
 
 from ..base import DriverMisconfiguredError
 from ..signals import Scaling
-from ..stub import Fault, FaultKind, Following, StubAxis, parse_fault
+from ..stub import Fault, FaultKind, Following, StubAxis
 from .variables import (
     NAMESPACE,
     NodeConfig,
@@ -45,10 +44,7 @@ LEAST_INTERVAL_S = 0.1
 
 
 class OpcuaStub:
-    """A server for all axes that share its address.
-
-    The variable `FeedDrive/Fault` below Objects takes faults by name, e.g. `delay:0.3`.
-    """
+    """A server for all axes that share its address."""
 
     def __init__(self, axes: Sequence[StubAxis]) -> None:
         self._axes = axes
@@ -57,8 +53,6 @@ class OpcuaStub:
         self._server: Server | None = None
         self._task: asyncio.Task[None] | None = None
         self._points: list[tuple[StubAxis, NodeConfig, Scaling | None, Node]] = []
-        self._fault_node: Node | None = None
-        self._wanted = "none"
         self.fault = Fault()
 
     async def start(self) -> str:
@@ -109,8 +103,13 @@ class OpcuaStub:
             await server.load_certificate(config.server_certificate)
             await server.load_private_key(key)
             certificate = await uacrypto.load_certificate(config.certificate)
-            ours = bytes(uacrypto.der_from_x509(certificate))
-            server.set_certificate_validator(_Trust(ours).check)
+            ours = uacrypto.der_from_x509(certificate)
+
+            async def check(theirs: Any, _description: Any) -> None:
+                if uacrypto.der_from_x509(theirs) != ours:
+                    raise ServiceError(StatusCodes.BadCertificateUntrusted)
+
+            server.set_certificate_validator(check)
         if config.user is not None:
             server.set_identity_tokens([ua.UserNameIdentityToken])
 
@@ -124,16 +123,19 @@ class OpcuaStub:
                     scaling = Scaling.of(signal, axis.context.machine, f"signals[{number}]")
                 node = await add_signal(server, axis.name, signal)
                 self._points.append((axis, signal, scaling, node))
-        folder = await server.nodes.objects.add_object(2, "FeedDrive")
-        self._fault_node = await folder.add_variable(2, "Fault", "none")
-        await self._fault_node.set_writable()
 
     async def _serve(self, server: Server) -> None:
         """Write a sample of every variable, on a fixed grid of time."""
         loop = asyncio.get_running_loop()
         due_s = loop.time()
         while True:
-            await self._obey(server)
+            for transport in list(server.iserver.asyncio_transports):
+                if self.fault.kind is FaultKind.DROP:
+                    transport.abort()
+                elif self.fault.kind is FaultKind.HANG:
+                    transport.pause_reading()
+                else:
+                    transport.resume_reading()
             if self.fault.kind not in (FaultKind.STALE, FaultKind.HANG):
                 await self._write(server)
             due_s += LEAST_INTERVAL_S
@@ -154,23 +156,6 @@ class OpcuaStub:
             )
             await server.write_attribute_value(node.nodeid, value)
 
-    async def _obey(self, server: Server) -> None:
-        """Do what the fault asks for, or what somebody wrote into its variable."""
-        assert self._fault_node is not None
-        wanted = str(await self._fault_node.read_value())
-        if wanted != self._wanted:
-            self._wanted = wanted
-            with suppress(ValueError):
-                self.fault = parse_fault(wanted)
-        transports: list[Any] = list(server.iserver.asyncio_transports)
-        for transport in transports:
-            if self.fault.kind is FaultKind.DROP:
-                transport.abort()
-            elif self.fault.kind is FaultKind.HANG:
-                transport.pause_reading()
-            else:
-                transport.resume_reading()
-
 
 class _Users:
     """Lets in the one user that is configured, or everybody where none is."""
@@ -179,28 +164,12 @@ class _Users:
         self._known = (user, password)
 
     def get_user(
-        self,
-        iserver: Any,
-        username: str | None = None,
-        password: str | None = None,
-        certificate: Any = None,
+        self, _server: Any, username: Any = None, password: Any = None, certificate: Any = None
     ) -> User | None:
         """The user, or None for a stranger."""
         if self._known[0] is None or (username, password) == self._known:
             return User(role=UserRole.User)
         return None
-
-
-class _Trust:
-    """Trusts one client certificate and no other."""
-
-    def __init__(self, trusted: bytes) -> None:
-        self._trusted = trusted
-
-    async def check(self, certificate: Any, _description: Any) -> None:
-        """Raise what the library expects for a certificate that is not trusted."""
-        if uacrypto.der_from_x509(certificate) != self._trusted:
-            raise ServiceError(StatusCodes.BadCertificateUntrusted)
 
 
 async def add_signal(server: Server, axis: str, signal: NodeConfig) -> Node:

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pymodbus.client import AsyncModbusTcpClient
 
 from drivers.base import DriverUnavailableError
 from drivers.modbus.driver import ModbusDriver, PollGroup
-from drivers.modbus.stub import FAULT_ADDRESS, ModbusStub
-from drivers.stub import Fault, FaultKind
+from drivers.modbus.stub import ModbusStub
+from drivers.stub import Fault, FaultKind, StubAxis
 from edge_service.messages.samples import (
     ANGLE,
     TABLE_POSITION,
@@ -22,7 +21,7 @@ from edge_service.messages.samples import (
     SampleFrame,
 )
 
-from ..bench import CONTEXT, free_port, truth
+from ..bench import CONTEXT, counting_source, free_port, truth
 from .bench import REGISTERS, config_of, stub_of
 
 
@@ -163,18 +162,6 @@ async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> 
     assert np.isfinite((await rig.rows(2)).channels[TORQUE]).all()
 
 
-async def test_a_fault_can_be_written_into_the_running_stub(rig: Rig) -> None:
-    client = AsyncModbusTcpClient("127.0.0.1", port=rig.config.endpoint[1])
-    await client.connect()
-    written = await client.write_registers(FAULT_ADDRESS, [2, 6000])
-    assert not written.isError()
-    refused = await client.read_holding_registers(0, count=2)
-    assert refused.exception_code == 6
-    await client.write_registers(FAULT_ADDRESS, [0, 0])
-    assert not (await client.read_holding_registers(0, count=2)).isError()
-    client.close()
-
-
 async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
     odd = [
         {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": -0.01}
@@ -199,10 +186,6 @@ async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
 async def test_a_stub_serves_units_of_several_axes() -> None:
     port = free_port()
     first, second = config_of(port), config_of(port, device_id=2)
-    from drivers.stub import StubAxis
-
-    from ..bench import counting_source
-
     stub = ModbusStub(
         [
             StubAxis("X", first, CONTEXT, counting_source()),

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import pytest_asyncio
-from asyncua.client.client import Client
 from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
@@ -105,21 +104,6 @@ async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: Op
     ):
         await take(driver, 1000)
     assert time.monotonic() - start_s < 5.0
-
-
-async def test_a_fault_can_be_written_into_the_running_stub(
-    config: OpcuaConfig, stub: OpcuaStub
-) -> None:
-    async with Client(config.url) as client:
-        node = await client.nodes.objects.get_child(["2:FeedDrive", "2:Fault"])
-        await node.write_value("delay:0.4")
-        async with asyncio.timeout(5.0):
-            while stub.fault != Fault(FaultKind.DELAY, 0.4):
-                await asyncio.sleep(0.02)
-        await node.write_value("none")
-        async with asyncio.timeout(5.0):
-            while stub.fault != Fault():
-                await asyncio.sleep(0.02)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
