@@ -167,7 +167,7 @@ MOST_LINES = {
     "config": 639,
     "diagnose": 5203,
     "downsample": 1313,
-    "drivers": 4381,
+    "drivers": 4138,
     "estimate": 5532,
     "fingerprint": 3065,
     "health": 5559,
@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 713,
-    "tests": 51613,
+    "tests": 51439,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 401
