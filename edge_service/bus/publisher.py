@@ -8,8 +8,7 @@ from typing import Any, Generic
 import zenoh
 from zenoh import ext
 
-from ..messages.codec import JSON_ENCODING, Header, T
-from ..messages.topics import Keep, Topic
+from ..messages.codec import JSON_ENCODING, Header, T, Topic
 
 MOST_KEPT, LONGEST_KEPT = 64, 16_384
 """Payloads that are kept decoded, and bytes of the longest of them."""
@@ -85,7 +84,7 @@ class Publisher(Generic[T]):
             session.declare_queryable(
                 key, zenoh.handlers.Callback(self._answer, indirect=False), complete=True
             )
-            if topic.keep is Keep.LAST
+            if topic.keeps_last
             else None
         )
         self.boot_epoch = boot_epoch

@@ -12,8 +12,7 @@ import zenoh
 from ..clock import now_ns
 from ..exit_status import BadInputError
 from ..messages.addresses import split_endpoint
-from ..messages.codec import T
-from ..messages.topics import Topic
+from ..messages.codec import T, Topic
 from ..threads import Threads
 from .publisher import Decoding, Publisher
 from .questions import Answer, Answering, ask

@@ -14,9 +14,8 @@ from typing import Generic
 import zenoh
 
 from ..clock import CLOCK
-from ..messages.codec import CodecError, Header, T
+from ..messages.codec import CodecError, Header, T, Topic
 from ..messages.keys import axis_of
-from ..messages.topics import Topic
 from .publisher import Decoding
 from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
 

@@ -63,7 +63,7 @@ class _Application(FastAPI):
             "password": {"type": "http", "scheme": "basic"},
         }
         schema["security"] = [{"token": []}, {"password": []}, {}]
-        schema["x-topics"] = {each.payload: each.codec.description() for each in TOPICS.values()}
+        schema["x-topics"] = {each.schema: each.description() for each in TOPICS.values()}
         return schema
 
 

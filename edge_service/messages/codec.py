@@ -1,12 +1,13 @@
-"""Codecs: what every payload carries, the bounds of JSON from anybody, and JSON messages.
+"""What every payload carries, and topics: key, times, limits, and bytes of the payload.
 
 What has passed holds finite numbers, integers of 64 bits, and texts and lists of limited length, so
 that whoever reads it may count on that.
 """
 
 import json
-from dataclasses import dataclass, fields
-from typing import Any, Generic, NoReturn, Protocol, TypeVar
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from pydantic import BaseModel
 
@@ -47,95 +48,92 @@ class Header:
     monotonic_time_ns: int
 
 
-HEADER_KEYS = tuple(field.name for field in fields(Header))
+_HEADER = tuple(each.name for each in fields(Header))
 
 
-class Codec(Protocol[T]):
-    """Translation of one payload type.
+@dataclass(frozen=True)
+class Topic(ABC, Generic[T]):
+    """One row of the table of topics.
 
     Attributes:
+        name: last part of the key.
         schema: name of the payload type and its version, `type/version`.
-        encoding: the Zenoh encoding that a publisher declares.
+        rate_hz: nominal rate on the wire.
+        stale_after_s: without a new payload for this long, a reader must treat it as missing.
+        most_bytes: a longer payload is refused unread.
+        most_hz: more payloads of one key than this, over a second, are refused unread.
+        keeps_last: a query on the same key is answered with the last payload.
+        cached: payloads that a publisher keeps for readers that come later, or were away.
     """
 
-    @property
-    def schema(self) -> str: ...
+    name: str
+    schema: str
+    rate_hz: float
+    stale_after_s: float
+    most_bytes: int
+    most_hz: float
+    keeps_last: bool = field(default=True, kw_only=True)
+    cached: int = field(default=0, kw_only=True)
+    encoding: ClassVar[str]
+    """The Zenoh encoding that a publisher declares."""
 
-    @property
-    def encoding(self) -> str: ...
-
+    @abstractmethod
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
-        """Bytes of a payload."""
-        ...
+        """Bytes of a payload with its axis and header."""
 
+    @abstractmethod
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis (empty if none), header and payload. Raises CodecError."""
-        ...
 
+    @abstractmethod
     def description(self) -> dict[str, Any]:
         """JSON schema of the payload, or the columns of a binary block."""
-        ...
+
+    def members(self, axis: str | None, header: Header) -> dict[str, Any]:
+        """Members of every message."""
+        return {"schema": self.schema, "axis": axis} | asdict(header)
+
+    def taken(self, members: dict[str, Any]) -> tuple[str, Header]:
+        """Axis (empty if none) and header, the latter taken out. Raises CodecError."""
+        schema, axis = members.pop("schema", None), members.get("axis", 0)
+        if schema != self.schema:
+            raise CodecError(f"{schema!r:.40} where {self.schema} was expected")
+        numbers = [members.pop(name, None) for name in _HEADER]
+        if not all(type(each) is int and 0 <= each <= LARGEST for each in numbers):
+            raise CodecError("a header without its four integers of 63 bits")
+        try:
+            return check_part(axis) if axis not in (None, "") else "", Header(*numbers)
+        except (TypeError, ValueError):
+            raise CodecError("an axis that is no name") from None
+
+    def described(self) -> dict[str, Any]:
+        """JSON schema of the members of every message."""
+        own = {"schema": {"const": self.schema}, "axis": {"type": ["string", "null"]}}
+        return own | {name: {"type": "integer"} for name in _HEADER}
 
 
-def header_members(header: Header) -> dict[str, int]:
-    """Members of a message for its header."""
-    return {key: getattr(header, key) for key in HEADER_KEYS}
-
-
-def header_schema() -> dict[str, Any]:
-    """JSON schema of those members."""
-    return {key: {"type": "integer"} for key in HEADER_KEYS}
-
-
-def take_header(members: dict[str, Any]) -> Header:
-    """Remove the header from the members of a message. Raises CodecError."""
-    values = [members.pop(key, None) for key in HEADER_KEYS]
-    numbers = [each for each in values if type(each) is int and 0 <= each <= LARGEST]
-    if len(numbers) < len(HEADER_KEYS):
-        raise CodecError("a header without its four integers of 63 bits")
-    return Header(*numbers)
-
-
-def checked_axis(members: dict[str, Any]) -> str:
-    """Axis of a message, empty if none. Raises CodecError."""
-    axis = members.get("axis", 0)
-    if axis is None or axis == "":
-        return ""
-    try:
-        return check_part(axis)
-    except (TypeError, ValueError):
-        raise CodecError("an axis that is no name") from None
-
-
-@dataclass(frozen=True, slots=True)
-class JsonCodec(Generic[_Payload]):
-    """Codec of one model: its members beside those of the header, and a member `schema`.
+@dataclass(frozen=True)
+class JsonTopic(Topic[_Payload]):
+    """Topic of one model: its members beside those of every message.
 
     Attributes:
         strict: refuse values of another type even where they could be converted.
     """
 
-    schema: str
     model: type[_Payload]
     strict: bool = True
-
-    @property
-    def encoding(self) -> str:
-        """The Zenoh encoding."""
-        return JSON_ENCODING
+    encoding = JSON_ENCODING
 
     def encode(self, axis: str | None, header: Header, payload: _Payload) -> bytes:
         """Bytes of a payload with its axis and header."""
-        members = {"schema": self.schema, "axis": axis} | header_members(header)
-        return json.dumps(members | payload.model_dump(mode="json"), allow_nan=False).encode()
+        members = self.members(axis, header) | payload.model_dump(mode="json")
+        return json.dumps(members, allow_nan=False).encode()
 
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
         """Axis (empty if none), header and payload. Raises CodecError."""
         try:
             members = parse_bounded(payload)
-            if members.pop("schema", None) != self.schema:
-                raise CodecError(f"no {self.schema} message")
-            header, axis = take_header(members), checked_axis(members)
+            axis, header = self.taken(members)
             if "axis" not in self.model.model_fields:
                 del members["axis"]
             text = json.dumps(members)
@@ -147,9 +145,7 @@ class JsonCodec(Generic[_Payload]):
 
     def description(self) -> dict[str, Any]:
         """JSON schema of a message."""
-        schema = self.model.model_json_schema()
-        own = {"schema": {"const": self.schema}, "axis": {"type": ["string", "null"]}}
-        own |= header_schema()
+        schema, own = self.model.model_json_schema(), self.described()
         schema["properties"] = own | schema["properties"]
         schema["required"] = [*dict.fromkeys([*own, *schema.get("required", [])])]
         return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
@@ -188,9 +184,5 @@ def _check(value: Any, depth: int) -> None:
             raise ValueError(f"nested deeper than {MOST_DEPTH}")
         if len(value) > MOST_ENTRIES:
             raise ValueError(f"more than {MOST_ENTRIES} entries")
-        if isinstance(value, dict):
-            for name in value:
-                _check(name, depth)
-            value = value.values()
-        for each in value:
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
             _check(each, depth - 1)

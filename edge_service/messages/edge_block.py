@@ -13,25 +13,14 @@ a dot in their names.
 
 import json
 import struct
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .codec import (
-    FURTHEST,
-    CodecError,
-    Header,
-    T,
-    checked_axis,
-    header_members,
-    header_schema,
-    parse_bounded,
-    take_header,
-)
+from .codec import FURTHEST, CodecError, Header, T, Topic, parse_bounded
 from .features import (
     FEATURE_FIELDS,
     PHASE_FIELDS,
@@ -43,7 +32,7 @@ from .features import (
 )
 from .keys import check_column
 from .row_faults import WILDEST
-from .samples import CHANNELS, TIME, Floats, Qualities, SampleFrame, Waveform
+from .samples import CHANNELS, TIME, Floats, SampleFrame, Waveform
 
 BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
@@ -54,24 +43,19 @@ PERIOD_S = (1e-7, 10.0)
 """Shortest and longest time between two values of a fast sensor, s."""
 _PREFIX = struct.Struct("<4sI")
 _QUALITY = ".quality"
-_EVERY_FAULT, _MOST_COUNT = int(~Fault.NONE), 2**31
-_INTEGER_FEATURES = frozenset({"sample_count", "reversal_count"})
-_PHASE_COLUMNS = {(phase, field): f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS}
-_FEATURE_UNITS = {"s": "s", "nm": "N m", "rad": "rad", "m": "m", "c": "degC", "n": "N"}
+_MOST_COUNT = {"fault": int(~Fault.NONE), "sample_count": 2**31, "reversal_count": 2**31}
+_UNITS = {"rad_s2": "rad/s^2", "rad_s": "rad/s", "s": "s", "nm": "N m", "rad": "rad", "m": "m"}
+_UNITS |= {"c": "degC", "n": "N"}
+"""Ending of a feature's name -> its unit, the longest first."""
 
 
 @dataclass(frozen=True)
-class BlockCodec(ABC, Generic[T]):
-    """Codec of one type of block; a subclass says what its columns are."""
+class BlockTopic(Topic[T]):
+    """Topic of one type of block; a subclass says what its columns are."""
 
-    schema: str
+    encoding = BLOCK_ENCODING
     units: ClassVar[Mapping[str, str]] = {TIME: "s"}
     """Units of the columns that every block of the type has."""
-
-    @property
-    def encoding(self) -> str:
-        """The Zenoh encoding."""
-        return BLOCK_ENCODING
 
     @abstractmethod
     def to_columns(self, payload: T) -> tuple[Mapping[str, Floats], Mapping[str, str]]:
@@ -84,8 +68,7 @@ class BlockCodec(ABC, Generic[T]):
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
         """Bytes of a payload with its axis and header."""
         columns, units = self.to_columns(payload)
-        members: dict[str, Any] = {"schema": self.schema, "axis": axis}
-        members |= header_members(header)
+        members = self.members(axis, header)
         members["rows"] = len(next(iter(columns.values())))
         members["columns"] = [(name, units.get(name, "")) for name in columns]
         text = json.dumps(members).encode()
@@ -97,36 +80,31 @@ class BlockCodec(ABC, Generic[T]):
         try:
             magic, length = _PREFIX.unpack_from(payload)
             if magic != MAGIC:
-                raise CodecError("no edge block: wrong first four bytes")
+                raise ValueError("wrong first four bytes")
             start = _PREFIX.size + length
             members = parse_bounded(payload[_PREFIX.size : start])
             body = np.frombuffer(payload, dtype="<f8", offset=start)
-        except CodecError:
-            raise
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
-        if members.get("schema") != self.schema:
-            found = f"{members.get('schema')!r:.40}"
-            raise CodecError(f"{found} block where {self.schema} was expected")
-        units, rows = _units(members.get("columns")), members.get("rows")
+        units, rows = _units_of(members.get("columns")), members.get("rows")
         if type(rows) is not int or rows < 0 or body.size != rows * len(units):
             raise CodecError("an edge block whose size contradicts its header")
+        axis, header = self.taken(members)
         table = body.reshape(len(units), rows).astype(np.float64)
         table.flags.writeable = False
-        columns = dict(zip(units, table, strict=True))
-        return checked_axis(members), take_header(members), self.from_columns(columns, units)
+        return axis, header, self.from_columns(dict(zip(units, table, strict=True)), units)
 
     def description(self) -> dict[str, Any]:
         """Header and columns of a block."""
         return {
             "title": self.schema,
             "encoding": MAGIC.decode(),
-            "header": {"schema": {"const": self.schema}} | header_schema(),
+            "header": self.described(),
             "columns": dict(self.units),
         }
 
 
-def _units(columns: object) -> dict[str, str]:
+def _units_of(columns: object) -> dict[str, str]:
     """Units by the names of the columns. Raises CodecError."""
     units: dict[str, str] = {}
     for column in columns if isinstance(columns, list) else ():
@@ -143,7 +121,15 @@ def _units(columns: object) -> dict[str, str]:
     return units
 
 
-class SampleCodec(BlockCodec[SampleFrame]):
+def _time_of(columns: dict[str, Floats], least: int) -> Floats:
+    """Times of at least so many rows, taken out of the columns. Raises CodecError."""
+    time_s = columns.pop(TIME, np.empty(0))
+    if len(time_s) < least or not (np.abs(time_s) <= LONGEST_S).all():
+        raise CodecError("a block without rows, or at an impossible time")
+    return time_s
+
+
+class SampleTopic(BlockTopic[SampleFrame]):
     """Samples: columns `time_s` and the frame's channels."""
 
     def to_columns(self, payload: SampleFrame) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -157,33 +143,19 @@ class SampleCodec(BlockCodec[SampleFrame]):
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> SampleFrame:
         """Frame of columns. Raises CodecError."""
-        if TIME not in columns:
-            raise CodecError("a block of samples without time_s")
-        time_s = columns.pop(TIME)
-        if not time_s.size or not _is_within(time_s, LONGEST_S):
-            raise CodecError("a block of samples without rows, or at an impossible time")
-        quality = {
-            name.removesuffix(_QUALITY): _codes(columns.pop(name))
-            for name in [name for name in columns if name.endswith(_QUALITY)]
-        }
+        time_s, quality = _time_of(columns, 1), {}
+        for name in [name for name in columns if name.endswith(_QUALITY)]:
+            codes = columns.pop(name)
+            if not ((codes >= 0.0) & (codes <= 255.0)).all():
+                raise CodecError("a quality that is no code")
+            quality[name.removesuffix(_QUALITY)] = codes.astype(np.uint8)
         try:
             return SampleFrame(time_s, columns, quality)
         except ValueError as error:
             raise CodecError(f"a block of samples: {error}") from None
 
 
-def _is_within(values: Floats, most: float) -> bool:
-    """All values are finite and within [-most, most]."""
-    return bool((np.abs(values) <= most).all())
-
-
-def _codes(column: Floats) -> Qualities:
-    if not ((column >= 0.0) & (column <= 255.0)).all():
-        raise CodecError("a quality that is no code")
-    return column.astype(np.uint8)
-
-
-class WaveformCodec(BlockCodec[Waveform]):
+class WaveformTopic(BlockTopic[Waveform]):
     """A piece of a fast sensor's signal: columns `time_s` and the sensor."""
 
     def to_columns(self, payload: Waveform) -> tuple[dict[str, Floats], dict[str, str]]:
@@ -193,75 +165,67 @@ class WaveformCodec(BlockCodec[Waveform]):
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> Waveform:
         """Signal of columns. Raises CodecError."""
-        time_s = columns.pop(TIME, None)
-        if time_s is None or len(columns) != 1 or len(time_s) < 2:
-            raise CodecError("a waveform without a clock and one sensor")
-        if not _is_within(time_s, LONGEST_S):
-            raise CodecError("a waveform at an impossible time")
+        time_s = _time_of(columns, 2)
+        if len(columns) != 1:
+            raise CodecError("a waveform without one sensor")
         ((sensor, values),) = columns.items()
         period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
         if not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
             raise CodecError("a waveform with an impossible period")
-        if not _is_within(np.nan_to_num(values, posinf=np.inf, neginf=-np.inf), WILDEST):
+        if (np.abs(values) > WILDEST).any():
             raise CodecError("a waveform with values that no sensor has")
         return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
 
 
-def _feature_unit(name: str) -> str:
-    for end, unit in (("rad_s2", "rad/s^2"), ("rad_s", "rad/s")):
-        if name.endswith(end):
-            return unit
-    return _FEATURE_UNITS.get(name.rpartition("_")[2], "")
+def _phase_column(phase: str, field: str) -> str:
+    return f"{phase}_{field}"
 
 
-class FeatureCodec(BlockCodec[FeatureBlock]):
+class FeatureTopic(BlockTopic[FeatureBlock]):
     """One interval as one row: the fields of FeatureBlock, of its phases and of fast sensors.
 
     Columns that this version does not know are left unread.
     """
 
-    units = {name: _feature_unit(name) for name in (*FEATURE_FIELDS, *_PHASE_COLUMNS.values())}
+    units = {
+        name: next((unit for end, unit in _UNITS.items() if name.endswith(f"_{end}")), "")
+        for name in (
+            *FEATURE_FIELDS,
+            *(_phase_column(phase, field) for phase in PHASES for field in PHASE_FIELDS),
+        )
+    }
 
     def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
         """Columns and units of an interval."""
-        names = [*self.units, *(each.name for each in payload.vibration)]
-        numbers = [*_numbers(payload), *(each.value for each in payload.vibration)]
-        row = np.array(numbers, dtype=np.float64).reshape(-1, 1)
-        fast = {each.name: each.unit for each in payload.vibration}
-        return dict(zip(names, row, strict=True)), {**self.units, **fast}
+        row = {name: getattr(payload, name) for name in FEATURE_FIELDS}
+        for phase in PHASES:
+            part = getattr(payload, phase)
+            row |= {_phase_column(phase, field): getattr(part, field) for field in PHASE_FIELDS}
+        row |= {each.name: each.value for each in payload.vibration}
+        columns = {name: np.array([value], np.float64) for name, value in row.items()}
+        return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         """Interval of columns. Raises CodecError."""
-        fast = {name: column for name, column in columns.items() if "." in name}
-        if self.units.keys() - columns.keys():
-            raise CodecError("a block of features without columns that every block has")
-        columns = {name: columns[name] for name in self.units}
-        if len(columns[TIME]) != 1:
-            raise CodecError("a block of features with another number of rows than one")
-        vibration = tuple(VibrationColumn(k, float(v[0]), units[k]) for k, v in fast.items())
-        row: list[float] = np.concatenate(list(columns.values())).tolist()
-        if any(abs(number) > FURTHEST for number in (*row, *(each.value for each in vibration))):
-            raise CodecError("an interval with numbers that nobody can measure")
-        values = dict(zip(columns, row, strict=True))
-        if not (0.0 < values["duration_s"] <= LONGEST_S and abs(values[TIME]) <= LONGEST_S):
-            raise CodecError("an interval at an impossible time")
-        integers = {name: _whole(values.pop(name), _MOST_COUNT) for name in _INTEGER_FEATURES}
-        fault = Fault(_whole(values.pop("fault"), _EVERY_FAULT))
-        phases = {
-            phase: Phase(
-                **{field: values.pop(_PHASE_COLUMNS[phase, field]) for field in PHASE_FIELDS}
-            )
-            for phase in PHASES
+        if self.units.keys() - columns.keys() or len(columns[TIME]) != 1:
+            raise CodecError("a block of features without its columns, or without one row")
+        row: dict[str, Any] = {
+            name: float(column[0])
+            for name, column in columns.items()
+            if name in self.units or "." in name
         }
-        fields: dict[str, Any] = integers | values | phases
-        return FeatureBlock(fault=fault, vibration=vibration, **fields)
-
-
-def _whole(value: float, most: int) -> int:
-    if not (0.0 <= value <= most and value.is_integer()):
-        raise CodecError("a count that is none")
-    return int(value)
-
-
-_numbers = attrgetter(*FEATURE_FIELDS, *(f"{phase}.{field}" for phase, field in _PHASE_COLUMNS))
-"""All numbers of an interval, in the order of the columns."""
+        if any(abs(number) > FURTHEST for number in row.values()):
+            raise CodecError("an interval with numbers that nobody can measure")
+        if not (0.0 < row["duration_s"] <= LONGEST_S and abs(row[TIME]) <= LONGEST_S):
+            raise CodecError("an interval at an impossible time")
+        for name, most in _MOST_COUNT.items():
+            if not (0.0 <= row[name] <= most and row[name].is_integer()):
+                raise CodecError(f"{name}: a count that is none")
+            row[name] = int(row[name])
+        row["fault"] = Fault(row["fault"])
+        for phase in PHASES:
+            numbers = {field: row.pop(_phase_column(phase, field)) for field in PHASE_FIELDS}
+            row[phase] = Phase(**numbers)
+        fast = [name for name in row if "." in name]
+        row["vibration"] = tuple(VibrationColumn(k, row.pop(k), units[k]) for k in fast)
+        return FeatureBlock(**row)

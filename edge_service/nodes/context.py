@@ -15,9 +15,8 @@ from ..clock import now_ns
 from ..config import AxisConfig, EdgeConfig
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.store import FILE_NAME, State, Store, StoreFailedError
-from ..messages.codec import Header, T
+from ..messages.codec import Header, T, Topic
 from ..messages.event import AxisCondition, Event
-from ..messages.topics import Topic
 from ..models.machine import Machine
 from .stages import load_machines
 

@@ -10,6 +10,7 @@ import re
 import ssl
 import time
 from contextlib import suppress
+from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +23,6 @@ from .. import __version__
 from ..broker_tls import BrokerTlsError, broker_tls
 from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
-from ..messages.codec import header_members
 from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
 from . import sparkplug
@@ -297,8 +297,8 @@ class MqttOutput(Output):
 def preload_of(answer: AxisAnswer) -> dict[str, Any]:
     """Members of the message `preload`: that of the bus, as it may be read now."""
     return {
-        "schema": PRELOAD.payload,
-        **({} if answer.header is None else header_members(answer.header)),
+        "schema": PRELOAD.schema,
+        **({} if answer.header is None else asdict(answer.header)),
         **answer.preload().model_dump(mode="json", exclude={"age_s"}),
     }
 

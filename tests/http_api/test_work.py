@@ -246,7 +246,7 @@ async def test_a_schema_describes_every_payload(client):
     from edge_service.messages.topics import TOPICS
 
     schemas = (await client.get("/openapi.json")).json()["x-topics"]
-    assert set(schemas) == {topic.payload for topic in TOPICS.values()}
+    assert set(schemas) == {topic.schema for topic in TOPICS.values()}
     assert schemas["preload/1"]["properties"]["schema"] == {"const": "preload/1"}
     assert schemas["features/1"]["columns"]["torque_mean_nm"] == "N m"
 

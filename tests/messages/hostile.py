@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from edge_service.messages.codec import Topic
 from edge_service.messages.edge_block import BLOCK_ENCODING, MAGIC
-from edge_service.messages.topics import TOPICS, Topic
+from edge_service.messages.topics import TOPICS
 
 from .examples import HEADER, PAYLOADS
 

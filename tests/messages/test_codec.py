@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edge_service.messages.codec import CodecError, Header
-from edge_service.messages.edge_block import FeatureCodec
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, VibrationColumn
@@ -62,7 +61,7 @@ def test_a_block_can_be_read_with_the_standard_library_alone() -> None:
 
 
 def test_every_feature_with_a_dimension_has_a_unit() -> None:
-    bare = {name for name, unit in FeatureCodec.units.items() if not unit}
+    bare = {name for name, unit in FEAT.units.items() if not unit}
     assert bare == {
         "sample_count",
         "fault",
@@ -72,9 +71,9 @@ def test_every_feature_with_a_dimension_has_a_unit() -> None:
         "reversal_count",
         "steady_direction",
     }
-    assert FeatureCodec.units["braking_acceleration_rad_s2"] == "rad/s^2"
-    assert FeatureCodec.units["speed_end_rad_s"] == "rad/s"
-    assert FeatureCodec.units["torque_mean_nm"] == "N m"
+    assert FEAT.units["braking_acceleration_rad_s2"] == "rad/s^2"
+    assert FEAT.units["speed_end_rad_s"] == "rad/s"
+    assert FEAT.units["torque_mean_nm"] == "N m"
 
 
 def test_json_payloads_come_back_equal() -> None:
