@@ -155,7 +155,7 @@ class MqttOutput(Output):
                     content = sparkplug.flat("event", event.model_dump(mode="json"))
                     await self._tell_device(event.axis, content)
                 else:
-                    content = {"schema": EVENT.payload} | event.model_dump(mode="json")
+                    content = {"schema": EVENT.schema} | event.model_dump(mode="json")
                     await self._publish(f"{self._root}/{event.axis or 'event'}/event", content)
             return
         axis, now_s = message.axis, time.monotonic()
@@ -306,7 +306,7 @@ def preload_of(answer: AxisAnswer) -> dict[str, Any]:
 def health_of(answer: AxisAnswer) -> dict[str, Any]:
     """Members of the message `health`: that of the bus, as it may be read now."""
     members = answer.health.model_dump(mode="json", exclude={"friction"})
-    return {"schema": HEALTH.payload} | members
+    return {"schema": HEALTH.schema} | members
 
 
 def _of_fresh(bound: str) -> str:
