@@ -62,7 +62,7 @@ class MqttDriver:
             return
         await self._leave()
         client_id = f"edge-service-{socket.gethostname()}-{self._context.axis}-samples"
-        link = self._link = MqttLink(self._config, client_id, keep_session=True)
+        link = self._link = MqttLink(self._config, client_id)
         try:
             await link.connect()
             await link.subscribe(self._config.topic)
@@ -97,7 +97,7 @@ class MqttDriver:
 
     async def probe(self) -> Probe:
         """Listen until two samples are heard. Raises like `open`, and says what came instead."""
-        link, stream = MqttLink(self._config, None, keep_session=False), self._new_stream()
+        link, stream = MqttLink(self._config, None), self._new_stream()
         topics: dict[str, str] = {}
         times_s: list[float] = []
         try:

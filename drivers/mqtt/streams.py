@@ -71,11 +71,11 @@ class Order:
     behind too many late ones.
 
     Attributes:
-        repeated, late, restarts: how many of each.
+        counts: samples repeated and late, and restarts.
     """
 
     def __init__(self) -> None:
-        self.repeated = self.late = self.restarts = 0
+        self.counts = {"repeated_samples": 0, "late_samples": 0, "restarts": 0}
         self._known: OrderedDict[float, int] = OrderedDict()
         self._newest = -math.inf
         self._late_in_a_row = 0
@@ -87,11 +87,8 @@ class Order:
             keys: count or time, (n,); a sample without one is kept, and judged by its reader.
             rows: the values, (n, m).
         """
-        kept = [
-            math.isnan(key) or self._is_wanted(key, hash(row.tobytes()))
-            for key, row in zip(keys.tolist(), rows, strict=True)
-        ]
-        return np.array(kept, dtype=bool)
+        pairs = zip(keys.tolist(), rows, strict=True)
+        return np.array([math.isnan(k) or self._is_wanted(k, hash(r.tobytes())) for k, r in pairs])
 
     def forget(self) -> None:
         """Begin anew: what comes next belongs to another run."""
@@ -102,13 +99,14 @@ class Order:
         if key <= self._newest:
             known = self._known.get(key)
             if known == content:
-                self.repeated += 1
+                self.counts["repeated_samples"] += 1
                 return False
-            if known is None and self._is_late(key):
-                self.late += 1
+            passed = known is None and key > next(iter(self._known))
+            if passed and self._late_in_a_row < MOST_LATE:
+                self.counts["late_samples"] += 1
                 self._late_in_a_row += 1
                 return False
-            self.restarts += 1
+            self.counts["restarts"] += 1
             self._known.clear()
         self._late_in_a_row = 0
         self._newest = key
@@ -116,9 +114,6 @@ class Order:
         if len(self._known) > MEMORY:
             self._known.popitem(last=False)
         return True
-
-    def _is_late(self, key: float) -> bool:
-        return key > next(iter(self._known)) and self._late_in_a_row < MOST_LATE
 
 
 class LiveRows(Source):
@@ -178,6 +173,9 @@ class EdgeStream:
         path: of the source, for messages.
         columns: of the machine file.
         axis: which of several axes, and what its units need.
+
+    Attributes:
+        channels: of the axis; none before a message said them.
     """
 
     def __init__(self, path: Path, columns: Mapping[str, ColumnLike], axis: ControllerAxis) -> None:
@@ -194,13 +192,11 @@ class EdgeStream:
         self._shift_s, self._newest_s = 0.0, -np.inf
         self._delivered = 0
         self.channels: tuple[str, ...] = ()
-        """Channels of the axis; none before a message said them."""
 
     @property
     def counters(self) -> dict[str, int]:
         """Samples lost, repeated and late, gaps, restarts of the count, and rows set aside."""
-        repeated = {"repeated_samples": self._order.repeated, "late_samples": self._order.late}
-        return self._sums() | repeated
+        return self._order.counts | self._sums()
 
     @property
     def readings(self) -> dict[str, float]:
@@ -225,20 +221,17 @@ class EdgeStream:
         if not all(isinstance(block, list) for block in blocks):
             raise MessageError(f"{SAMPLES} that is no list of rows")
         if header is not None and _signals(header) != _signals(self._header):
-            self._header = header
-            self._ended, self._live = self._sums(), None
+            self._ended, self._live, self._header = self._sums(), None, header
             self._order.forget()
         rows = [row for block in blocks for row in block]
         if not rows:
             return []
-        if self._header is None:
-            raise MessageError(f"{SAMPLES} before a {HEADER} that names its signals")
-        live = self._live or self._begin(rows)
-        samples, _ = live.rows.numbers(rows)
-        counts = samples[:, live.names.index(EDGE_CYCLE)]
-        counts[~(np.abs(counts) < LARGEST_COUNT)] = np.nan
-        kept = self._order.keep(counts, samples)
         try:
+            live = self._live or self._begin(rows)
+            samples, _ = live.rows.numbers(rows)
+            counts = samples[:, live.names.index(EDGE_CYCLE)]
+            counts[~(np.abs(counts) < LARGEST_COUNT)] = np.nan
+            kept = self._order.keep(counts, samples)
             frame = live.read(samples[kept]) if kept.any() else None
         except TraceError as error:
             raise MessageError(str(error)) from None
@@ -246,12 +239,14 @@ class EdgeStream:
 
     def _begin(self, rows: list[Any]) -> LiveRows:
         header, self._header = self._header, None
+        if header is None:
+            raise MessageError(f"{SAMPLES} before a {HEADER} that names its signals")
         try:
             live = LiveRows(self._path, header, rows, self._columns, self._axis)
-        except TraceError as error:
-            if isinstance(error, AxisError) and not self._delivered:
+        except AxisError as error:
+            if not self._delivered:
                 raise DriverMisconfiguredError("topic", str(error)) from None
-            raise MessageError(str(error)) from None
+            raise
         self._header, self._live = header, live
         if self._delivered:
             self._shift_s = self._newest_s + RESTART_GAP_S
@@ -275,14 +270,16 @@ class EdgeStream:
         return SampleFrame(time_s, frame.channels, quality)
 
     def _sums(self) -> dict[str, int]:
-        """Counts of all captures; the order sees a restart before their clocks do."""
-        sums = dict(self._ended)
-        if self._live is not None:
-            sums["lost_samples"] += round(self._live.clock.lost)
-            sums["gaps"] += self._live.clock.gaps
-            sums["ragged_rows"] += self._live.rows.ragged_rows
-            sums["restarts"] += self._live.clock.restarts
-        return sums
+        """Counts of all captures."""
+        if self._live is None:
+            return self._ended
+        clock, ended = self._live.clock, self._ended
+        return {
+            "lost_samples": ended["lost_samples"] + round(clock.lost),
+            "gaps": ended["gaps"] + clock.gaps,
+            "ragged_rows": ended["ragged_rows"] + self._live.rows.ragged_rows,
+            "restarts": ended["restarts"] + clock.restarts,
+        }
 
 
 def _signals(header: Any) -> Any:
@@ -315,12 +312,7 @@ class MappedStream:
     @property
     def counters(self) -> dict[str, int]:
         """Samples that came again or late, and how often the source's clock was set back."""
-        order = self._order
-        return {
-            "repeated_samples": order.repeated,
-            "late_samples": order.late,
-            "restarts": order.restarts,
-        }
+        return self._order.counts
 
     def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
         """Frames of a message. Raises MessageError."""

@@ -7,21 +7,17 @@ The format `home-assistant` adds the description by which Home Assistant finds e
 import asyncio
 import json
 import re
-import ssl
 import time
 from contextlib import suppress
 from dataclasses import asdict
 from hashlib import sha256
-from pathlib import Path
 from typing import Any, Literal
-from urllib.parse import unquote, urlsplit
 
 import aiomqtt
-from pydantic import SecretStr, field_validator, model_validator
+from pydantic import field_validator
 
 from .. import __version__
-from ..broker_tls import BrokerTlsError, broker_tls
-from ..messages.addresses import is_loopback
+from ..broker import ANSWER_S, BrokerConfig, BrokerError
 from ..messages.answer import AxisAnswer
 from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
@@ -38,30 +34,18 @@ from .base import (
 
 PERIOD_S = 1.0
 """Time in which the answer about an axis is sent once at most."""
-ANSWER_S = 5.0
-"""Time that the broker has for each answer."""
 EXPIRE_S = 60
 DISCOVERY = "homeassistant"
 ONLINE, OFFLINE = "online", "offline"
 
 
-class MqttConfig(OutputConfig):
+class MqttConfig(BrokerConfig, OutputConfig):
     """`[outputs.mqtt]`.
 
     Attributes:
-        url: `mqtt://[USER@]HOST[:PORT]`, or `mqtts://` with TLS.
-        ca_certificate: of the authority that signed the broker's certificate; those of the system
-            without.
-        client_certificate, client_key: ours, for a broker that asks for them.
         prefix: first part of the topics of JSON.
     """
 
-    url: str
-    password: SecretStr | None = None
-    password_file: Path | None = None
-    ca_certificate: Path | None = None
-    client_certificate: Path | None = None
-    client_key: Path | None = None
     format: Literal["json", "home-assistant", "sparkplug"] = "json"
     prefix: str = "feeddrive"
 
@@ -72,28 +56,6 @@ class MqttConfig(OutputConfig):
             raise ValueError(f"{value!r}: expected a topic without +, # and $")
         return value.strip("/")
 
-    @model_validator(mode="after")
-    def _check(self) -> "MqttConfig":
-        try:
-            parts = urlsplit(self.url)
-            host, _ = parts.hostname, parts.port
-        except ValueError:
-            host = None
-        if not host or parts.scheme not in ("mqtt", "mqtts") or parts.path.strip("/"):
-            raise ValueError("url: expected mqtt://HOST:PORT or mqtts://USER@HOST:PORT")
-        if parts.password is not None:
-            raise ValueError("url: holds a password; name a file of it by password_file")
-        if self.password is not None and not parts.username:
-            raise ValueError("url: names no user, there is a password")
-        if parts.username and parts.scheme == "mqtt" and not is_loopback(host):
-            raise ValueError("url: a user needs mqtts://, or the password could be read")
-        if (self.client_certificate is None) != (self.client_key is None):
-            missing = "client_key" if self.client_key is None else "client_certificate"
-            raise ValueError(f"{missing}: missing, the two go together")
-        if (self.ca_certificate or self.client_certificate) and parts.scheme == "mqtt":
-            raise ValueError("url: expected mqtts://, as there is a certificate")
-        return self
-
 
 class MqttOutput(Output):
     """One connection to a broker."""
@@ -103,21 +65,15 @@ class MqttOutput(Output):
 
     def __init__(self, config: MqttConfig, context: OutputContext) -> None:
         super().__init__(config, context)
-        parts = urlsplit(config.url)
-        self._host, self._user = parts.hostname or "", parts.username and unquote(parts.username)
-        self._port = parts.port or (8883 if parts.scheme == "mqtts" else 1883)
         self._machine = f"{context.site}/{context.machine}"
         self._root = f"{config.prefix}/{self._machine}"
         self._node = None
         if config.format == "sparkplug":
             self._node = sparkplug.Sparkplug(context.site, context.machine)
-        self._tls: ssl.SSLContext | None = None
-        if parts.scheme == "mqtts":
-            files = config.ca_certificate, config.client_certificate, config.client_key
-            try:
-                self._tls = broker_tls(*files, or_system=True)
-            except BrokerTlsError as error:
-                raise OutputMisconfiguredError(error.key, error.problem) from None
+        try:
+            config.tls()
+        except BrokerError as error:
+            raise OutputMisconfiguredError(error.key, error.problem) from None
         self._client: aiomqtt.Client | None = None
         self._listening: asyncio.Task[None] | None = None
         self._sent_s: dict[str, float] = {}
@@ -130,7 +86,7 @@ class MqttOutput(Output):
         try:
             await client.__aenter__()
         except aiomqtt.MqttError as error:
-            raise OutputUnavailableError(f"{self._host}:{self._port}: {error}") from None
+            raise OutputUnavailableError(f"{self.config.where}: {error}") from None
         self._client = client
         self._sent_s.clear()
         if self._node is not None:
@@ -192,17 +148,11 @@ class MqttOutput(Output):
         will = aiomqtt.Will(topic, payload, 1, self._node is None)
         identifier = f"edge-service-{self.context.site}-{self.context.machine}"
         name = self.context.name
-        password = self.config.password
-        return aiomqtt.Client(
-            self._host,
-            self._port,
-            identifier=f"{identifier}-test" if self.context.is_test else f"{identifier}-{name}",
-            username=self._user,
-            password=None if password is None else password.get_secret_value(),
-            tls_context=self._tls,
-            timeout=ANSWER_S,
+        client: aiomqtt.Client = self.config.client(
+            f"{identifier}-test" if self.context.is_test else f"{identifier}-{name}",
             will=None if self.context.is_test else will,
         )
+        return client
 
     async def _publish(
         self, topic: str, content: Any, qos: int = 1, *, retain: bool = False
@@ -250,7 +200,7 @@ class MqttOutput(Output):
     async def _lost(self, reason: str) -> None:
         """Raise what is wrong, after the connection was given up."""
         await self._disconnect()
-        raise OutputUnavailableError(f"{self._host}:{self._port}: {reason}")
+        raise OutputUnavailableError(f"{self.config.where}: {reason}")
 
     async def _disconnect(self) -> None:
         client, self._client = self._client, None

@@ -49,7 +49,7 @@ def collected() -> Iterator[None]:
 
 async def send(broker: Broker, payloads: list[Any], topic: str = TOPIC) -> None:
     """Publish messages, each acknowledged before the next."""
-    link = MqttLink(config_of(broker.port), None, keep_session=False)
+    link = MqttLink(config_of(broker.port), None)
     try:
         await link.connect()
         for each in payloads:

@@ -11,12 +11,16 @@ from hypothesis import strategies as st
 
 from drivers.base import DriverMisconfiguredError
 from drivers.mqtt.streams import MOST_LATE, EdgeStream, MessageError, decode_object
+from drivers.mqtt.stub import BLOCK_ROWS, EdgeWriter
+from drivers.stub import StubAxis
 from edge_service.messages.samples import Quality, SampleFrame
 from edge_service.recordings.reader import read_trace
 from edge_service.recordings.sinumerik.edge import RESTART_GAP_S
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ...recordings.form_files import EDGE_NAMES, edge_json
+from ..bench import CONTEXT, counting_source
+from .bench import config_of
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
 BLOCK = 10
@@ -99,6 +103,22 @@ def test_a_count_that_begins_anew_is_a_new_run(first: int) -> None:
     assert np.count_nonzero(np.isclose(steps_s, RESTART_GAP_S)) == 1
     assert stream.counters["restarts"] == 1
     assert stream.counters["lost_samples"] == stream.counters["repeated_samples"] == 0
+
+
+@pytest.mark.parametrize("rate_hz", [400.0, 1000.0, 8000.0])
+async def test_what_the_stub_writes_comes_back_at_its_own_times(rate_hz: float) -> None:
+    time_s = np.concatenate([np.arange(100), np.arange(400, 500)]) / rate_hz
+    values = {"motor_angle_rad": time_s * 3.0, "torque_command_nm": np.full(200, 0.5)}
+    source = counting_source()
+    writer = EdgeWriter(StubAxis("X", config_of(1), CONTEXT, source))
+    await source.aclose()
+    writer.add(SampleFrame(time_s, values))
+    sent = [decode_object(writer.message(numbers=True)) for _ in range(200 // BLOCK_ROWS)]
+    stream = stream_of(ControllerAxis(lead_m=CONTEXT.machine.axis.lead_m))
+    got = heard(stream, sent)
+    np.testing.assert_allclose(got.time_s, time_s, atol=1e-9)
+    np.testing.assert_allclose(got.channels["motor_angle_rad"], values["motor_angle_rad"])
+    assert stream.counters["lost_samples"] == 300
 
 
 def test_a_new_header_is_a_new_run_and_changing_remarks_in_it_are_none() -> None:
