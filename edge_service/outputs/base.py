@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
 from ..config_tables import Table
+from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
 from ..messages.event import Event
 
@@ -141,17 +142,37 @@ class Output(ABC):
         """Say goodbye and let go of everything; raises nothing."""
 
 
-def host_and_port(url: str, scheme: str, port: int) -> tuple[str, int]:
-    """Host and port of `scheme://host:port`; `port` where it names none. Raises ValueError."""
-    try:
-        parts = urlsplit(url)
-        host, given = parts.hostname, parts.port
-    except ValueError:
-        host, given = None, None
-    rest = (parts.path.strip("/"), parts.query, parts.username) if host else ()
-    if not host or parts.scheme != scheme or any(rest):
-        raise ValueError(f"{url!r}: expected an address of the form {scheme}://127.0.0.1:{port}")
-    return host, port if given is None else given
+class ListeningConfig(OutputConfig):
+    """Base of the tables of outputs that others connect to."""
+
+    scheme: ClassVar[str]
+    usual_port: ClassVar[int]
+    endpoint: str
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Host and port of `endpoint`. Raises ValueError."""
+        try:
+            parts = urlsplit(self.endpoint)
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host = port = None
+        if not host or parts.scheme != self.scheme or parts.path.strip("/") or parts.username:
+            form = f"{self.scheme}://127.0.0.1:{self.usual_port}"
+            raise ValueError(f"{self.endpoint!r}: expected an address of the form {form}")
+        return host, self.usual_port if port is None else port
+
+    @property
+    def is_local(self) -> bool:
+        """Nobody beyond this machine can connect. Raises ValueError."""
+        return is_loopback(self.place[0])
+
+
+def value_at(content: Any, path: str) -> Any:
+    """Value at a path of members such as `estimate.drag_torque_nm.low`; None if there is none."""
+    for name in path.split("."):
+        content = None if content is None else getattr(content, name)
+    return content
 
 
 def output_names() -> list[str]:

@@ -8,8 +8,7 @@ import asyncio
 import re
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from xml.etree import ElementTree
 
@@ -18,16 +17,14 @@ from pydantic import model_validator
 from .. import __version__
 from ..atomic import replaced_file
 from ..clock import now_ns
-from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
-from ..messages.interval import Interval
 from .base import (
+    ListeningConfig,
     Message,
     Output,
-    OutputConfig,
     OutputContext,
     OutputUnavailableError,
-    host_and_port,
+    value_at,
 )
 
 CLIENTS = 10
@@ -36,22 +33,25 @@ HEARTBEAT_S = 10.0
 """An agent that has asked once asks again within this time; after twice as long it is cut off."""
 UNREAD_BYTES = 1_000_000
 """Bytes that may wait for a client that does not read; then it is cut off."""
-LINE_BYTES = 1024
 HEARTBEAT_BYTES = 16_384
 """Bytes that a client may send within a heartbeat."""
 DEVICES_FILE = "mtconnect-devices.xml"
-NAMESPACE = "urn:mtconnect.org:MTConnectDevices:2.0"
-OWN = "urn:edge-service:MTConnectDevices:2.0"
 UNAVAILABLE = "UNAVAILABLE"
-_CONDITION_CODE = "PRELOAD"  # one native code, so that a new condition replaces the last
-_HEALTH_MISSING = ("no_health:", "stale_health:")
+SAMPLES = {
+    "preload": ("x:PRELOAD", "PERCENT", "", "of_fresh.value"),
+    "preloadLow": ("x:PRELOAD", "PERCENT", "x:LOW", "of_fresh.low"),
+    "preloadHigh": ("x:PRELOAD", "PERCENT", "x:HIGH", "of_fresh.high"),
+    "preloadForce": ("LINEAR_FORCE", "NEWTON", "", "estimate.preload_n"),
+    "dragTorque": ("TORQUE", "NEWTON_METER", "", "estimate.drag_torque_nm.value"),
+}
+"""Type, units, subtype and path in an answer of each number, by name; none holds an underscore."""
+_CONDITIONS = {"condition": "ACTUATOR", "alarms": "SYSTEM"}
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
-_ESCAPED = re.compile(r'([\\|"])')
 Values = dict[tuple[str, str], tuple[str, ...]]
 """Fields of data items, by name and, of a condition, native code."""
 
 
-class MtconnectConfig(OutputConfig):
+class MtconnectConfig(ListeningConfig):
     """`[outputs.mtconnect]`.
 
     Attributes:
@@ -60,57 +60,16 @@ class MtconnectConfig(OutputConfig):
             encryption nor login.
     """
 
+    scheme, usual_port = "tcp", 7878
     endpoint: str = "tcp://127.0.0.1:7878"
     allow_plain: bool = False
 
     @model_validator(mode="after")
     def _guarded(self) -> "MtconnectConfig":
-        host, _ = self.place
-        if not (self.allow_plain or is_loopback(host)):
-            raise ValueError(
-                f"endpoint: {host!r} is not a loopback address: anyone may read there; it needs"
-                " allow_plain"
-            )
+        if not (self.is_local or self.allow_plain):
+            problem = "is not a loopback address: anyone may read there; it needs allow_plain"
+            raise ValueError(f"endpoint: {self.place[0]!r} {problem}")
         return self
-
-    @property
-    def place(self) -> tuple[str, int]:
-        """Host and port."""
-        return host_and_port(self.endpoint, "tcp", 7878)
-
-
-@dataclass(frozen=True, slots=True)
-class Item:
-    """One data item of an axis; its name is followed by that of the axis.
-
-    Attributes:
-        kind: its type; with a prefix one that MTConnect does not have.
-        read: number in an answer; None where there is none.
-    """
-
-    kind: str
-    units: str
-    read: Callable[[AxisAnswer], float | None]
-    subtype: str = ""
-
-
-def _bound(interval: Interval | None, bound: str) -> float | None:
-    return None if interval is None else float(getattr(interval, bound))
-
-
-SAMPLES = {
-    "preload": Item("x:PRELOAD", "PERCENT", lambda each: _bound(each.of_fresh, "value")),
-    "preloadLow": Item("x:PRELOAD", "PERCENT", lambda each: _bound(each.of_fresh, "low"), "x:LOW"),
-    "preloadHigh": Item(
-        "x:PRELOAD", "PERCENT", lambda each: _bound(each.of_fresh, "high"), "x:HIGH"
-    ),
-    "preloadForce": Item("LINEAR_FORCE", "NEWTON", lambda each: each.estimate.preload_n),
-    "dragTorque": Item(
-        "TORQUE", "NEWTON_METER", lambda each: _bound(each.estimate.drag_torque_nm, "value")
-    ),
-}
-"""Numbers of an axis by name; no name holds an underscore, which ends it."""
-CONDITIONS = {"condition": "ACTUATOR", "alarms": "SYSTEM"}
 
 
 class MtconnectOutput(Output):
@@ -130,15 +89,14 @@ class MtconnectOutput(Output):
     ) -> None:
         super().__init__(config, context)
         self.now_s = clock
-        self._clients: set[_Client] = set()
+        self.clients: set[_Client] = set()
+        self.told: dict[str, tuple[Values, int | None]] = {}
         self._server: asyncio.Server | None = None
-        self._told: dict[str, tuple[Values, int | None]] = {}
-        self.cut_off = 0
 
     @property
     def readings(self) -> dict[str, float]:
         """Agents that are connected."""
-        return {"clients": float(len(self._clients))}
+        return {"clients": float(len(self.clients))}
 
     @property
     def port(self) -> int:
@@ -155,21 +113,20 @@ class MtconnectOutput(Output):
                 with replaced_file(self.context.folder / DEVICES_FILE) as file:
                     file.write(devices_xml(self.context, now_ns()))
             loop = asyncio.get_running_loop()
-            server = await loop.create_server(lambda: _Client(self), host, port)
+            self._server = await loop.create_server(lambda: _Client(self), host, port)
         except OSError as error:
             raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
-        self._server = server
 
     async def take(self, message: Message) -> None:
         """Tell all agents what has changed on an axis, and cut off those that are silent."""
         if self._server is None:
             raise OutputUnavailableError("not open")
         assert isinstance(message, AxisAnswer)
-        before, _ = self._told.get(message.axis, ({}, None))
+        before, _ = self.told.get(message.axis, ({}, None))
         values = values_of(message)
-        self._told[message.axis] = values, message.measured_ns
-        news = list(lines(changes(before, values), now_ns(), message.measured_ns))
-        for client in tuple(self._clients):
+        self.told[message.axis] = values, message.measured_ns
+        news = lines(changes(before, values), now_ns(), message.measured_ns)
+        for client in tuple(self.clients):
             client.look()
             client.tell(news)
 
@@ -178,74 +135,59 @@ class MtconnectOutput(Output):
         server, self._server = self._server, None
         if server is not None:
             server.close()
-        for client in tuple(self._clients):
-            client.cut_off()
-
-    def admit(self, client: "_Client") -> Sequence[str]:
-        """Lines that a new client is told first; none if there are too many."""
-        if len(self._clients) >= CLIENTS:
-            return ()
-        self._clients.add(client)
-        greeting = [
-            f"* adapterVersion: {__version__}",
-            "* shdrVersion: 2.0",
-            "* mtconnectVersion: 2.0",
-            *lines({("avail", ""): ("AVAILABLE",)}, now_ns()),
-        ]
-        for values, measured_ns in self._told.values():
-            greeting += lines(values, now_ns(), measured_ns)
-        return greeting
-
-    def leave(self, client: "_Client") -> None:
-        """Forget a client."""
-        self._clients.discard(client)
+        for client in tuple(self.clients):
+            client.transport.abort()
 
 
 class _Client(asyncio.Protocol):
     """Connection of one agent."""
 
+    transport: asyncio.Transport
+
     def __init__(self, output: MtconnectOutput) -> None:
         self._output = output
-        self._transport: asyncio.Transport | None = None
         self._begun = b""
         self._asked_s: float | None = None
         self._came, self._since_s = 0, output.now_s()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Greet, or refuse what is too much."""
+        """Greet with all that is known, or refuse one too many."""
         assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        first = self._output.admit(self)
-        if not first:
+        self.transport = transport
+        if len(self._output.clients) >= CLIENTS:
             transport.abort()
             return
+        self._output.clients.add(self)
         transport.set_write_buffer_limits(high=UNREAD_BYTES)
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        self.tell(first)
+        greeting = [f"* adapterVersion: {__version__}", "* shdrVersion: 2.0"]
+        greeting += ["* mtconnectVersion: 2.0", _line(now_ns(), "avail", "AVAILABLE")]
+        for values, measured_ns in self._output.told.values():
+            greeting += lines(values, now_ns(), measured_ns)
+        self.tell(greeting)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
-        self._output.leave(self)
+        self._output.clients.discard(self)
 
     def pause_writing(self) -> None:
         """Cut off whoever does not read."""
-        self.cut_off()
+        self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
         """Answer signs of life; all else is ignored, and too much of it ends the connection."""
         self._came += len(data)
         *whole, self._begun = (self._begun + data).split(b"\n")
-        if self._came > HEARTBEAT_BYTES or len(self._begun) > LINE_BYTES:
-            self.cut_off()
-            return
-        if any(line.strip() == b"* PING" for line in whole):
+        if self._came > HEARTBEAT_BYTES:
+            self.transport.abort()
+        elif any(line.strip() == b"* PING" for line in whole):
             self._asked_s = self._output.now_s()
             self.tell([f"* PONG {HEARTBEAT_S * 1000.0:.0f}"])
 
     def tell(self, told: Sequence[str]) -> None:
         """Send lines."""
-        if self._transport is not None and told and not self._transport.is_closing():
-            self._transport.write(("\n".join(told) + "\n").encode())
+        if told and not self.transport.is_closing():
+            self.transport.write(("\n".join(told) + "\n").encode())
 
     def look(self) -> None:
         """Cut off whoever has asked for a sign of life and asks no more."""
@@ -253,43 +195,33 @@ class _Client(asyncio.Protocol):
         if now_s - self._since_s > HEARTBEAT_S:
             self._came, self._since_s = 0, now_s
         if self._asked_s is not None and now_s - self._asked_s > 2.0 * HEARTBEAT_S:
-            self.cut_off()
-
-    def cut_off(self) -> None:
-        """End the connection at once."""
-        if self._transport is not None and not self._transport.is_closing():
-            self._output.cut_off += 1
-            self._transport.abort()
+            self.transport.abort()
 
 
 def values_of(answer: AxisAnswer) -> Values:
     """All that an answer says, by data item."""
     axis, health = answer.axis, answer.health
     values: Values = {}
-    for name, item in SAMPLES.items():
-        number = item.read(answer) if answer.is_heard else None
+    for name, (*_, path) in SAMPLES.items():
+        number = value_at(answer, path) if answer.is_heard else None
         values[f"{name}_{axis}", ""] = (UNAVAILABLE if number is None else f"{number:.6g}",)
-    advice = ("", UNAVAILABLE) if not answer.is_heard else ("", "")
+    advice = ("", "") if answer.is_heard else ("", UNAVAILABLE)
     if answer.is_heard and answer.advice is not None:
         due = "" if answer.due_ns is None else f" ({_moment(answer.due_ns):%Y-%m-%d})"
         advice = answer.advice.task.value, answer.advice.text + due
     values[f"advice_{axis}", ""] = advice
-    level = health.condition.value
-    if level in (UNAVAILABLE, "NORMAL"):
-        values[f"condition_{axis}", ""] = level, "", "", "", ""
-    else:
-        text = "" if health.headline is None else health.headline.text
-        values[f"condition_{axis}", ""] = level, _CONDITION_CODE, "", "LOW", text
-    active = [alarm for alarm in health.alarms if alarm.active]
-    if any(reason.startswith(_HEALTH_MISSING) for reason in health.reasons):
-        values[f"alarms_{axis}", ""] = UNAVAILABLE, "", "", "", ""
-    elif not active:
-        values[f"alarms_{axis}", ""] = "NORMAL", "", "", "", ""
-    else:
-        for alarm in active:
-            level, code = alarm.level.value, alarm.kind.value
-            fields = level if level != UNAVAILABLE else "WARNING", code, "", "", alarm.text
-            values[f"alarms_{axis}", code] = fields
+    level, text = health.condition.value, value_at(health, "headline.text") or ""
+    # One native code for every bad condition, so that a new one replaces the last.
+    told = ("", "", "", "") if level in (UNAVAILABLE, "NORMAL") else ("PRELOAD", "", "LOW", text)
+    values[f"condition_{axis}", ""] = level, *told
+    is_missing = any(each.startswith(("no_health:", "stale_health:")) for each in health.reasons)
+    active = [alarm for alarm in health.alarms if alarm.active and not is_missing]
+    for alarm in active:
+        level, code = alarm.level.value, alarm.kind.value
+        level = "WARNING" if level == UNAVAILABLE else level
+        values[f"alarms_{axis}", code] = level, code, "", "", alarm.text
+    if not active:
+        values[f"alarms_{axis}", ""] = UNAVAILABLE if is_missing else "NORMAL", "", "", "", ""
     return values
 
 
@@ -302,8 +234,8 @@ def changes(before: Values, after: Values) -> Values:
     return told
 
 
-def lines(values: Values, at_ns: int, measured_ns: int | None = None) -> Iterator[str]:
-    """Lines without their ends: one for all numbers, one for each condition and message.
+def lines(values: Values, at_ns: int, measured_ns: int | None = None) -> list[str]:
+    """Lines without their ends: of all numbers, and one for each condition and message.
 
     Args:
         at_ns: UNIX time of what is judged, ns.
@@ -311,17 +243,16 @@ def lines(values: Values, at_ns: int, measured_ns: int | None = None) -> Iterato
     """
     known: list[str] = []
     missing: list[str] = []
-    for (name, _), fields in values.items():
-        if len(fields) == 1:
-            pairs = missing if fields == (UNAVAILABLE,) else known
-            pairs += (name, *fields)
-    if missing:
-        yield _joined(at_ns, missing)
-    if known:
-        yield _joined(at_ns if measured_ns is None else measured_ns, known)
+    others = []
     for (name, _), fields in values.items():
         if len(fields) > 1:
-            yield _joined(at_ns, (name, *fields))
+            others.append(_line(at_ns, name, *fields))
+        else:
+            pairs = missing if fields == (UNAVAILABLE,) else known
+            pairs += (name, *fields)
+    numbers = [_line(at_ns, *missing)] if missing else []
+    numbers += [_line(measured_ns or at_ns, *known)] if known else []
+    return numbers + others
 
 
 def field(text: str) -> str:
@@ -329,10 +260,10 @@ def field(text: str) -> str:
     plain = _CONTROL.sub(" ", text).strip()
     if "|" not in plain and not plain.startswith('"'):
         return plain
-    return '"' + _ESCAPED.sub(r"\\\1", plain) + '"'
+    return '"' + re.sub(r'([\\|"])', r"\\\1", plain) + '"'
 
 
-def _joined(time_ns: int, parts: Iterable[str]) -> str:
+def _line(time_ns: int, *parts: str) -> str:
     moment = f"{_moment(time_ns):%Y-%m-%dT%H:%M:%S}.{time_ns % 1_000_000_000 // 1000:06d}Z"
     return "|".join((moment, *(field(part) for part in parts)))
 
@@ -342,44 +273,34 @@ def _moment(time_ns: int) -> datetime:
 
 
 def devices_xml(context: OutputContext, at_ns: int) -> str:
-    """Description of the machine for an agent, `Devices.xml` of MTConnect 2.0: its axes, and the
-    data items of each.
-    """
-    root = ElementTree.Element("MTConnectDevices", {"xmlns": NAMESPACE, "xmlns:x": OWN})
+    """Description of the machine for an agent, `Devices.xml` of MTConnect 2.0: all data items."""
+    add, space = ElementTree.SubElement, "urn:mtconnect.org:MTConnectDevices:2.0"
+    own = "urn:edge-service:MTConnectDevices:2.0"
+    root = ElementTree.Element("MTConnectDevices", {"xmlns": space, "xmlns:x": own})
     created = f"{_moment(at_ns):%Y-%m-%dT%H:%M:%SZ}"
     header = {"creationTime": created, "sender": "edge-service", "instanceId": "1"}
     header |= {"version": "2.0", "deviceModelChangeTime": created, "assetBufferSize": "1024"}
-    header |= {"assetCount": "0", "bufferSize": "131072"}
-    ElementTree.SubElement(root, "Header", header)
+    add(root, "Header", header | {"assetCount": "0", "bufferSize": "131072"})
     names = {"name": context.machine, "uuid": f"{context.site}.{context.machine}"}
-    devices = ElementTree.SubElement(root, "Devices")
-    device = ElementTree.SubElement(devices, "Device", {"id": "machine"} | names)
-    _item(ElementTree.SubElement(device, "DataItems"), "avail", "EVENT", "AVAILABILITY")
-    components = ElementTree.SubElement(device, "Components")
-    axes = ElementTree.SubElement(components, "Axes", {"id": "axes", "name": "axes"})
-    place = ElementTree.SubElement(axes, "Components")
+    device = add(add(root, "Devices"), "Device", {"id": "machine"} | names)
+
+    def item(items: ElementTree.Element, name: str, kind: str, facts: dict[str, str]) -> None:
+        add(items, "DataItem", {"id": name, "name": name, "type": kind} | facts)
+
+    item(add(device, "DataItems"), "avail", "AVAILABILITY", {"category": "EVENT"})
+    axes = add(add(device, "Components"), "Axes", {"id": "axes", "name": "axes"})
+    place = add(axes, "Components")
     for axis in context.axes:
-        linear = ElementTree.SubElement(place, "Linear", {"id": f"axis_{axis}", "name": axis})
-        items = ElementTree.SubElement(linear, "DataItems")
-        screw = {"compositionId": f"screw_{axis}"}
-        for name, kind in CONDITIONS.items():
-            _item(items, f"{name}_{axis}", "CONDITION", kind, screw)
-        for name, item in SAMPLES.items():
-            facts = {"units": item.units} | ({"subType": item.subtype} if item.subtype else {})
-            _item(items, f"{name}_{axis}", "SAMPLE", item.kind, facts | screw)
-        _item(items, f"advice_{axis}", "EVENT", "MESSAGE", screw)
-        parts = ElementTree.SubElement(linear, "Compositions")
-        ElementTree.SubElement(parts, "Composition", {"id": f"screw_{axis}", "type": "BALLSCREW"})
+        linear = add(place, "Linear", {"id": f"axis_{axis}", "name": axis})
+        items, screw = add(linear, "DataItems"), {"compositionId": f"screw_{axis}"}
+        for name, kind in _CONDITIONS.items():
+            item(items, f"{name}_{axis}", kind, {"category": "CONDITION"} | screw)
+        for name, (kind, units, subtype, _) in SAMPLES.items():
+            facts = {"category": "SAMPLE", "units": units} | screw
+            facts |= {"subType": subtype} if subtype else {}
+            item(items, f"{name}_{axis}", kind, facts)
+        item(items, f"advice_{axis}", "MESSAGE", {"category": "EVENT"} | screw)
+        parts = add(linear, "Compositions")
+        add(parts, "Composition", {"id": f"screw_{axis}", "type": "BALLSCREW"})
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _item(
-    items: ElementTree.Element,
-    name: str,
-    category: str,
-    kind: str,
-    facts: dict[str, str] | None = None,
-) -> None:
-    known = {"id": name, "name": name, "category": category, "type": kind}
-    ElementTree.SubElement(items, "DataItem", known | (facts or {}))

@@ -8,7 +8,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import ServiceError
-from asyncua.crypto.permission_rules import USER_TYPES, SimpleRoleRuleset, User, UserRole
+from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.internal_session import InternalSession
@@ -17,24 +17,21 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.status_codes import StatusCodes
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from pydantic import model_validator
 
-from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
 from ..secret_files import SecretError, expanded, read_secret
 from ..threads import Threads
 from .base import (
+    ListeningConfig,
     Message,
     Output,
-    OutputConfig,
     OutputContext,
     OutputMisconfiguredError,
     OutputUnavailableError,
-    host_and_port,
 )
-from .opcua_nodes import AddressSpace, Nodes, data_values, load_nodesets
+from .opcua_nodes import AddressSpace, data_values
 
 URI = "urn:edge-service"
 SESSIONS = 20
@@ -57,7 +54,7 @@ _BUILDERS = Threads("opcua")
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all that clients do wrong
 
 
-class OpcuaConfig(OutputConfig):
+class OpcuaConfig(ListeningConfig):
     """`[outputs.opcua]`.
 
     Attributes:
@@ -66,27 +63,20 @@ class OpcuaConfig(OutputConfig):
             are needed beyond loopback.
     """
 
+    scheme, usual_port = "opc.tcp", 4840
     endpoint: str = "opc.tcp://127.0.0.1:4840"
     certificate: Path | None = None
     private_key: Path | None = None
 
     @model_validator(mode="after")
     def _guarded(self) -> "OpcuaConfig":
-        host, _ = self.place
         if (self.certificate is None) != (self.private_key is None):
             lone = "private_key" if self.private_key is None else "certificate"
             raise ValueError(f"{lone}: missing; certificate and private_key are needed together")
-        if self.certificate is None and not is_loopback(host):
-            raise ValueError(
-                f"endpoint: {host!r} is not a loopback address: it needs certificate and"
-                " private_key"
-            )
+        if not self.is_local and self.certificate is None:
+            problem = "is not a loopback address: it needs certificate and private_key"
+            raise ValueError(f"endpoint: {self.place[0]!r} {problem}")
         return self
-
-    @property
-    def place(self) -> tuple[str, int]:
-        """Host and port."""
-        return host_and_port(self.endpoint, "opc.tcp", 4840)
 
 
 class OpcuaOutput(Output):
@@ -97,15 +87,13 @@ class OpcuaOutput(Output):
 
     def __init__(self, config: OpcuaConfig, context: OutputContext) -> None:
         super().__init__(config, context)
-        if context.knows is None and not is_loopback(config.place[0]):
-            raise OutputMisconfiguredError(
-                "endpoint", "beyond loopback it needs a token (edge-service token)"
-            )
+        if context.knows is None and not config.is_local:
+            problem = "beyond loopback it needs a token (edge-service token)"
+            raise OutputMisconfiguredError("endpoint", problem)
         self._uri = URI
         if config.certificate is not None and config.private_key is not None:
             self._uri = application_uri(config.certificate, config.private_key)
         self._server: BoundedServer | None = None
-        self._nodes: dict[str, Nodes] = {}
         self._space: AddressSpace | None = None
         self._limited: set[str] = set()
 
@@ -118,9 +106,9 @@ class OpcuaOutput(Output):
     @property
     def readings(self) -> dict[str, float]:
         """Clients that are let in now."""
-        if self._server is None:
-            return {"sessions": 0.0}
-        return {"sessions": float(len(self._server.iserver._external_sessions))}
+        server = self._server
+        count = 0 if server is None else len(server.iserver._external_sessions)
+        return {"sessions": float(count)}
 
     async def open(self) -> None:
         """Build the address space, in a thread as it takes seconds, and listen."""
@@ -128,17 +116,12 @@ class OpcuaOutput(Output):
             server = BoundedServer(self)
             await _BUILDERS.run(asyncio.run, self._build(server))
             self._server = server
-        if self._server.bserver is not None:
-            return
-        starting = asyncio.ensure_future(self._server.start())
-        try:
-            await asyncio.shield(starting)
-        except OSError as error:
-            host, port = self.config.place
-            raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
-        except asyncio.CancelledError:  # the library would lose the socket at which it listens
-            await asyncio.wait([starting])
-            raise
+        if self._server.bserver is None:
+            try:
+                await self._server.start()
+            except OSError as error:
+                host, port = self.config.place
+                raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
 
     async def take(self, message: Message) -> None:
         """Put an answer into the address space; subscribers hear of what has changed."""
@@ -150,7 +133,7 @@ class OpcuaOutput(Output):
             self._limited.add(message.axis)
         write = self._server.iserver.aspace.write_attribute_value
         for name, value in data_values(message).items():
-            for node in self._nodes[message.axis][name]:
+            for node in self._space.shown[message.axis][name]:
                 await write(node, AttributeIds.Value, value)
 
     async def close(self) -> None:
@@ -176,14 +159,13 @@ class OpcuaOutput(Output):
             await server.load_certificate(self.config.certificate, format="pem")
             await server.load_private_key(expanded(self.config.private_key), format="pem")
             policies = _ENCRYPTED
-        server.set_security_policy(policies, ReadOnly())
+        server.set_security_policy(policies, read_only())
         anybody = self.context.knows is None
-        server.set_identity_tokens(
-            [ua.AnonymousIdentityToken if anybody else ua.UserNameIdentityToken]
-        )
-        self._space = AddressSpace(server, await load_nodesets(server))
+        token = ua.AnonymousIdentityToken if anybody else ua.UserNameIdentityToken
+        server.set_identity_tokens([token])
+        self._space = AddressSpace(server)
         machine = f"{self.context.site}/{self.context.machine}"
-        self._nodes = await self._space.build(machine, self.context.axes)
+        await self._space.build(machine, self.context.axes)
 
     def get_user(
         self,
@@ -204,43 +186,32 @@ class OpcuaOutput(Output):
 
 def application_uri(certificate: Path, private_key: Path) -> str:
     """Name of the server that its certificate states. Raises OutputMisconfiguredError."""
+    key, problem = "private_key", f"{private_key}: expected a key in PEM, without a password"
     try:
-        key = load_pem_private_key(read_secret(private_key).encode(), None)
-    except SecretError as error:
-        raise OutputMisconfiguredError("private_key", str(error)) from None
-    except (ValueError, TypeError):
-        problem = f"{private_key}: expected a key in PEM, without a password"
-        raise OutputMisconfiguredError("private_key", problem) from None
-    try:
+        own = load_pem_private_key(read_secret(private_key).encode(), None).public_key()
+        key = "certificate"
+        problem = f"{certificate}: expected an RSA certificate in PEM that belongs to {private_key}"
+        problem += f" and has a URI, such as {URI}, in subjectAltName"
         held = x509.load_pem_x509_certificate(certificate.read_bytes())
         names = held.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-        uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+        (uri, *_) = names.get_values_for_type(x509.UniformResourceIdentifier)
+        if held.public_key() != own or "rsa" not in type(own).__module__:
+            raise ValueError(problem)
+    except SecretError as error:
+        raise OutputMisconfiguredError(key, str(error)) from None
     except OSError as error:
         problem = f"{certificate}: cannot be read ({error.strerror})"
-        raise OutputMisconfiguredError("certificate", problem) from None
-    except ValueError:
-        problem = f"{certificate}: contains no certificate"
-        raise OutputMisconfiguredError("certificate", problem) from None
-    except x509.ExtensionNotFound:
-        uris = []
-    if not uris or not isinstance(held.public_key(), RSAPublicKey):
-        problem = f"{certificate}: expected an RSA key and in subjectAltName a URI, such as {URI}"
-        raise OutputMisconfiguredError("certificate", problem)
-    if key.public_key() != held.public_key():
-        problem = f"{certificate}: belongs to another key than {private_key}"
-        raise OutputMisconfiguredError("certificate", problem)
-    return str(uris[0])
+        raise OutputMisconfiguredError(key, problem) from None
+    except (ValueError, TypeError, x509.ExtensionNotFound):
+        raise OutputMisconfiguredError(key, problem) from None
+    return str(uri)
 
 
-class ReadOnly(SimpleRoleRuleset):
+def read_only() -> SimpleRoleRuleset:
     """Rights of whoever is let in: to look."""
-
-    def __init__(self) -> None:
-        self._allowed = {ua.NodeId(ua.Int32(each)) for each in USER_TYPES if each not in _REFUSED}
-
-    def check_validity(self, user: User, action_type_id: ua.NodeId, body: Any) -> bool:
-        """Answer of the library's question whether a request is allowed."""
-        return action_type_id in self._allowed
+    rules = SimpleRoleRuleset()
+    rules._permission_dict[UserRole.User] -= {ua.NodeId(ua.Int32(each)) for each in _REFUSED}
+    return rules
 
 
 class _Protocol(OPCUAProtocol):
@@ -253,8 +224,8 @@ class _Protocol(OPCUAProtocol):
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
-        if len(self._buffer) > _MESSAGE_BYTES and self.transport is not None:
-            self.transport.abort()
+        if len(self._buffer) > _MESSAGE_BYTES:
+            self.pause_writing()
 
     def pause_writing(self) -> None:
         if self.transport is not None:
@@ -263,22 +234,11 @@ class _Protocol(OPCUAProtocol):
 
 class _Listener(BinaryServer):
     def _make_protocol(self) -> OPCUAProtocol:
-        return _Protocol(
-            self.iserver, self._policies, self.clients, self.closing_tasks, self.limits
-        )
+        known = self._policies, self.clients, self.closing_tasks, self.limits
+        return _Protocol(self.iserver, *known)
 
 
 class _Sessions(InternalServer):
-    def __init__(self, user_manager: Any) -> None:
-        super().__init__(user_manager)
-        self.max_connections = 2 * SESSIONS
-        self.max_pending_activation_seconds = 10.0
-        self.max_pending_messages_per_connection = 50
-        self.max_subscriptions = 4 * SESSIONS
-        self.max_monitored_item_queue_size = 100
-        self.max_unacked_messages_per_subscription = 100
-        self.allow_remote_admin = False
-
     def create_session(
         self, name: str, user: User = _NOBODY, external: bool = False
     ) -> InternalSession:
@@ -287,13 +247,11 @@ class _Sessions(InternalServer):
             raise ServiceError(StatusCodes.BadTooManySessions)
         return super().create_session(name, user, external)
 
-    def register_server(self, server: Any, conf: Any = None) -> None:
+    def register_server(self, *_: Any) -> None:
         """Refuse: it is no discovery server, and would keep whatever it is told."""
         raise ServiceError(StatusCodes.BadServiceUnsupported)
 
-    def register_server2(self, params: Any) -> None:
-        """Refuse as well."""
-        raise ServiceError(StatusCodes.BadServiceUnsupported)
+    register_server2 = register_server
 
 
 class BoundedServer(Server):
@@ -304,7 +262,15 @@ class BoundedServer(Server):
     """
 
     def __init__(self, user_manager: Any) -> None:
-        super().__init__(_Sessions(user_manager))
+        bounds = _Sessions(user_manager)
+        bounds.max_connections = 2 * SESSIONS
+        bounds.max_pending_activation_seconds = 10.0
+        bounds.max_pending_messages_per_connection = 50
+        bounds.max_subscriptions = 4 * SESSIONS
+        bounds.max_monitored_item_queue_size = 100
+        bounds.max_unacked_messages_per_subscription = 100
+        bounds.allow_remote_admin = False
+        super().__init__(bounds)
         chunks = _MESSAGE_BYTES // _CHUNK_BYTES + 1
         self.limits = TransportLimits(_CHUNK_BYTES, _CHUNK_BYTES, chunks, _MESSAGE_BYTES)
 
@@ -313,12 +279,11 @@ class BoundedServer(Server):
         if not self._policies:  # or a second try would offer all twice
             await self._setup_server_nodes()
         await self.iserver.start()
-        host, port = self.endpoint.hostname, self.endpoint.port
-        self.bserver = _Listener(self.iserver, host or "", port or 0, self.limits)
-        self.bserver.set_policies(self._policies)
+        listener = _Listener(self.iserver, *self._get_bind_socket_info(), self.limits)
+        listener.set_policies(self._policies)
         try:
-            await self.bserver.start()
+            await listener.start()
         except OSError:
             await self.iserver.stop()
-            self.bserver = None
             raise
+        self.bserver = listener

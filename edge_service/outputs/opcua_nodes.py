@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
+from typing import Any
 
 from asyncua import ua
 from asyncua.common.instantiate_util import instantiate
@@ -20,13 +21,12 @@ from ..messages.answer import AxisAnswer
 from ..messages.estimate import EstimateStatus
 from ..messages.event import AxisCondition
 from ..messages.health import AlarmKind
-from ..messages.interval import Interval
+from .base import value_at
 
 OWN = "urn:edge-service:axes"
 DI, IA = "http://opcfoundation.org/UA/DI/", "http://opcfoundation.org/UA/IA/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 MACHINE_TOOL = "http://opcfoundation.org/UA/MachineTool/"
-_NODESETS = ("Di", "IA", "Machinery", "MachineTool")
 _NUMBERED = {
     "component": (DI, 15063),
     "device_health": (DI, 15051),
@@ -58,7 +58,7 @@ _WITHOUT_NUMBER = {
     EstimateStatus.INVALID: StatusCodes.BadSensorFailure,
 }
 _DOUBLE, _STRING, _TEXT = ua.VariantType.Double, ua.VariantType.String, ua.VariantType.LocalizedText
-_Value = float | int | str | bool | datetime | list[str] | ua.LocalizedText | None
+_TIME, _BOOLEAN = ua.VariantType.DateTime, ua.VariantType.Boolean
 Nodes = dict[str, list[ua.NodeId]]
 
 
@@ -68,42 +68,15 @@ class Field:
 
     Attributes:
         kind: type of its value.
-        read: value in an answer; None where there is none.
+        read: its path in an answer, or what finds it there; None where there is none.
         unit: of a number.
-        is_list: whether there are several values.
+        default: in place of None.
     """
 
     kind: ua.VariantType
-    read: Callable[[AxisAnswer], _Value]
+    read: str | Callable[[AxisAnswer], Any]
     unit: str = ""
-    is_list: bool = False
-
-
-def _bound(interval: Interval | None, bound: str = "value") -> float | None:
-    return None if interval is None else float(getattr(interval, bound))
-
-
-def _text(said: str | None) -> ua.LocalizedText | None:
-    return None if said is None else ua.LocalizedText(said, "en")
-
-
-def _time(time_ns: int | None) -> datetime | None:
-    return None if time_ns is None else datetime.fromtimestamp(time_ns / 1e9, UTC)
-
-
-def _rate(answer: AxisAnswer) -> float | None:
-    trend = answer.health.trend
-    return None if trend is None else _bound(trend.rate_fresh_percent_per_h)
-
-
-def _next_limit_ns(answer: AxisAnswer) -> int | None:
-    limit = answer.health.next_limit
-    return None if limit is None else limit.earliest_ns
-
-
-def _headline(answer: AxisAnswer) -> ua.LocalizedText | None:
-    headline = answer.health.headline
-    return None if headline is None else _text(headline.text)
+    default: str | None = None
 
 
 def _device_health(answer: AxisAnswer) -> int | None:
@@ -125,41 +98,38 @@ def _alarms(answer: AxisAnswer) -> list[str]:
     return [alarm.text for alarm in answer.health.alarms if alarm.active]
 
 
-def _use(name: str) -> Callable[[AxisAnswer], float | None]:
-    def read(answer: AxisAnswer) -> float | None:
-        use = answer.health.use
-        return None if use is None else float(getattr(use, name))
-
-    return read
-
-
-PRELOAD, HEALTH, ADVICE, DUE = "Preload", "DeviceHealth", "Advice", "Due"
+PRELOAD, HEALTH, ADVICE, DUE, ALARMS = "Preload", "DeviceHealth", "Advice", "Due", "Alarms"
 FIELDS: dict[str, Field] = {
-    PRELOAD: Field(_DOUBLE, lambda each: _bound(each.of_fresh), "%"),
-    "PreloadLow": Field(_DOUBLE, lambda each: _bound(each.of_fresh, "low"), "%"),
-    "PreloadHigh": Field(_DOUBLE, lambda each: _bound(each.of_fresh, "high"), "%"),
-    "PreloadOfRating": Field(_DOUBLE, lambda each: each.estimate.preload_percent, "%"),
-    "PreloadForce": Field(_DOUBLE, lambda each: each.estimate.preload_n, "N"),
-    "DragTorque": Field(_DOUBLE, lambda each: _bound(each.estimate.drag_torque_nm), "N m"),
-    "Stiffness": Field(_DOUBLE, lambda each: _bound(each.estimate.stiffness_n_per_m), "N/m"),
-    "Status": Field(_STRING, lambda each: each.estimate.status.value),
-    "Method": Field(_STRING, lambda each: each.estimate.method or ""),
-    "ModelFits": Field(ua.VariantType.Boolean, _model_fits),
-    "Condition": Field(_STRING, lambda each: each.health.condition.value),
+    PRELOAD: Field(_DOUBLE, "of_fresh.value", "%"),
+    "PreloadLow": Field(_DOUBLE, "of_fresh.low", "%"),
+    "PreloadHigh": Field(_DOUBLE, "of_fresh.high", "%"),
+    "PreloadOfRating": Field(_DOUBLE, "estimate.preload_percent", "%"),
+    "PreloadForce": Field(_DOUBLE, "estimate.preload_n", "N"),
+    "DragTorque": Field(_DOUBLE, "estimate.drag_torque_nm.value", "N m"),
+    "Stiffness": Field(_DOUBLE, "estimate.stiffness_n_per_m.value", "N/m"),
+    "Status": Field(_STRING, "estimate.status"),
+    "Method": Field(_STRING, "estimate.method", default=""),
+    "ModelFits": Field(_BOOLEAN, _model_fits),
+    "Condition": Field(_STRING, "health.condition"),
     HEALTH: Field(ua.VariantType.Int32, _device_health),
-    "Headline": Field(_TEXT, _headline),
-    "AdviceCode": Field(_STRING, lambda each: each.advice.task.value if each.advice else ""),
-    ADVICE: Field(_TEXT, lambda each: _text(each.advice.text if each.advice else "")),
-    DUE: Field(ua.VariantType.DateTime, lambda each: _time(each.due_ns)),
-    "Alarms": Field(_STRING, _alarms, is_list=True),
-    "PreloadRate": Field(_DOUBLE, _rate, "%/h"),
-    "NextLimit": Field(ua.VariantType.DateTime, lambda each: _time(_next_limit_ns(each))),
-    "Distance": Field(_DOUBLE, _use("distance_m"), "m"),
-    "MovingTime": Field(_DOUBLE, _use("moving_s"), "s"),
-    "Reversals": Field(_DOUBLE, _use("reversals")),
+    "Headline": Field(_TEXT, "health.headline.text"),
+    "AdviceCode": Field(_STRING, "advice.task", default=""),
+    ADVICE: Field(_TEXT, "advice.text", default=""),
+    DUE: Field(_TIME, "due_ns"),
+    ALARMS: Field(_STRING, _alarms),
+    "PreloadRate": Field(_DOUBLE, "health.trend.rate_fresh_percent_per_h.value", "%/h"),
+    "NextLimit": Field(_TIME, "health.next_limit.earliest_ns"),
+    "Distance": Field(_DOUBLE, "health.use.distance_m", "m"),
+    "MovingTime": Field(_DOUBLE, "health.use.moving_s", "s"),
+    "Reversals": Field(_DOUBLE, "health.use.reversals"),
 }
 """Variables of an axis by name."""
 _OF_ESTIMATE = tuple(FIELDS)[:7]
+_CONVERTED: dict[ua.VariantType, Callable[[Any], Any]] = {
+    _DOUBLE: float,
+    _TEXT: lambda text: ua.LocalizedText(text, "en"),
+    _TIME: lambda time_ns: datetime.fromtimestamp(time_ns / 1e9, UTC),
+}
 
 
 def data_values(answer: AxisAnswer) -> dict[str, ua.DataValue]:
@@ -172,8 +142,11 @@ def data_values(answer: AxisAnswer) -> dict[str, ua.DataValue]:
         measured = ua.DateTime.fromtimestamp(answer.measured_ns / 1e9, UTC)
     values = {}
     for name, field in FIELDS.items():
-        value = field.read(answer)
+        read = field.read
+        value = value_at(answer, read) if isinstance(read, str) else read(answer)
+        value = field.default if value is None else value
         if value is not None:
+            value = _CONVERTED.get(field.kind, lambda same: same)(value)
             values[name] = ua.DataValue(ua.Variant(value, field.kind), SourceTimestamp=measured)
             continue
         status = StatusCodes.BadNoDataAvailable
@@ -186,82 +159,80 @@ def data_values(answer: AxisAnswer) -> dict[str, ua.DataValue]:
 
 
 class AddressSpace:
-    """Builds the nodes of one machine."""
+    """Nodes of one machine, and the variables of each axis by name."""
 
-    def __init__(self, server: Server, namespaces: Sequence[str]) -> None:
+    def __init__(self, server: Server) -> None:
         self._server = server
-        self._index = {uri: index for index, uri in enumerate(namespaces)}
+        self._index: dict[str, int] = {}
+        self.shown: dict[str, Nodes] = {}
 
-    async def build(self, machine: str, axes: Sequence[str]) -> dict[str, Nodes]:
-        """Nodes that show each variable, by axis and name; what is unknown is bad."""
+    async def build(self, machine: str, axes: Sequence[str]) -> None:
+        """Make the nodes of a machine and of its axes; what is unknown is bad."""
+        await self._load_nodesets()
         machines = self._server.get_node(self._known("machines"))
         root = await self._add(machines, machine, OWN, machine, "machine_tool")
-        place = await self._add(
-            root, f"{machine}.Components", MACHINERY, "Components", "components"
-        )
+        where = f"{machine}.Components"
+        place = await self._add(root, where, MACHINERY, "Components", "components")
         notification = await root.get_child(self._name(MACHINE_TOOL, "Notification"))
-        prognoses = await self._add(
-            notification, f"{machine}.Prognoses", MACHINE_TOOL, "Prognoses", "prognoses"
-        )
+        where = f"{machine}.Prognoses"
+        prognoses = await self._add(notification, where, MACHINE_TOOL, "Prognoses", "prognoses")
         # A type of our own, as that of DI for components is abstract; it has a health.
         base = self._server.get_node(self._known("component"))
         kind = await base.add_object_type(self._id("FeedAxisType"), self._name(OWN, "FeedAxisType"))
         await kind.add_reference(self._known("device_health"), ObjectIds.HasInterface)
-        shown = {}
         for axis in axes:
-            nodes = await self._axis(place, kind.nodeid, axis)
+            self.shown[axis] = nodes = await self._axis(place, kind.nodeid, axis)
             where = f"{axis}.Prognosis"
             prognosis = await self._add(prognoses, where, OWN, axis, "maintenance_prognosis")
             for name, child in {ADVICE: "Activity", DUE: "PredictedTime"}.items():
                 told = await prognosis.get_child(self._name(MACHINE_TOOL, child))
                 nodes[name].append(told.nodeid)
-            shown[axis] = nodes
-        known = {node for nodes in shown.values() for each in nodes.values() for node in each}
+        known = {node for nodes in self.shown.values() for each in nodes.values() for node in each}
         await self._mark_unknown(root, known)
-        return shown
+
+    async def _load_nodesets(self) -> None:
+        """Load the companion specifications, without what rests on others beyond these."""
+        server = self._server
+        for name in ("Di", "IA", "Machinery", "MachineTool"):
+            text = files(__package__).joinpath("nodesets", f"Opc.Ua.{name}.NodeSet2.xml")
+            known = "|".join(re.escape(str(uri)) for uri in await server.get_namespace_array())
+            others = rf'<RequiredModel ModelUri="(?!(?:{known})")[^>]*/>'
+            xml = re.sub(others, "", text.read_text(encoding="utf-8-sig"))
+            await server.import_xml(xmlstring=xml, strict_mode=False)
+        await server.register_namespace(OWN)
+        self._index = {str(uri): at for at, uri in enumerate(await server.get_namespace_array())}
 
     async def _axis(self, place: Node, kind: ua.NodeId, axis: str) -> Nodes:
-        node = await place.add_object(
-            self._id(axis), self._name(OWN, axis), kind, instantiate_optional=False
-        )
+        name = self._name(OWN, axis)
+        node = await place.add_object(self._id(axis), name, kind, instantiate_optional=False)
         await node.add_reference(self._known("device_health"), ObjectIds.HasInterface)
         await self._add(node, f"{axis}.Identification", DI, "Identification", "identification")
         health = await self._variable(node, axis, HEALTH, DI, self._known("health_enumeration"))
-        parameters = await node.add_object(
-            self._id(f"{axis}.ParameterSet"), self._name(DI, "ParameterSet")
-        )
+        where, name = self._id(f"{axis}.ParameterSet"), self._name(DI, "ParameterSet")
+        parameters = await node.add_object(where, name)
         counter = await self._lifetime(node, axis)
         await parameters.add_reference(counter, ObjectIds.HasComponent)
         nodes = {HEALTH: [health], PRELOAD: [counter]}
-        for name in FIELDS:
-            if name not in nodes:
-                nodes[name] = [await self._variable(parameters, axis, name, OWN)]
+        for each in FIELDS:
+            if each not in nodes:
+                nodes[each] = [await self._variable(parameters, axis, each, OWN)]
         return nodes
 
     async def _lifetime(self, node: Node, axis: str) -> ua.NodeId:
         """Preload in percent of fresh, which wears down from 100; its limits are set later."""
-        counters = await self._add(
-            node, f"{axis}.LifetimeCounters", DI, "LifetimeCounters", "lifetime_counters"
-        )
-        await self._server.delete_nodes(
-            await counters.get_children(), recursive=True
-        )  # placeholder
-        (counter, *_) = await instantiate(
-            counters,
-            self._server.get_node(self._known("lifetime_variable")),
-            self._id(f"{axis}.{PRELOAD}"),
-            self._name(OWN, PRELOAD),
-            instantiate_optional=False,
-        )
+        where = f"{axis}.LifetimeCounters"
+        counters = await self._add(node, where, DI, "LifetimeCounters", "lifetime_counters")
+        placeholders = await counters.get_children()
+        await self._server.delete_nodes(placeholders, recursive=True)
+        kind = self._server.get_node(self._known("lifetime_variable"))
+        place = self._id(f"{axis}.{PRELOAD}"), self._name(OWN, PRELOAD)
+        (counter, *_) = await instantiate(counters, kind, *place, instantiate_optional=False)
         start = await counter.get_child(self._name(DI, "StartValue"))
         await start.write_value(ua.Variant(100.0, _DOUBLE))
         unit = await counter.get_child(ua.QualifiedName("EngineeringUnits"))
         await unit.write_value(_unit("%"))
-        await counter.add_property(
-            self._id(f"{axis}.{PRELOAD}.WarningValues"),
-            self._name(DI, "WarningValues"),
-            ua.Variant([0.0], _DOUBLE),
-        )
+        where, name = self._id(f"{axis}.{PRELOAD}.WarningValues"), self._name(DI, "WarningValues")
+        await counter.add_property(where, name, ua.Variant([0.0], _DOUBLE))
         nodeid: ua.NodeId = counter.nodeid
         return nodeid
 
@@ -281,13 +252,9 @@ class AddressSpace:
         self, parent: Node, axis: str, name: str, uri: str, datatype: ua.NodeId | None = None
     ) -> ua.NodeId:
         field = FIELDS[name]
-        variable = await parent.add_variable(
-            self._id(f"{axis}.{name}"),
-            self._name(uri, name),
-            None,
-            datatype=datatype or ua.NodeId(ua.Int32(field.kind.value)),
-        )
-        if field.is_list:
+        where, kind = self._id(f"{axis}.{name}"), datatype or ua.NodeId(ua.Int32(field.kind.value))
+        variable = await parent.add_variable(where, self._name(uri, name), None, datatype=kind)
+        if name == ALARMS:
             await variable.write_value_rank(ua.ValueRank.OneDimension)
         if field.unit:
             where = self._id(f"{axis}.{name}.EngineeringUnits")
@@ -297,9 +264,8 @@ class AddressSpace:
 
     async def _add(self, parent: Node, where: str, uri: str, name: str, kind: str) -> Node:
         """An instance of a type of the nodesets, with what is mandatory in it."""
-        return await parent.add_object(
-            self._id(where), self._name(uri, name), self._known(kind), instantiate_optional=False
-        )
+        place = self._id(where), self._name(uri, name)
+        return await parent.add_object(*place, self._known(kind), instantiate_optional=False)
 
     async def _mark_unknown(self, node: Node, known: set[ua.NodeId]) -> None:
         """Say of all variables below a node that have no value that there is none."""
@@ -323,29 +289,8 @@ class AddressSpace:
 
 
 def _unit(unit: str) -> ua.Variant:
-    number = 0
-    for letter in _UNITS[unit]:
-        number = 256 * number + ord(letter)
+    number = int.from_bytes(_UNITS[unit].encode()) or -1
     text = ua.LocalizedText(unit, "en")
     namespace = "http://www.opcfoundation.org/UA/units/un/cefact"
-    told = ua.EUInformation(namespace, number or -1, text, text)
+    told = ua.EUInformation(namespace, number, text, text)
     return ua.Variant(told, ua.VariantType.ExtensionObject)
-
-
-async def load_nodesets(server: Server) -> list[str]:
-    """Load the companion specifications; returns the namespaces.
-
-    Parts that rest on specifications beyond these (jobs and their control) are left out.
-    """
-    for name in _NODESETS:
-        path = files(__package__) / "nodesets" / f"Opc.Ua.{name}.NodeSet2.xml"
-        known = [str(uri) for uri in await server.get_namespace_array()]
-
-        def kept(element: re.Match[str], known: Sequence[str] = known) -> str:
-            return element[0] if element[1] in known else ""
-
-        text = path.read_text(encoding="utf-8-sig")
-        text = re.sub(r'<RequiredModel ModelUri="([^"]+)"[^>]*/>', kept, text)
-        await server.import_xml(xmlstring=text, strict_mode=False)
-    await server.register_namespace(OWN)
-    return [str(uri) for uri in await server.get_namespace_array()]
