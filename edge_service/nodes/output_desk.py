@@ -80,15 +80,15 @@ class Scrape:
 
     async def text(self) -> tuple[bytes, str]:
         """Text and its content type."""
-        from ..outputs.metrics import Scraped
-
-        state, config, at_ns = self._state, self._context.config, now_ns()
-        answers = (state.answer(axis, at_ns) for axis in state.axes)
-        newest = ((axis, state.live_now(axis)) for axis in state.axes)
+        state, at_ns = self._state, now_ns()
         components = [*state.components(at_ns)]
+        temperature_c = {}
         dropped: Counter[tuple[str, str]] = Counter()
         for axis in state.axes:
             components += state.health(axis, at_ns).components
+            newest = state.live_now(axis)
+            if newest is not None and newest.temperature_c is not None:
+                temperature_c[axis] = newest.temperature_c
             for topic, count in state.lost_payloads(axis).items():
                 dropped[topic, "gap"] += count
         for (key, _), count in state.refused().items():
@@ -98,19 +98,13 @@ class Scrape:
         for name in self._desk.outputs:
             with suppress(RefusedError):
                 outboxes[name] = await self._desk.counts(name)
-        scraped = Scraped(
-            site=config.service.site,
-            machine=config.service.machine,
-            configuration=state.configuration,
-            ready=not state.unready(at_ns),
-            answers=tuple(answers),
-            components=tuple(components),
-            temperature_c={
-                axis: point.temperature_c
-                for axis, point in newest
-                if point is not None and point.temperature_c is not None
-            },
-            dropped=dropped,
-            outboxes=outboxes,
+        text = self.output.text(
+            state.configuration,
+            not state.unready(at_ns),
+            [state.answer(axis, at_ns) for axis in state.axes],
+            components,
+            temperature_c,
+            dropped,
+            outboxes,
         )
-        return self.output.text(scraped), self.output.content_type
+        return text, self.output.content_type

@@ -1,7 +1,6 @@
 """Prometheus: the families of all axes and of the service, rendered at the moment of the scrape."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -12,11 +11,8 @@ from ..messages.answer import AxisAnswer
 from ..messages.estimate import EstimateStatus
 from ..messages.event import AxisCondition
 from ..messages.health import AlarmKind, ComponentHealth, ComponentStatus
-from ..messages.interval import Interval
-from .base import Message, Output, OutputConfig
+from .base import Message, Output, OutputConfig, value_at
 
-_BOUNDS = ("value", "low", "high")
-_PERCENT = 0.01
 _GAUGES = {
     "preload_fresh_ratio": ("Preload as a share of the fresh screw's", "axis", "bound"),
     "preload_rating_ratio": ("Preload as a share of the load rating", "axis", "bound"),
@@ -38,7 +34,7 @@ _GAUGES = {
     "outbox_messages": ("Events that wait, and dead letters", "output", "state"),
     "outbox_oldest_timestamp_seconds": ("Time of the oldest event that waits", "output"),
 }
-"""Family without its prefix -> help and labels."""
+"""Help and labels."""
 _COUNTERS = {
     "distance_meters": ("Way of the table since the part came into use", "axis"),
     "moving_seconds": ("Time in motion since the part came into use", "axis"),
@@ -46,27 +42,21 @@ _COUNTERS = {
     "data_faults": ("Faulty intervals", "axis", "kind"),
     "payloads_dropped": ("Payloads that were not used", "topic", "reason"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Scraped:
-    """Facts of one moment.
-
-    Attributes:
-        temperature_c: by axis, where it is measured.
-        dropped: payloads that were not used, by topic and reason.
-        outboxes: by output: events that wait, dead letters, UNIX time of the oldest, ns.
-    """
-
-    site: str
-    machine: str
-    configuration: str
-    ready: bool
-    answers: tuple[AxisAnswer, ...] = ()
-    components: tuple[ComponentHealth, ...] = ()
-    temperature_c: Mapping[str, float] | None = None
-    dropped: Mapping[tuple[str, str], int] | None = None
-    outboxes: Mapping[str, tuple[int, int, int | None]] | None = None
+_INTERVALS = {
+    "preload_fresh_ratio": (0.01, "of_fresh"),
+    "drag_torque_newton_meters": (1.0, "estimate.drag_torque_nm"),
+    "stiffness_newtons_per_meter": (1.0, "estimate.stiffness_n_per_m"),
+    "preload_fresh_ratio_per_second": (0.01 / 3600.0, "health.trend.rate_fresh_percent_per_h"),
+}
+"""Family -> scale and path in an answer; the bounds are labels."""
+_NUMBERS = {
+    "preload_newtons": (1.0, "estimate.preload_n"),
+    "measured_timestamp_seconds": (1e-9, "measured_ns"),
+    "normalized_innovation_squared": (1.0, "estimate.nis"),
+    "distance_meters": (1.0, "health.use.distance_m"),
+    "moving_seconds": (1.0, "health.use.moving_s"),
+    "reversals": (1.0, "health.use.reversals"),
+}
 
 
 class MetricsOutput(Output):
@@ -76,10 +66,44 @@ class MetricsOutput(Output):
     content_type = CONTENT_TYPE_LATEST
     takes_answers = False
 
-    def text(self, scraped: Scraped) -> bytes:
-        """The text format of Prometheus; a number that does not exist has no sample."""
+    def text(
+        self,
+        configuration: str,
+        ready: bool,
+        answers: Iterable[AxisAnswer] = (),
+        components: Iterable[ComponentHealth] = (),
+        temperature_c: Mapping[str, float] = {},
+        dropped: Mapping[tuple[str, str], int] = {},
+        outboxes: Mapping[str, tuple[int, int, int | None]] = {},
+    ) -> bytes:
+        """The text format of Prometheus; a number that does not exist has no sample.
+
+        Args:
+            configuration: its digest.
+            temperature_c: by axis, where it is measured.
+            dropped: payloads that were not used, by topic and reason.
+            outboxes: by output: events that wait, dead letters, UNIX time of the oldest, ns.
+        """
+        families = _Families()
+        add = families.add
+        for answer in answers:
+            families.add_axis(answer)
+        for axis, value in temperature_c.items():
+            add("temperature_celsius", value, axis)
+        for report in components:
+            for status in ComponentStatus:
+                labels = report.component, report.axis or "", status.value
+                add("component_status", status is report.status, *labels)
+        for topic_and_reason, count in dropped.items():
+            add("payloads_dropped", count, *topic_and_reason)
+        add("ready", ready)
+        add("build_info", 1.0, __version__, configuration, self.context.site, self.context.machine)
+        for output, (waiting, dead, oldest_ns) in outboxes.items():
+            add("outbox_messages", waiting, output, "waiting")
+            add("outbox_messages", dead, output, "dead")
+            add("outbox_oldest_timestamp_seconds", oldest_ns, output, scale=1e-9)
         registry = CollectorRegistry()
-        registry.register(_Families(scraped))
+        registry.register(families)
         return bytes(generate_latest(registry))
 
     async def open(self) -> None:
@@ -95,8 +119,7 @@ class MetricsOutput(Output):
 class _Families(Collector):
     """All families of one moment."""
 
-    def __init__(self, scraped: Scraped) -> None:
-        self._scraped = scraped
+    def __init__(self) -> None:
         self._families: dict[str, GaugeMetricFamily | CounterMetricFamily] = {}
         for name, (text, *labels) in _GAUGES.items():
             self._families[name] = GaugeMetricFamily(f"edge_service_{name}", text, labels=labels)
@@ -104,46 +127,31 @@ class _Families(Collector):
             self._families[name] = CounterMetricFamily(f"edge_service_{name}", text, labels=labels)
 
     def collect(self) -> Iterable[Metric]:
-        """The families, which are filled now."""
-        for answer in self._scraped.answers:
-            self._estimate(answer)
-            self._health(answer)
-        self._service()
+        """Those that have samples."""
         return [each for each in self._families.values() if each.samples]
 
-    def _add(self, name: str, value: float | None, *labels: str) -> None:
+    def add(self, name: str, value: float | None, *labels: str, scale: float = 1.0) -> None:
+        """Add a sample, unless there is none."""
         if value is not None:
-            self._families[name].add_metric(labels, float(value))
+            self._families[name].add_metric(labels, scale * value)
 
-    def _interval(self, name: str, axis: str, interval: Interval | None, scale: float) -> None:
-        for bound in _BOUNDS if interval is not None else ():
-            self._add(name, scale * getattr(interval, bound), axis, bound)
-
-    def _estimate(self, answer: AxisAnswer) -> None:
-        axis, estimate = answer.axis, answer.estimate
-        self._interval("preload_fresh_ratio", axis, answer.of_fresh, _PERCENT)
-        percents = (estimate.preload_percent, estimate.low, estimate.high)
-        for bound, percent in zip(_BOUNDS, percents, strict=True):
-            ratio = None if percent is None else _PERCENT * percent
-            self._add("preload_rating_ratio", ratio, axis, bound)
-        self._add("preload_newtons", estimate.preload_n, axis)
-        self._interval("drag_torque_newton_meters", axis, estimate.drag_torque_nm, 1.0)
-        self._interval("stiffness_newtons_per_meter", axis, estimate.stiffness_n_per_m, 1.0)
+    def add_axis(self, answer: AxisAnswer) -> None:
+        """Add what is said of an axis."""
+        axis, estimate, health = answer.axis, answer.estimate, answer.health
+        for name, (scale, path) in _NUMBERS.items():
+            self.add(name, value_at(answer, path), axis, scale=scale)
+        percents = {"value": estimate.preload_percent, "low": estimate.low, "high": estimate.high}
+        for bound, percent in percents.items():
+            self.add("preload_rating_ratio", percent, axis, bound, scale=0.01)
+            for name, (scale, path) in _INTERVALS.items():
+                self.add(name, value_at(answer, f"{path}.{bound}"), axis, bound, scale=scale)
         for status in EstimateStatus:
-            value = float(status is estimate.status)
-            self._add("estimate_status", value, axis, status.value, answer.estimate.method or "")
+            labels = axis, status.value, estimate.method or ""
+            self.add("estimate_status", status is estimate.status, *labels)
         for mode, probability in estimate.mode_probability.items():
-            self._add("mode_probability", probability, axis, mode)
-        measured_ns = answer.measured_ns
-        measured_s = None if measured_ns is None else measured_ns / 1e9
-        self._add("measured_timestamp_seconds", measured_s, axis)
-        self._add("normalized_innovation_squared", estimate.nis, axis)
-
-    def _health(self, answer: AxisAnswer) -> None:
-        axis, health = answer.axis, answer.health
+            self.add("mode_probability", probability, axis, mode)
         for condition in AxisCondition:
-            value = float(condition is health.condition)
-            self._add("condition", value, axis, condition.value)
+            self.add("condition", condition is health.condition, axis, condition.value)
         shown = {alarm.kind: alarm for alarm in health.alarms}
         for kind in AlarmKind:
             alarm = shown.get(kind)
@@ -153,41 +161,14 @@ class _Families(Collector):
                 "shelved": alarm is not None and alarm.shelved_until_ns is not None,
             }
             for state, holds in states.items():
-                self._add("alarm", float(holds), axis, kind.value, state)
+                self.add("alarm", holds, axis, kind.value, state)
         for fault, count in health.data_faults.items():
-            self._add("data_faults", count, axis, fault)
-        if health.trend is not None:
-            rate = health.trend.rate_fresh_percent_per_h
-            self._interval("preload_fresh_ratio_per_second", axis, rate, _PERCENT / 3600.0)
-            for crossing in health.trend.crossings:
-                for bound in ("earliest", "likely", "latest"):
-                    time_ns = getattr(crossing, f"{bound}_ns")
-                    time_s = None if time_ns is None else time_ns / 1e9
-                    self._add("limit_timestamp_seconds", time_s, axis, crossing.limit, bound)
-        if health.use is not None:
-            self._add("distance_meters", health.use.distance_m, axis)
-            self._add("moving_seconds", health.use.moving_s, axis)
-            self._add("reversals", health.use.reversals, axis)
-
-    def _service(self) -> None:
-        scraped = self._scraped
-        for axis, temperature_c in (scraped.temperature_c or {}).items():
-            self._add("temperature_celsius", temperature_c, axis)
-        for report in scraped.components:
-            for status in ComponentStatus:
-                value = float(status is report.status)
-                labels = report.component, report.axis or "", status.value
-                self._add("component_status", value, *labels)
-        for topic_and_reason, count in (scraped.dropped or {}).items():
-            self._add("payloads_dropped", count, *topic_and_reason)
-        self._add("ready", float(scraped.ready))
-        place = scraped.site, scraped.machine
-        self._add("build_info", 1.0, __version__, scraped.configuration, *place)
-        for output, (waiting, dead, oldest_ns) in (scraped.outboxes or {}).items():
-            self._add("outbox_messages", waiting, output, "waiting")
-            self._add("outbox_messages", dead, output, "dead")
-            oldest_s = None if oldest_ns is None else oldest_ns / 1e9
-            self._add("outbox_oldest_timestamp_seconds", oldest_s, output)
+            self.add("data_faults", count, axis, fault)
+        for crossing in () if health.trend is None else health.trend.crossings:
+            for bound in ("earliest", "likely", "latest"):
+                time_ns = getattr(crossing, f"{bound}_ns")
+                name = "limit_timestamp_seconds"
+                self.add(name, time_ns, axis, crossing.limit, bound, scale=1e-9)
 
 
 def family_names() -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Trend, TrendStatus
 from edge_service.outputs.base import OutputConfig, OutputContext
-from edge_service.outputs.metrics import MetricsOutput, Scraped, family_names
+from edge_service.outputs.metrics import MetricsOutput, family_names
 
 from ...messages.answers import SILENT, answer, health_of
 
@@ -19,9 +19,8 @@ PROMTOOL = shutil.which("promtool")
 
 
 def text_of(*answers: object, **facts: object) -> str:
-    scraped = Scraped("hall", "mill", "37ef", ready=True, answers=answers, **facts)  # type: ignore[arg-type]
     output = MetricsOutput(OutputConfig(), OutputContext("metrics", "hall", "mill"))
-    return output.text(scraped).decode()
+    return output.text("37ef", True, answers, **facts).decode()  # type: ignore[arg-type]
 
 
 def full() -> str:
