@@ -23,7 +23,6 @@ from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
 from . import sparkplug
 from .base import (
-    Events,
     Message,
     Output,
     OutputConfig,
@@ -35,7 +34,6 @@ from .base import (
 PERIOD_S = 1.0
 """Time in which the answer about an axis is sent once at most."""
 EXPIRE_S = 60
-DISCOVERY = "homeassistant"
 ONLINE, OFFLINE = "online", "offline"
 
 
@@ -67,7 +65,7 @@ class MqttOutput(Output):
         super().__init__(config, context)
         self._machine = f"{context.site}/{context.machine}"
         self._root = f"{config.prefix}/{self._machine}"
-        self._node = None
+        self._node: sparkplug.Sparkplug | None = None
         if config.format == "sparkplug":
             self._node = sparkplug.Sparkplug(context.site, context.machine)
         try:
@@ -90,13 +88,15 @@ class MqttOutput(Output):
         self._client = client
         self._sent_s.clear()
         if self._node is not None:
-            await self._subscribe(self._node.commands)
+            try:
+                await client.subscribe(self._node.commands, qos=1)
+            except aiomqtt.MqttError as error:
+                await self._lost(str(error))
+            self._listening = asyncio.create_task(self._listen(client, self._node))
             await self._publish(*self._node.birth(), qos=0)
             return
-        if self.config.format == "home-assistant":
-            await self._subscribe(f"{DISCOVERY}/device/+/config")
-            for axis in self.context.axes:
-                await self._publish(*self._description(axis), retain=True)
+        for axis in self.context.axes if self.config.format == "home-assistant" else ():
+            await self._publish(*self._description(axis), retain=True)
         await self._publish(f"{self._root}/status", ONLINE, retain=True)
 
     async def take(self, message: Message) -> None:
@@ -105,97 +105,77 @@ class MqttOutput(Output):
             raise OutputUnavailableError("not open")
         if self._listening is not None and self._listening.done():
             await self._lost("the connection broke")
-        if isinstance(message, Events):
-            for event in message.events:
-                if self._node is not None:
-                    content = sparkplug.flat("event", event.model_dump(mode="json"))
-                    await self._tell_device(event.axis, content)
-                else:
-                    content = {"schema": EVENT.schema} | event.model_dump(mode="json")
-                    await self._publish(f"{self._root}/{event.axis or 'event'}/event", content)
+        if isinstance(message, AxisAnswer):
+            now_s = time.monotonic()
+            if now_s - self._sent_s.get(message.axis, -PERIOD_S) >= PERIOD_S:
+                await self._tell(message)
+                self._sent_s[message.axis] = now_s
             return
-        axis, now_s = message.axis, time.monotonic()
-        if now_s - self._sent_s.get(axis, -PERIOD_S) < PERIOD_S:
-            return
-        preload, health = preload_of(message), health_of(message)
-        if self._node is None:
-            await self._publish(f"{self._root}/{axis}/{PRELOAD.name}", preload, retain=True)
-            await self._publish(f"{self._root}/{axis}/{HEALTH.name}", health, retain=True)
-        elif message.is_heard:
-            values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
-            await self._tell_device(axis, values)
-        else:
-            await self._tell_device(axis, None)
-        self._sent_s[axis] = now_s
+        for event in message.events:
+            members = event.model_dump(mode="json")
+            if self._node is not None:
+                await self._tell_device(event.axis, sparkplug.flat("event", members))
+            else:
+                topic = f"{self._root}/{event.axis or 'event'}/event"
+                await self._publish(topic, {"schema": EVENT.schema} | members)
 
     async def close(self) -> None:
         """Say that we are gone, and disconnect."""
-        client = self._client
-        if client is not None:
+        if self._client is not None:
             with suppress(OutputUnavailableError, TimeoutError):
                 async with asyncio.timeout(ANSWER_S):
-                    if self._node is not None:
-                        await self._publish(*self._node.death())
-                    else:
-                        await self._publish(f"{self._root}/status", OFFLINE, retain=True)
+                    await self._publish(*self._death(), retain=self._node is None)
         await self._disconnect()
 
-    def _new_client(self) -> aiomqtt.Client:
-        """A client with our will; that of a test has a name of its own, and no will."""
-        topic, payload = f"{self._root}/status", OFFLINE.encode()
-        if self._node is not None:
-            topic, payload = self._node.will()
-        will = aiomqtt.Will(topic, payload, 1, self._node is None)
-        identifier = f"edge-service-{self.context.site}-{self.context.machine}"
-        name = self.context.name
-        client: aiomqtt.Client = self.config.client(
-            f"{identifier}-test" if self.context.is_test else f"{identifier}-{name}",
-            will=None if self.context.is_test else will,
-        )
-        return client
-
-    async def _publish(
-        self, topic: str, content: Any, qos: int = 1, *, retain: bool = False
-    ) -> None:
-        """Send what is text, bytes or JSON; returns when the broker has it."""
-        client = self._client
-        if client is None:
-            raise OutputUnavailableError("not open")
-        payload = json.dumps(content) if isinstance(content, dict) else content
-        try:
-            await client.publish(topic, payload, qos=qos, retain=retain)
-        except aiomqtt.MqttError as error:
-            await self._lost(str(error))
-
-    async def _subscribe(self, topic: str) -> None:
-        """Listen to what others say to us."""
-        assert self._client is not None
-        try:
-            await self._client.subscribe(topic, qos=1)
-        except aiomqtt.MqttError as error:
-            await self._lost(str(error))
-        self._listening = asyncio.create_task(self._listen(self._client))
-
-    async def _listen(self, client: aiomqtt.Client) -> None:
-        """Be born again when somebody asks; take back descriptions of axes that are gone."""
-        begin = f"edge-service/{self._machine}/"
-        with suppress(aiomqtt.MqttError, OutputUnavailableError):
-            async for heard in client.messages:
-                payload = heard.payload if isinstance(heard.payload, bytes) else b""
-                if self._node is not None:
-                    if sparkplug.asks_for_birth(payload):
-                        await self._publish(*self._node.birth(), qos=0)
-                        self._sent_s.clear()
-                    continue
-                with suppress(ValueError, KeyError, TypeError, RecursionError):
-                    (name, *_) = json.loads(payload)["device"]["identifiers"]
-                    if name.startswith(begin) and name[len(begin) :] not in self.context.axes:
-                        await self._publish(str(heard.topic), "", retain=True)
+    async def _tell(self, answer: AxisAnswer) -> None:
+        preload, health = preload_of(answer), health_of(answer)
+        if self._node is None:
+            await self._publish(f"{self._root}/{answer.axis}/{PRELOAD.name}", preload, retain=True)
+            await self._publish(f"{self._root}/{answer.axis}/{HEALTH.name}", health, retain=True)
+        elif answer.is_heard:
+            values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
+            await self._tell_device(answer.axis, values)
+        else:
+            await self._tell_device(answer.axis, None)
 
     async def _tell_device(self, axis: str, values: dict[str, Any] | None) -> None:
         assert self._node is not None
         for topic, payload in self._node.device(axis, values):
             await self._publish(topic, payload, qos=0)
+
+    def _death(self) -> tuple[str, str | bytes]:
+        """Topic and payload that say that we are gone."""
+        return (f"{self._root}/status", OFFLINE) if self._node is None else self._node.death()
+
+    def _new_client(self) -> aiomqtt.Client:
+        """A client with our will; that of a test has a name of its own, and no will."""
+        if self._node is not None:
+            self._node.begin()
+        will, name = aiomqtt.Will(*self._death(), 1, self._node is None), self.context.name
+        if self.context.is_test:
+            will, name = None, "test"
+        who = f"edge-service-{self.context.site}-{self.context.machine}-{name}"
+        return self.config.client(who, will=will)
+
+    async def _publish(
+        self, topic: str, content: Any, qos: int = 1, *, retain: bool = False
+    ) -> None:
+        """Send what is text, bytes or JSON; returns when the broker has it."""
+        if self._client is None:
+            raise OutputUnavailableError("not open")
+        payload = json.dumps(content) if isinstance(content, dict) else content
+        try:
+            await self._client.publish(topic, payload, qos=qos, retain=retain)
+        except aiomqtt.MqttError as error:
+            await self._lost(str(error))
+
+    async def _listen(self, client: aiomqtt.Client, node: sparkplug.Sparkplug) -> None:
+        """Be born again when a host asks for it."""
+        with suppress(aiomqtt.MqttError, OutputUnavailableError):
+            async for heard in client.messages:
+                if isinstance(heard.payload, bytes) and sparkplug.asks_for_birth(heard.payload):
+                    await self._publish(*node.birth(), qos=0)
+                    self._sent_s.clear()
 
     async def _lost(self, reason: str) -> None:
         """Raise what is wrong, after the connection was given up."""
@@ -217,11 +197,12 @@ class MqttOutput(Output):
         name = f"edge-service/{self._machine}/{axis}"
         place = re.sub("[^A-Za-z0-9_-]", "_", name) + "_" + sha256(name.encode()).hexdigest()[:8]
         components = {}
-        for member, (topic, template, facts) in COMPONENTS.items():
+        for member, (shown, topic, template, facts) in COMPONENTS.items():
             components[member] = facts | {
+                "name": shown,
                 "unique_id": f"{place}_{member}",
                 "state_topic": f"{self._root}/{axis}/{topic}",
-                "value_template": template,
+                "value_template": f"{{{{ {template} }}}}",
                 "expire_after": EXPIRE_S,
             }
         components["problem"] |= {
@@ -229,17 +210,12 @@ class MqttOutput(Output):
             "json_attributes_template": _ATTRIBUTES,
         }
         device = {"identifiers": [name], "name": f"{self._machine} {axis}", "model": "Ball screw"}
-        return f"{DISCOVERY}/device/{place}/config", {
+        status = {"topic": f"{self._root}/status", "payload_available": ONLINE}
+        return f"homeassistant/device/{place}/config", {
             "device": device | {"manufacturer": "edge-service", "sw_version": __version__},
             "origin": {"name": "edge-service", "sw_version": __version__},
             "components": components,
-            "availability": [
-                {
-                    "topic": f"{self._root}/status",
-                    "payload_available": ONLINE,
-                    "payload_not_available": OFFLINE,
-                }
-            ],
+            "availability": [status | {"payload_not_available": OFFLINE}],
             "qos": 1,
         }
 
@@ -260,65 +236,51 @@ def health_of(answer: AxisAnswer) -> dict[str, Any]:
 
 
 def _of_fresh(bound: str) -> str:
-    return f"{{{{ value_json.of_fresh.{bound} | round(2) if value_json.of_fresh else None }}}}"
+    return f"value_json.of_fresh.{bound} | round(2) if value_json.of_fresh else None"
 
 
-_PERCENT = {
-    "platform": "sensor",
+def _of(member: str, inside: str) -> str:
+    return f"value_json.{member}{inside} if value_json.{member} else None"
+
+
+_SENSOR = {"platform": "sensor"}
+_PERCENT = _SENSOR | {
     "unit_of_measurement": "%",
     "state_class": "measurement",
     "suggested_display_precision": 0,
 }
-_DIAGNOSTIC = {"entity_category": "diagnostic"}
+_BOUND = _PERCENT | {"entity_category": "diagnostic"}
 _CONDITIONS = [each.value for each in AxisCondition if each is not AxisCondition.UNAVAILABLE]
 _KNOWN = "value_json.condition != 'UNAVAILABLE'"
-COMPONENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "preload": ("preload", _of_fresh("value"), _PERCENT | {"name": "Preload"}),
-    "preload_low": (
-        "preload",
-        _of_fresh("low"),
-        _PERCENT | _DIAGNOSTIC | {"name": "Preload, lower bound"},
-    ),
-    "preload_high": (
-        "preload",
-        _of_fresh("high"),
-        _PERCENT | _DIAGNOSTIC | {"name": "Preload, upper bound"},
-    ),
+_ALARMS = "value_json.alarms | selectattr('active')"
+COMPONENTS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
+    "preload": ("Preload", "preload", _of_fresh("value"), _PERCENT),
+    "preload_low": ("Preload, lower bound", "preload", _of_fresh("low"), _BOUND),
+    "preload_high": ("Preload, upper bound", "preload", _of_fresh("high"), _BOUND),
     "condition": (
+        "Condition",
         "health",
-        f"{{{{ value_json.condition if {_KNOWN} else None }}}}",
-        {
-            "platform": "sensor",
-            "name": "Condition",
-            "device_class": "enum",
-            "options": _CONDITIONS,
-        },
+        f"value_json.condition if {_KNOWN} else None",
+        _SENSOR | {"device_class": "enum", "options": _CONDITIONS},
     ),
-    "headline": (
-        "health",
-        "{{ value_json.headline.text[:255] if value_json.headline else None }}",
-        {"platform": "sensor", "name": "Headline"},
-    ),
-    "advice": (
-        "health",
-        "{{ value_json.advice[0].text[:255] if value_json.advice else None }}",
-        {"platform": "sensor", "name": "To do"},
-    ),
+    "headline": ("Headline", "health", _of("headline", ".text[:255]"), _SENSOR),
+    "advice": ("To do", "health", _of("advice", "[0].text[:255]"), _SENSOR),
     "next_limit": (
+        "Next limit, earliest",
         "health",
-        "{{ value_json.next_limit.earliest if value_json.next_limit else None }}",
-        {"platform": "sensor", "name": "Next limit, earliest", "device_class": "timestamp"},
+        _of("next_limit", ".earliest"),
+        _SENSOR | {"device_class": "timestamp"},
     ),
     "problem": (
+        "Problem",
         "health",
-        "{{ 'ON' if value_json.alarms | selectattr('active') | list"
-        f" else 'OFF' if {_KNOWN} else None }}}}",
-        {"platform": "binary_sensor", "name": "Problem", "device_class": "problem"},
+        f"'ON' if {_ALARMS} | list else 'OFF' if {_KNOWN} else None",
+        {"platform": "binary_sensor", "device_class": "problem"},
     ),
 }
-"""Values of an axis for Home Assistant: topic, template, and facts about each."""
+"""Values of an axis for Home Assistant: name, topic, template, and facts about each."""
 _ATTRIBUTES = (
-    "{ {% for alarm in value_json.alarms | selectattr('active') %}"
+    f"{{ {{% for alarm in {_ALARMS} %}}"
     '"{{ alarm.alarm }}": {{ alarm.text | tojson }}{{ "," if not loop.last }}'
     "{% endfor %} }"
 )

@@ -7,7 +7,8 @@ are needed here stand below, with the names and numbers of chapter 6 of its spec
 from collections.abc import Mapping
 from typing import Any
 
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf import text_format
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
@@ -17,21 +18,33 @@ from ..messages.health import AlarmKind
 
 REBIRTH = "Node Control/Rebirth"
 _INT64, _DOUBLE, _BOOLEAN, _STRING = 4, 10, 11, 12
-_FIELDS = {_INT64: "long_value", _DOUBLE: "double_value", _BOOLEAN: "boolean_value"}
-_MESSAGES: dict[str, tuple[tuple[int, str, str], ...]] = {
-    "Metric": (
-        (1, "name", "string"),
-        (3, "timestamp", "uint64"),
-        (4, "datatype", "uint32"),
-        (7, "is_null", "bool"),
-        (11, "long_value", "uint64"),
-        (13, "double_value", "double"),
-        (14, "boolean_value", "bool"),
-        (15, "string_value", "string"),
-    ),
-    "Payload": ((1, "timestamp", "uint64"), (2, "metrics", "Metric*"), (3, "seq", "uint64")),
+_MEMBERS = {_INT64: "long_value", _DOUBLE: "double_value", _BOOLEAN: "boolean_value"}
+_PROTO = """
+name: "sparkplug_b.proto" package: "sparkplug" syntax: "proto2"
+message_type {
+  name: "Metric"
+  field { number: 1 name: "name" type: TYPE_STRING label: LABEL_OPTIONAL }
+  field { number: 3 name: "timestamp" type: TYPE_UINT64 label: LABEL_OPTIONAL }
+  field { number: 4 name: "datatype" type: TYPE_UINT32 label: LABEL_OPTIONAL }
+  field { number: 7 name: "is_null" type: TYPE_BOOL label: LABEL_OPTIONAL }
+  field { number: 11 name: "long_value" type: TYPE_UINT64 label: LABEL_OPTIONAL }
+  field { number: 13 name: "double_value" type: TYPE_DOUBLE label: LABEL_OPTIONAL }
+  field { number: 14 name: "boolean_value" type: TYPE_BOOL label: LABEL_OPTIONAL }
+  field { number: 15 name: "string_value" type: TYPE_STRING label: LABEL_OPTIONAL }
 }
-"""Message -> number, name and type of its fields; an asterisk is a repeated one."""
+message_type {
+  name: "Payload"
+  field { number: 1 name: "timestamp" type: TYPE_UINT64 label: LABEL_OPTIONAL }
+  field {
+    number: 2 name: "metrics" type: TYPE_MESSAGE type_name: ".sparkplug.Metric"
+    label: LABEL_REPEATED
+  }
+  field { number: 3 name: "seq" type: TYPE_UINT64 label: LABEL_OPTIONAL }
+}
+"""
+_POOL = DescriptorPool()  # of its own, so that it meets no other Sparkplug's
+_POOL.Add(text_format.Parse(_PROTO, FileDescriptorProto()))
+_Payload: Any = GetMessageClass(_POOL.FindMessageTypeByName("sparkplug.Payload"))
 _BOUNDS = ("value", "low", "high")
 METRICS: dict[str, int] = {
     **dict.fromkeys(("preload/status", "preload/method"), _STRING),
@@ -56,35 +69,34 @@ class Sparkplug:
     def __init__(self, site: str, machine: str) -> None:
         self._site, self._machine = site, machine
         self._birth, self._seq = -1, 0
-        self.sent: dict[str, dict[str, Any]] = {}
+        self._sent: dict[str, dict[str, Any]] = {}
         """Last value of each metric of the devices that are born."""
         self.commands = self._topic("NCMD")
+
+    def begin(self) -> None:
+        """Begin another connection: the death that is its will belongs to its births alone."""
+        self._birth = (self._birth + 1) % 256
 
     def death(self) -> tuple[str, bytes]:
         """Certificate of the death that belongs to the present birth."""
         return self._topic("NDEATH"), _encoded({"bdSeq": self._birth}, None)
 
-    def will(self) -> tuple[str, bytes]:
-        """Certificate of death of a connection that begins now."""
-        self._birth = (self._birth + 1) % 256
-        return self.death()
-
     def birth(self) -> tuple[str, bytes]:
         """Certificate of birth of the node."""
         self._seq = 0
-        self.sent.clear()
+        self._sent.clear()
         values = {"bdSeq": self._birth, REBIRTH: False}
         return self._topic("NBIRTH"), _encoded(values, self._next())
 
     def device(self, axis: str, values: Values | None) -> list[tuple[str, bytes]]:
         """Birth of an axis with all that is known, or what has changed; None: it is silent."""
-        known = self.sent.get(axis)
+        known = self._sent.get(axis)
         if values is None:
-            self.sent.pop(axis, None)
+            self._sent.pop(axis, None)
             return [] if known is None else [self._of_device("DDEATH", axis, {})]
         if known is None:
-            self.sent[axis] = dict.fromkeys(METRICS) | dict(values)
-            return [self._of_device("DBIRTH", axis, self.sent[axis])]
+            self._sent[axis] = dict.fromkeys(METRICS) | dict(values)
+            return [self._of_device("DBIRTH", axis, self._sent[axis])]
         news = {
             name: value
             for name, value in values.items()
@@ -94,8 +106,7 @@ class Sparkplug:
         return [self._of_device("DDATA", axis, news)] if news else []
 
     def _of_device(self, kind: str, axis: str, values: Values) -> tuple[str, bytes]:
-        topic = f"{self._topic(kind)}/{axis}"
-        return topic, _encoded(values, self._next())
+        return f"{self._topic(kind)}/{axis}", _encoded(values, self._next())
 
     def _next(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) % 256
@@ -108,7 +119,7 @@ class Sparkplug:
 def asks_for_birth(command: bytes) -> bool:
     """Answer of whether a command asks for the births again."""
     try:
-        metrics = _PAYLOAD.FromString(command).metrics
+        metrics = _Payload.FromString(command).metrics
     except DecodeError:
         return False
     return any(metric.name == REBIRTH and metric.boolean_value for metric in metrics)
@@ -134,9 +145,7 @@ def flat(prefix: str, content: Mapping[str, Any]) -> dict[str, Any]:
 
 def _encoded(values: Values, seq: int | None) -> bytes:
     at_ms = now_ns() // 1_000_000
-    payload = _PAYLOAD(timestamp=at_ms)
-    if seq is not None:
-        payload.seq = seq
+    payload = _Payload(timestamp=at_ms, seq=seq)
     for name, value in values.items():
         usual = _BOOLEAN if isinstance(value, bool) else _INT64
         kind = METRICS.get(name, usual)
@@ -144,27 +153,5 @@ def _encoded(values: Values, seq: int | None) -> bytes:
         if value is None:
             metric.is_null = True
         else:
-            setattr(metric, _FIELDS.get(kind, "string_value"), value)
+            setattr(metric, _MEMBERS.get(kind, "string_value"), value)
     return bytes(payload.SerializeToString())
-
-
-def _payload_class() -> Any:
-    """The class of `Payload`, in a pool of its own so that it meets no other Sparkplug's."""
-    types = {name.lower(): number for name, number in FieldDescriptorProto.Type.items()}
-    file = FileDescriptorProto(name="sparkplug_b.proto", package="sparkplug", syntax="proto2")
-    for message, fields in _MESSAGES.items():
-        target = file.message_type.add(name=message)
-        for number, name, kind in fields:
-            field = target.field.add(name=name, number=number)
-            field.label = field.LABEL_REPEATED if kind.endswith("*") else field.LABEL_OPTIONAL
-            plain = kind.rstrip("*")
-            if plain in _MESSAGES:
-                field.type, field.type_name = field.TYPE_MESSAGE, f".sparkplug.{plain}"
-            else:
-                field.type = types[f"type_{plain}"]
-    pool = DescriptorPool()
-    pool.Add(file)
-    return GetMessageClass(pool.FindMessageTypeByName("sparkplug.Payload"))
-
-
-_PAYLOAD = _payload_class()
