@@ -89,23 +89,22 @@ class NotifyOutput(Output):
         self._services: dict[str, Any] = {}
         self._is_open = False
         self._words = context.words(config.language)
+        file = config.urls_file
         try:
-            lines = read_secret(config.urls_file).splitlines()
+            lines = [line.strip() for line in read_secret(file).splitlines()]
         except SecretError as error:
             raise OutputMisconfiguredError("urls_file", str(error)) from None
-        for number, line in enumerate(lines, 1):
-            url = line.strip()
+        for number, url in enumerate(lines, 1):
             if not url or url.startswith("#"):
                 continue
             service = apprise.Apprise.instantiate(url, asset=_ASSET)
             if service is None:
-                problem = f"{config.urls_file}: line {number} is no URL of apprise"
+                problem = f"{file}: line {number} is no URL of apprise"
                 raise OutputMisconfiguredError("urls_file", problem)
             scheme = re.sub(r"[^a-z0-9]", "", url.partition(":")[0].lower())
             self._services[f"{scheme}-{sha256(url.encode()).hexdigest()[:6]}"] = service
         if not self._services:
-            problem = f"{config.urls_file}: holds no URL"
-            raise OutputMisconfiguredError("urls_file", problem)
+            raise OutputMisconfiguredError("urls_file", f"{file}: holds no URL")
         self.receivers = tuple(self._services)
 
     @property
@@ -134,22 +133,19 @@ class NotifyOutput(Output):
     def _send(self, receiver: str, events: Sequence[Event]) -> None:
         gravest = max(map(_level, events), key=lambda level: level.urgency)
         title, body = self.letter(events)
-        said = _Status()
+        said, service = _Status(), self._services[receiver]
         _LOG.addHandler(said)
         try:
-            taken = self._services[receiver].notify(
-                body=body, title=title, notify_type=_KINDS[gravest]
-            )
+            taken = service.notify(body=body, title=title, notify_type=_KINDS[gravest])
         finally:
             _LOG.removeHandler(said)
+        code = said.code
         if taken:
             return
-        if said.code is None:
-            raise OutputUnavailableError(f"{receiver}: cannot be reached")
-        code = said.code
-        if 400 <= code < 500 and code not in _LATER:
+        if code is not None and 400 <= code < 500 and code not in _LATER:
             raise RefusedError(f"{receiver}: answered {code}")
-        raise OutputUnavailableError(f"{receiver}: answered {code}")
+        answered = "cannot be reached" if code is None else f"answered {code}"
+        raise OutputUnavailableError(f"{receiver}: {answered}")
 
     def letter(self, events: Sequence[Event]) -> tuple[str, str]:
         """Title and text about some events, at least one."""
@@ -171,10 +167,10 @@ class NotifyOutput(Output):
 
     def _said(self, event: Event) -> str:
         """Sentence about an event, in the language of the letters as far as there are words."""
-        told = event.text
+        words, told = self._words, event.text
         if self.config.language != "en" and event.code:
-            told = sentence_in(self._words, event) or told
-        alarm = self._words.get(f"alarm.{event.data.get('alarm')}")
+            told = sentence_in(words, event) or told
+        alarm = words.get(f"alarm.{event.data.get('alarm')}")
         over = " (OK)" if event.kind == "alarm_cleared" else ""
         return f"{alarm}{over}: {told}" if alarm else told
 

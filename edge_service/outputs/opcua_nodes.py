@@ -24,7 +24,7 @@ from ..messages.health import AlarmKind
 from .base import value_at
 
 OWN = "urn:edge-service:axes"
-DI, IA = "http://opcfoundation.org/UA/DI/", "http://opcfoundation.org/UA/IA/"
+DI = "http://opcfoundation.org/UA/DI/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 MACHINE_TOOL = "http://opcfoundation.org/UA/MachineTool/"
 _NUMBERED = {
