@@ -174,13 +174,13 @@ MOST_LINES = {
     "http_api": 2736,
     "messages": 2216,
     "models": 6255,
-    "nodes": 2866,
+    "nodes": 2860,
     "offline": 6533,
-    "outputs": 2127,
+    "outputs": 1880,
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51404,
+    "tests": 51373,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 401
