@@ -6,6 +6,7 @@ from .loading import (
     check_settings,
     load_config,
     load_machine,
+    read_axis,
     read_config,
     state_folder,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "explain",
     "load_config",
     "load_machine",
+    "read_axis",
     "read_config",
     "state_folder",
 ]

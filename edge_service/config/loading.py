@@ -15,7 +15,7 @@ from ..models.machine import Machine
 from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
 from .gone import GONE_SETTINGS, gone_keys
 from .mistakes import ConfigError, explain
-from .service import AxisConfig, EdgeConfig
+from .service import AxisConfig, AxisFile, EdgeConfig
 
 DEFAULT_CONFIG = DEFAULTS / "edge.toml"
 BROKER_FILES = ("ca_certificate", "client_certificate", "client_key")
@@ -59,8 +59,46 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
             if not any(key == each or each.startswith(f"{key}.") for each in known):
                 mistakes.append(said)
         config = _without(content, error)
+    if config is None:
+        return None, [f"{path}: {each}" for each in mistakes]
+    config = _placed_config(config, path)
+    if not content.get("axes") and config.store.folder is None:
+        mistakes.append("axes: missing; expected [[axes]], or [store] folder for axes of the page")
     told = [f"{path}: {each}" for each in mistakes]
-    return None if config is None else _placed_config(config, path, written), told
+    for file in axis_files(config.store.folder):
+        try:
+            axis = read_axis(file)
+            if any(each.name == axis.name for each in config.axes):
+                raise ConfigError(f"{axis.place}: stands in {path} as well; remove one of the two")
+            config = config.with_axis(axis)
+        except ConfigError as error:
+            told += error.mistakes
+        except ValueError as error:
+            told.append(f"{file}: {error}")
+    return config.of_digest(_digest(written, config.axes)).of_file(path), told
+
+
+def axis_files(state: Path | None) -> list[Path]:
+    """Files of the axes that were made on the page, in the state folder."""
+    return [] if state is None else sorted(state.glob("axes/[!.]*/axis.toml"))
+
+
+def read_axis(path: Path, written: bytes | None = None) -> AxisConfig:
+    """The axis in a file of the state folder, whose paths are relative to it. Raises ConfigError.
+
+    Args:
+        written: content of the file, before it is there.
+    """
+    content = _parsed(path, _read(path) if written is None else written)
+    try:
+        (axis,) = AxisFile.model_validate(content).axes
+    except ValidationError as error:
+        raise ConfigError(
+            *(f"{path}: {each}" for each in explain(error, AxisFile, content))
+        ) from None
+    if axis.name != path.parent.name:
+        raise ConfigError(f"{path}: axes.{axis.name}: expected the name {path.parent.name!r}")
+    return _placed_axis(axis, path)
 
 
 def _without(content: dict[str, Any], error: ValidationError) -> EdgeConfig | None:
@@ -80,27 +118,25 @@ def _without(content: dict[str, Any], error: ValidationError) -> EdgeConfig | No
         return None
 
 
-def _placed_config(config: EdgeConfig, path: Path, written: bytes) -> EdgeConfig:
+def _placed_axis(axis: AxisConfig, path: Path) -> AxisConfig:
+    """The axis with its paths relative to the folder of its file."""
+    settings = _anchored(axis.settings, path.parent)
+    placed = {"machine": path.parent / axis.machine, "settings": settings}
+    return axis.model_copy(update=placed).of_file(path)
+
+
+def _placed_config(config: EdgeConfig, path: Path) -> EdgeConfig:
     """The configuration with its paths relative to the folder of its file."""
     folder, store, http = path.parent, config.store, config.http
-    axes = tuple(
-        axis.model_copy(
-            update={
-                "machine": folder / axis.machine,
-                "settings": _anchored(axis.settings, folder),
-            }
-        ).of_file(path)
-        for axis in config.axes
-    )
     key = http.private_key and secret_path(folder, http.private_key)
     placed = {
-        "axes": axes,
+        "axes": tuple(_placed_axis(axis, path) for axis in config.axes),
         "store": store.model_copy(update={"folder": state_folder(store.folder, folder)}),
         "bus": _placed(config.bus, folder, "zenoh_file"),
         "http": _placed(http.model_copy(update={"private_key": key}), folder, "certificate"),
         "outputs": {name: _anchored(table, folder) for name, table in config.outputs.items()},
     }
-    return config.model_copy(update=placed).of_digest(_digest(written, axes)).of_file(path)
+    return config.model_copy(update=placed)
 
 
 def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:

@@ -142,10 +142,24 @@ class AxisConfig(Table):
         return self
 
     @property
+    def file(self) -> Path | None:
+        """File that it was read from."""
+        return self._file
+
+    @property
     def place(self) -> str:
         """Table of the axis, after the file that it was read from: for mistakes in it."""
         table = f"axes.{self.name}"
         return table if self._file is None else f"{self._file}: {table}"
+
+
+class AxisFile(Table):
+    """`axes/{axis}/axis.toml` in the state folder: the table of an axis that was made on the page.
+
+    The name of its folder is that of the axis.
+    """
+
+    axes: tuple[AxisConfig]
 
 
 class EdgeConfig(Table):
@@ -159,7 +173,7 @@ class EdgeConfig(Table):
     vibration: VibrationConfig = VibrationConfig()
     alarms: AlarmsConfig = AlarmsConfig()
     store: StoreConfig = StoreConfig()
-    axes: tuple[AxisConfig, ...] = Field(min_length=1)
+    axes: tuple[AxisConfig, ...] = ()
     _digest: str = PrivateAttr("")
     _file: Path | None = PrivateAttr(None)
 
@@ -174,6 +188,11 @@ class EdgeConfig(Table):
             if fault >= warning:
                 raise ValueError(f"axes.{name}: fault_percent must lie below warning_percent")
         return self
+
+    def with_axis(self, axis: AxisConfig) -> "EdgeConfig":
+        """The same with one more axis, or with this one in place of another. Raises ValueError."""
+        axes = {each.name: each for each in self.axes} | {axis.name: axis}
+        return self.model_copy(update={"axes": tuple(axes.values())})._axes_fit()
 
     @field_validator("outputs")
     @classmethod

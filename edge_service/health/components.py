@@ -93,6 +93,10 @@ class ComponentWatch:
         self._reports[report.component, report.axis] = (report, now_ns)
         return self.tick(now_ns)
 
+    def forget(self, axis: str) -> None:
+        """Forget the components of an axis."""
+        self._reports = {key: each for key, each in self._reports.items() if key[1] != axis}
+
     def preparing(self, axis: str, now_ns: int) -> str | None:
         """Reason why the estimator of an axis cannot answer yet; None once it could."""
         for report in self.reports(now_ns):

@@ -29,7 +29,7 @@ _LATEST_NS = 3600 * NS_PER_S
 
 
 class ServiceState:
-    """Last values, history and events of a fixed set of axes.
+    """Last values, history and events of the axes.
 
     Payloads of other axes are ignored and counted, so nobody on the bus can make it grow. It may
     be used from the thread of one event loop only.
@@ -145,10 +145,18 @@ class ServiceState:
         stroke: StrokeModel | None,
         ratio_m_per_rad: float | None,
     ) -> None:
-        """Show an axis by another machine file from now on."""
+        """Show an axis by another machine file from now on, or a new axis."""
+        if axis not in self._axes:
+            self._axes[axis] = AxisState(axis, limits, ratio_m_per_rad, self._components)
         self._axes[axis].limits = limits
         self._axes[axis].live = LiveFeatures(ratio_m_per_rad)
         self._strokes[axis] = stroke
+
+    def drop(self, axis: str) -> None:
+        """Show an axis no longer."""
+        del self._axes[axis]
+        self._strokes.pop(axis, None)
+        self._components.forget(axis)
 
     def all_components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """All components, those of axes included."""

@@ -19,7 +19,8 @@ from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
 from .jobs import Jobs
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
 from .recordings import Recordings
-from .routes.axis import ReadConfig, SendCommand, axis_router
+from .routes.axis import SendCommand, axis_router
+from .routes.config import AxisConfigurations, config_router
 from .routes.docs import STATIC, docs_router, static_digest, tagged
 from .routes.history import history_router
 from .routes.jobs import job_router
@@ -79,7 +80,7 @@ def create_app(
     authenticator: Authenticator | None = None,
     note_change: NoteChange = lambda _caller, _action: None,
     metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
-    read_config: ReadConfig | None = None,
+    configurations: AxisConfigurations | None = None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -95,7 +96,7 @@ def create_app(
         authenticator: Finds who asks; None: whoever reaches the service may do anything.
         note_change: Takes note of a change by its caller, method and path.
         metrics: Answers a scrape by Prometheus; None: there are none.
-        read_config: Reads the configuration of an axis; None: there is none.
+        configurations: Reads and changes the configuration of axes; None: there is none.
     """
     app = _Application(
         title="edge-service",
@@ -114,7 +115,7 @@ def create_app(
     app.state.authenticator = authenticator or Authenticator()
     app.state.note_change = note_change
     app.state.metrics = metrics
-    app.state.read_config = read_config
+    app.state.configurations = configurations
     app.add_exception_handler(StoreFailedError, on_store_failed)
     answer_with_problems(app)
     app.include_router(alive_router)
@@ -128,7 +129,7 @@ def create_app(
         docs_router,
     ):
         app.include_router(router, dependencies=[Depends(authorized), Depends(known_query)])
-    for router in (job_router, motion_router, output_router, token_router):
+    for router in (config_router, job_router, motion_router, output_router, token_router):
         noting = [Depends(authorized), Depends(known_query), Depends(noted)]
         app.include_router(router, dependencies=noting)
     app.add_middleware(Guard, hosts=tuple(hosts))

@@ -96,6 +96,11 @@ class _Encoded:
         self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
         self._outputs: tuple[int, list[OutputAnswer]] | None = None
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes that are there now."""
+        return self._state.axes
+
     def value(self, topic: str, axis: str, now_ns: int) -> bytes:
         """The message as of now, or of at most a few milliseconds ago."""
         version = self._state.version(topic, axis)
@@ -176,7 +181,9 @@ async def _stream(
             refreshed_ns = now_ns
             yield format_sse_event(comment="keep-alive")
             yield await encoded.service(now_ns)
-            for each in state.axes if subscription.axis is None else (subscription.axis,):
+            for each in state.axes:
+                if subscription.axis not in (None, each):
+                    continue
                 yield encoded.value(PRELOAD.name, each, now_ns)
                 yield encoded.value(HEALTH.name, each, now_ns)
         batch = await subscription.next(REFRESH_S)
@@ -196,7 +203,8 @@ def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterato
         if logged.id > seen_id:
             yield _event(logged)
     for topic, axis in batch.changed:
-        yield encoded.value(topic, axis, now_ns)
+        if axis in encoded.axes:
+            yield encoded.value(topic, axis, now_ns)
 
 
 def _event(logged: StoredEvent) -> bytes:

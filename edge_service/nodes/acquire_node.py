@@ -44,6 +44,20 @@ def make_driver(axis: AxisConfig) -> Driver:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
 
 
+async def check_source(axis: AxisConfig) -> str:
+    """Check an axis' driver and what it reads; says why that cannot be reached now. ConfigError."""
+    driver = make_driver(axis)
+    try:
+        await driver.probe()
+    except DriverUnavailableError as error:
+        return f"axis {axis.name}: {error}"
+    except DriverMisconfiguredError as error:
+        raise ConfigError(f"{axis.place}.settings.{error}") from None
+    finally:
+        await driver.close()
+    return ""
+
+
 async def run(context: NodeContext, axis: AxisConfig) -> None:
     """Publish the samples of one axis until its source ends or the task is cancelled.
 
@@ -51,8 +65,11 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     """
     acquisition = Acquisition(context, axis)
     context.renewals.append(acquisition.renew)
-    async with acquisition.component.running():
-        await acquisition.live()
+    try:
+        async with acquisition.component.running():
+            await acquisition.live()
+    finally:
+        context.renewals.remove(acquisition.renew)
 
 
 class Acquisition:
@@ -74,10 +91,11 @@ class Acquisition:
         component.readings = lambda: self._driver.readings
         component.problems = self._silence
 
-    def renew(self, axis: AxisConfig) -> None:
+    def renew(self, axis: str) -> None:
         """Begin anew if it is this axis, as its table says now."""
-        if axis.name == self._axis.name and self._life is not None:
-            self._axis, self._is_renewed = axis, True
+        found = [each for each in self._context.config.axes if each.name == axis]
+        if found and axis == self._axis.name and self._life is not None:
+            self._axis, self._is_renewed = found[0], True
             self._life.cancel()
 
     async def live(self) -> None:

@@ -52,8 +52,8 @@ class NodeContext:
         self.store = Store(None if folder is None else folder / FILE_NAME)
         self.events = EventLog(self.store)
         self.dispatcher = EventDispatcher(self.events)
-        self.renewals: list[Callable[[AxisConfig], None]] = []
-        """Told of every axis that begins anew."""
+        self.renewals: list[Callable[[str], None]] = []
+        """Told of every axis that begins, begins anew or is gone from `machines`."""
 
     @cached_property
     def machines(self) -> dict[str, Machine]:
@@ -61,11 +61,18 @@ class NodeContext:
         return load_machines(self.config)
 
     def renew(self, axis: AxisConfig, machine: Machine) -> None:
-        """Let an axis begin anew by its new table and machine file, in every node."""
-        axes = tuple(axis if each.name == axis.name else each for each in self.config.axes)
-        self.config = self.config.model_copy(update={"axes": axes})
+        """Let an axis begin, or begin anew, by its table and machine file, in every node."""
+        self.config = self.config.with_axis(axis)
         self.machines[axis.name] = machine
-        for renew in self.renewals:
+        for renew in (*self.renewals,):
+            renew(axis.name)
+
+    def drop(self, axis: str) -> None:
+        """Let every node forget an axis."""
+        axes = tuple(each for each in self.config.axes if each.name != axis)
+        self.config = self.config.model_copy(update={"axes": axes})
+        del self.machines[axis]
+        for renew in (*self.renewals,):
             renew(axis)
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
@@ -73,20 +80,34 @@ class NodeContext:
         return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
 
     def publishers(self, topic: Topic[T]) -> dict[str, Publisher[T]]:
-        """Declare the publishers of one topic of every axis."""
-        return {axis.name: self.publisher(axis.name, topic) for axis in self.config.axes}
+        """Declare the publishers of one topic of every axis, also of those that come later."""
+        publishers: dict[str, Publisher[T]] = {}
+
+        def declare(axis: str) -> None:
+            if axis not in publishers:
+                publishers[axis] = self.publisher(axis, topic)
+
+        self._for_every_axis(declare)
+        return publishers
 
     def subscribe(self, topic: Topic[T], *, depth: int = 256) -> Subscriber[T]:
         """Subscribe to one topic of every configured axis."""
-        names = self.config.keys
-        keys = names.of_axes((axis.name for axis in self.config.axes), topic)
+        names, keys = self.config.keys, set[str]()
+        self._for_every_axis(lambda axis: keys.add(names.key(axis, topic)))
         return self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
 
     def subscribe_to_components(self, topic: Topic[T]) -> Subscriber[T]:
         """Subscribe to one topic of every component."""
         names = self.config.keys
-        keys = names.of_components(tuple(axis.name for axis in self.config.axes), topic)
+        keys = {*names.of_components((), topic)}
+        self._for_every_axis(lambda axis: keys.update(names.of_components((axis,), topic)))
         return self.bus.subscribe(names.all_components(topic), topic, keys=keys)
+
+    def _for_every_axis(self, work: Callable[[str], None]) -> None:
+        """Do something for every axis, and for each that comes later."""
+        for axis in self.config.axes:
+            work(axis.name)
+        self.renewals.append(work)
 
     async def forever(self) -> NoReturn:
         """Wait until the node is ended; its tasks do the work."""

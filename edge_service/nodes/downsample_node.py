@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ..bus.publisher import Publisher
 from ..bus.reception import Refusal
-from ..config import AxisConfig, EdgeConfig
+from ..config import EdgeConfig
 from ..downsample.rows import Gathering
 from ..downsample.vibration import AxisVibration, orders_of
 from ..messages.codec import Header
@@ -54,8 +54,10 @@ async def run(context: NodeContext) -> None:
 
     axes = {axis: begin(axis) for axis in context.machines}
 
-    def renew(axis: AxisConfig) -> None:
-        axes[axis.name] = begin(axis.name)
+    def renew(axis: str) -> None:
+        axes.pop(axis, None)
+        if axis in context.machines:
+            axes[axis] = begin(axis)
 
     context.renewals.append(renew)
     samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)

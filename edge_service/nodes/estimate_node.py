@@ -1,11 +1,11 @@
 """Feature blocks in, preload estimates out: all axes."""
 
+import asyncio
 import logging
 from contextlib import AsyncExitStack
 from functools import partial
 
 from ..clock import CLOCK, now_ns
-from ..config import AxisConfig
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..messages.codec import Header
 from ..messages.event import Event
@@ -32,17 +32,19 @@ class Estimators:
 
     def __init__(self, context: NodeContext) -> None:
         self._context = context
-        self.parts = {axis: Component(context, "estimate", axis) for axis in context.machines}
-        self.axes = {axis: self._estimated(axis) for axis in context.machines}
-        self._identities = {axis: self._identity(axis) for axis in context.machines}
-        context.renewals.append(self.renew)
+        self.parts: dict[str, Component] = {}
+        self.axes: dict[str, EstimatedAxis] = {}
+        self._identities: dict[str, str] = {}
+        for axis in context.machines:
+            self.add(axis)
         self.damaged = 0
         """States that were none."""
         self.problem = ""
         """Reason for which a state cannot be kept now; empty if it can."""
 
-    def _estimated(self, name: str) -> EstimatedAxis:
-        part, config = self.parts[name], self._context.config.estimator
+    def add(self, name: str) -> Component:
+        """Begin with an axis; returns the part that reports on it."""
+        part, config = Component(self._context, "estimate", name), self._context.config.estimator
         axis = EstimatedAxis(
             name,
             lambda: make_estimator(config, self._context.machines[name]),
@@ -52,7 +54,9 @@ class Estimators:
         part.problems = lambda: [axis.problem] if axis.problem else []
         part.is_broken = lambda: bool(axis.problem)
         part.counters = lambda: {"resets": axis.resets}
-        return axis
+        self.parts[name], self.axes[name] = part, axis
+        self._identities[name] = self._identity(name)
+        return part
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
@@ -99,12 +103,12 @@ class Estimators:
         self.axes[axis].forget()
         self._put(State(STATE, axis, None))
 
-    def renew(self, axis: AxisConfig) -> None:
+    def renew(self, axis: str) -> None:
         """Begin an axis anew, unless its estimate rests on what it rested on before."""
-        identity = self._identity(axis.name)
-        if identity != self._identities[axis.name]:
-            self._identities[axis.name] = identity
-            self.forget(axis.name)
+        identity = self._identity(axis)
+        if identity != self._identities[axis]:
+            self._identities[axis] = identity
+            self.forget(axis)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -117,12 +121,11 @@ class Estimators:
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    config = context.config
     estimators = Estimators(context)
     axes = estimators.axes
     publishers = context.publishers(PRELOAD)
     features, events = context.subscribe(FEAT, depth=1024), context.subscribe(EVENT)
-    component = Component(context, "estimate")
+    component, work = Component(context, "estimate"), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
     component.problems = lambda: [estimators.problem] if estimators.problem else []
 
@@ -135,16 +138,38 @@ async def run(context: NodeContext) -> None:
         if axis in axes and event.kind == PART_REPLACED:
             estimators.forget(axis)
 
+    later: dict[str, asyncio.Task[None]] = {}
+
+    async def begin(axis: str) -> None:
+        """Estimate an axis that came later; until the estimator is warm, nothing is taken in."""
+        await work.run(warm_up, context.config.estimator, (context.machines[axis],))
+        part = estimators.add(axis)
+        async with part.running():
+            part.to(ComponentStatus.OK)
+            await context.forever()
+
+    def renew(axis: str) -> None:
+        if axis not in context.machines:
+            axes.pop(axis, None)
+            if axis in later:
+                later.pop(axis).cancel()
+        elif axis in axes:
+            estimators.renew(axis)
+        elif axis not in later:
+            later[axis] = component.start(begin(axis))
+
     async with AsyncExitStack() as running:
         parts = (component, *estimators.parts.values())
         for part in parts:
             await running.enter_async_context(part.running())
             part.to(ComponentStatus.STARTING, PREPARING)
-        work, machines = Threads("estimate"), tuple(context.machines.values())
-        await work.run(warm_up, config.estimator, machines)
+        await work.run(warm_up, context.config.estimator, tuple(context.machines.values()))
         await component.from_store(estimators.load)
         for part in parts:
             part.to(ComponentStatus.OK)
+        context.renewals.append(renew)
+        for axis in context.machines:  # what has changed while all was being prepared
+            renew(axis)
         component.follow(features, take_features)
         component.follow(events, take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
-from ..config import AxisConfig, EdgeConfig
+from ..config import EdgeConfig
 from ..health.advice import announced
 from ..health.alarms import AlarmSettings
 from ..health.axis_events import refused_command, state_damaged
@@ -54,12 +54,13 @@ class Monitors:
         """Go on where the last process was. Raises StoreFailedError."""
         self.axes = {axis: self._loaded(axis) for axis in self._context.machines}
 
-    def renew(self, axis: AxisConfig) -> None:
-        """Go on with an axis by its new machine file."""
-        if axis.name in self.axes:
-            monitor, before = self._made(axis.name), self.axes[axis.name]
-            monitor.restore(before.snapshot())
-            self.axes[axis.name] = monitor
+    def renew(self, axis: str) -> None:
+        """Go on with an axis by its new machine file, begin with a new one, or forget it."""
+        before = self.axes.pop(axis, None)
+        if axis in self._context.machines:
+            self.axes[axis] = self._made(axis)
+            if before is not None:
+                self.axes[axis].restore(before.snapshot())
 
     def _made(self, axis: str) -> AxisMonitor:
         config, machine = self._context.config, self._context.machines[axis]
@@ -206,7 +207,7 @@ async def run(context: NodeContext) -> None:
                 monitors.keep(axis)
 
     async def foresee() -> None:
-        for axis in monitors.axes:
+        for axis in (*monitors.axes,):
             with component.bears(f"the trend of axis {axis}"):
                 await monitors.foresee(axis)
 

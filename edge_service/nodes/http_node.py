@@ -5,13 +5,10 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
-import tomlkit
-
 from ..clock import CLOCK, now_ns
-from ..config import AxisConfig, EdgeConfig
+from ..config import EdgeConfig
 from ..health.axis_events import clock_changed
 from ..health.components import RefusalWatch
 from ..health.service_state import ServiceState
@@ -24,7 +21,7 @@ from ..http_api.app import create_app
 from ..http_api.guard import own_hosts
 from ..http_api.jobs import Jobs
 from ..http_api.recordings import Recordings
-from ..http_api.routes.axis import ConfigAnswer
+from ..http_api.routes.config import AxisConfigurations
 from ..http_api.routes.history import answer_selector
 from ..http_api.routes.motions import MotionAnswer
 from ..http_api.serve import serve
@@ -37,6 +34,7 @@ from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
+from .axis_desk import AxisDesk
 from .component import Component
 from .context import NodeContext, header
 from .health_node import health_settings
@@ -159,17 +157,23 @@ class HttpNode:
             self._context.dispatcher.put((event,), tell)
         self._recorder.note(event)
 
-    def _renew(self, axis: AxisConfig) -> None:
-        """Show an axis by its new machine file."""
-        machine = self._context.machines[axis.name]
-        settings = health_settings(self._context.config, axis.name)
+    def _renew(self, axis: str) -> None:
+        """Show an axis by its new machine file, or no longer."""
+        machine = self._context.machines.get(axis)
+        if machine is None:
+            self.state.drop(axis)
+            del self._machine_files[axis]
+            return
+        settings = health_settings(self._context.config, axis)
         limits = settings.limits(machine.fresh_preload_percent)
         ratio_m_per_rad = machine.transmission_ratio_m_per_rad
-        self.state.renew(axis.name, limits, stroke_profile(machine), ratio_m_per_rad)
-        self._machine_files[axis.name] = axis.machine
+        self.state.renew(axis, limits, stroke_profile(machine), ratio_m_per_rad)
+        files = {each.name: each.machine for each in self._context.config.axes}
+        self._machine_files[axis] = files[axis]
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
+        desk = AxisDesk(self._context)
         app = create_app(
             state,
             now_ns,
@@ -182,7 +186,7 @@ class HttpNode:
             metrics=self._scrape.text if self._scrape.output else None,
             authenticator=self._authenticator,
             note_change=self._note_change,
-            read_config=partial(_axis_config, self._context),
+            configurations=AxisConfigurations(desk.read, desk.put, desk.remove),
         )
 
         def bound(host: str, port: int) -> None:
@@ -305,22 +309,3 @@ def _place(config: EdgeConfig) -> str:
     if config.store.folder is None:
         return "in memory only: it ends with the service"
     return f"on disk, up to {config.store.budget_mb:g} MB; the oldest estimates go first"
-
-
-def _axis_config(context: NodeContext, axis: str) -> tuple[ConfigAnswer, str]:
-    """Configuration of an axis, and the same as TOML."""
-    config = context.config
-    own = next(each for each in config.axes if each.name == axis)
-    warning, fault = config.limits_percent(axis)
-    table = own.model_dump(mode="json", exclude_none=True)
-    for key in table["settings"]:
-        if key == "password":
-            table["settings"][key] = "***"
-    answer = ConfigAnswer(
-        axis=axis,
-        driver=own.driver,
-        settings=table["settings"],
-        limits={"warning_percent": warning, "fault_percent": fault},
-        machine=context.machines[axis].model_dump(mode="json", exclude_none=True),
-    )
-    return answer, tomlkit.dumps({"axes": [table]})

@@ -11,8 +11,6 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any
 
-from drivers.base import DriverMisconfiguredError, DriverUnavailableError
-
 from .. import __version__
 from ..bus.session import Bus, BusUnavailableError
 from ..bus.settings import BusSettings
@@ -133,7 +131,7 @@ def install_stop() -> asyncio.Event:
 
 
 def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
-    """Let axes whose table or machine file has changed begin anew; all else needs a restart."""
+    """Let axes that are new or changed begin, and others go; all else needs a restart."""
     old = {axis.name: axis for axis in context.config.axes}
     try:
         config = read()
@@ -142,7 +140,7 @@ def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
         for axis in config.axes:
             machine = machines[axis.name]
             is_same = axis.name in old and axis.model_dump() == old[axis.name].model_dump()
-            if axis.name in old and not (is_same and machine == context.machines[axis.name]):
+            if not (is_same and machine == context.machines[axis.name]):
                 acquire_node.make_driver(axis)
                 make_estimator(config.estimator, machine)
                 changed.append(axis)
@@ -152,9 +150,11 @@ def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
     for axis in changed:
         log.info("axis %s begins anew", axis.name)
         context.renew(axis, machines[axis.name])
+    for name in old.keys() - machines.keys():
+        log.info("axis %s goes", name)
+        context.drop(name)
     beside = {"axes"}
-    is_same = config.model_dump(exclude=beside) == context.config.model_dump(exclude=beside)
-    if not is_same or {axis.name for axis in config.axes} != set(old):
+    if config.model_dump(exclude=beside) != context.config.model_dump(exclude=beside):
         log.warning("what has changed beside the axes takes effect after a restart")
 
 
@@ -176,6 +176,28 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
         tell_url(url)
 
     context.on_http_ready = served
+    sources: dict[str, asyncio.Task[None]] = {}
+    outputs: dict[str, asyncio.Task[None]] = {}
+
+    def changed(name: str) -> None:
+        """Read an axis that is new, or no longer; outputs begin anew with the axes that are."""
+        if (name in context.machines) == (name in known):
+            return
+        known.symmetric_difference_update((name,))
+        for output, task in outputs.items():
+            task.cancel()
+            outputs[output] = process.start(output_node.run(context, output))
+        if name in sources:
+            sources.pop(name).cancel()
+        elif "acquire" in names:
+            read(name)
+
+    def read(name: str) -> None:
+        axis = next(each for each in context.config.axes if each.name == name)
+        sources[name] = process.start(acquire_node.run(context, axis))
+
+    known = {*context.machines}
+    context.renewals.append(changed)
     try:
         async with process.running():
             process.to(ComponentStatus.OK)
@@ -185,15 +207,15 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
             process.start(context.dispatcher.run(process.bears))
             for each in names:
                 if each in context.config.outputs:
-                    process.start(output_node.run(context, each))
+                    outputs[each] = process.start(output_node.run(context, each))
                 elif each in _RUNS:
                     process.start(_RUNS[each](context))
-            axes = context.config.axes if "acquire" in names else ()
-            sources = [process.start(acquire_node.run(context, axis)) for axis in axes]
+            for axis in context.config.axes if "acquire" in names else ():
+                read(axis.name)
             if "http" not in names:
                 notify_systemd("READY=1")
             if context.is_replay:
-                process.start(_stop_after(sources, stop))
+                process.start(_stop_after([*sources.values()], stop))
             await stop.wait()
             notify_systemd("STOPPING=1")
     finally:
@@ -247,15 +269,5 @@ async def check_service(config: EdgeConfig) -> tuple[str, ...]:
     """
     for name in config.outputs:
         output_node.make_output(config, name)
-    unreachable = []
-    for axis in config.axes:
-        driver = acquire_node.make_driver(axis)
-        try:
-            await driver.probe()
-        except DriverUnavailableError as error:
-            unreachable.append(f"axis {axis.name}: {error}")
-        except DriverMisconfiguredError as error:
-            raise ConfigError(f"{axis.place}.settings.{error}") from None
-        finally:
-            await driver.close()
-    return tuple(unreachable)
+    said = [await acquire_node.check_source(axis) for axis in config.axes]
+    return tuple(filter(None, said))

@@ -295,7 +295,7 @@ async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
     bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     context, stop = NodeContext(written(6.0, 1), bus), asyncio.Event()
     renewed: list[str] = []
-    context.renewals.append(lambda axis: renewed.append(axis.name))
+    context.renewals.append(renewed.append)
     reports = bus.subscribe(context.config.keys.all_components(STATUS), STATUS, depth=4096)
     running_nodes = asyncio.create_task(run_nodes(context, ("acquire", "health"), stop))
 

@@ -2,10 +2,9 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Header, Query, Request
-from fastapi.responses import PlainTextResponse, Response
 from pydantic import AfterValidator, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
@@ -112,20 +111,6 @@ class CommandAnswer(Answer):
     outcome: str = Field(examples=["alarm sudden drop acknowledged by Kim: seen"])
 
 
-class ConfigAnswer(Answer):
-    """One axis as it is configured; secrets are `***`."""
-
-    axis: str
-    driver: str
-    settings: dict[str, Any] = Field(description="Of the driver.")
-    limits: dict[str, float] = Field(description="Percent of the fresh screw's preload.")
-    machine: dict[str, Any] = Field(description="The machine file.")
-
-
-ReadConfig = Callable[[str], tuple[ConfigAnswer, str]]
-"""Configuration of an axis, and the same as TOML."""
-
-
 @axis_router.get("/preload", response_model=PreloadAnswer)
 async def preload(axis: AxisDep, state: StateDep, now_ns: NowDep) -> PreloadAnswer:
     """Preload of one axis; numbers are null, never stale, unless the status is `estimated`."""
@@ -195,24 +180,6 @@ def _profile(commissioned: StrokeBand, now: StrokeBand | None) -> ProfileAnswer:
 
 def _rounded(values: Floats) -> list[float]:
     return [float(f"{value:.5g}") for value in values]
-
-
-@axis_router.get(
-    "/config",
-    response_model=ConfigAnswer,
-    responses=documented(503) | {200: {"content": {"application/toml": {}}}},
-)
-async def config(
-    request: Request,
-    axis: AxisDep,
-    form: Annotated[Literal["json", "toml"], Query(alias="format")] = "json",
-) -> ConfigAnswer | Response:
-    """The axis as it is configured: driver, its settings, limits, machine file."""
-    read: ReadConfig | None = request.app.state.read_config
-    if read is None:
-        raise HTTPException(503, "this service has no configuration")
-    answer, toml = read(axis)
-    return answer if form == "json" else PlainTextResponse(toml, media_type="application/toml")
 
 
 async def send_command_of(request: Request) -> SendCommand | None:

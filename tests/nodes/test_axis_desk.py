@@ -1,0 +1,103 @@
+"""Axes that are made on the page: kept, begun alone, changed, removed, and read again."""
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from edge_service.config import ConfigError, load_config
+
+from .conftest import running, until
+
+AXIS = {"driver": "simulated", "settings": {"scenario": "healthy", "speed": 20.0}}
+PATH = "/api/v1/axes/{}/config"
+
+
+def written(folder: Path, axes: str = "") -> Path:
+    path = folder / "edge.toml"
+    ports = '[bus]\nendpoint = "tcp/127.0.0.1:0"\n[http]\nport = 0\n'
+    path.write_text(f'{ports}[store]\nfolder = "state"\n{axes}')
+    return path
+
+
+@pytest.fixture
+async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
+    """A service whose configuration has the axis Y."""
+    axes = '[[axes]]\nname = "Y"\n[axes.settings]\nscenario = "healthy"\n'
+    async with (
+        running(load_config(written(tmp_path, axes))) as service,
+        httpx.AsyncClient(base_url=await service.address, timeout=60.0) as client,
+    ):
+        yield client
+
+
+async def test_an_axis_is_made_on_the_page_and_goes_again(
+    client: httpx.AsyncClient, tmp_path: Path
+) -> None:
+    folder = tmp_path / "state" / "axes" / "X"
+    made = await client.put(PATH.format("X"), json=AXIS)
+    assert (made.status_code, made.json()["driver"]) == (201, "simulated")
+    assert {each.name for each in folder.iterdir()} == {"axis.toml", "machine.toml"}
+
+    async def estimated() -> Any:
+        preload = (await client.get("/api/v1/axes/X/preload")).json()
+        return preload["status"] == "estimated" and preload
+
+    await until(estimated)
+    parts = (await client.get("/api/v1/health")).json()["components"]
+    assert {each["component"] for each in parts if each["axis"] == "X"} == {"acquire", "estimate"}
+    assert [each.name for each in load_config(tmp_path / "edge.toml").axes] == ["Y", "X"]
+
+    answer = (await client.get(PATH.format("X"))).json()
+    answer["machine"]["axis"]["stroke_m"] = 0.7
+    changed = await client.put(PATH.format("X"), json=answer)
+    assert (changed.status_code, changed.json()["machine"]) == (200, answer["machine"])
+    assert len(list(folder.glob("machine*.toml"))) == 2
+
+    assert (await client.delete(PATH.format("X"))).status_code == 204
+    assert (await client.get("/api/v1/axes/X/preload")).status_code == 404
+    assert not folder.exists()
+    assert (await client.put(PATH.format("X"), json=AXIS)).status_code == 201
+    await until(estimated)
+
+
+WRONG: list[tuple[str, dict[str, Any], int, str]] = [
+    ("Y", {}, 409, "edge.toml:8: axis Y stands there"),
+    ("X", {"driver": "fanuc"}, 422, "no driver 'fanuc' is installed"),
+    ("X", {"settings": {"speeed": 2.0}}, 422, "axes.X.settings.speeed"),
+    ("X", {"settings": "speed ="}, 422, "settings"),
+    ("X", {"limits": {"fault_percent": 80.0}}, 422, "fault_percent must lie below"),
+    ("X", {"machine": {"axis": {}}}, 422, "axis.lead_m: missing"),
+    ("X", {"machine": "[axis]\nname = 3"}, 422, "axis.name"),
+    ("X", {"axis": "Z"}, 422, "expected 'X'"),
+    (".X", {}, 422, "expected a letter or digit first"),
+    ("a b", {}, 422, "is no key part"),
+]
+
+
+async def test_what_is_wrong_changes_nothing(client: httpx.AsyncClient, tmp_path: Path) -> None:
+    for axis, change, status, said in WRONG:
+        answer = await client.put(PATH.format(axis), json=AXIS | change)
+        assert (answer.status_code, said in answer.json()["detail"]) == (status, True), said
+    assert list((tmp_path / "state").glob("axes/*")) == []
+    assert [each["axis"] for each in (await client.get("/api/v1/axes")).json()["axes"]] == ["Y"]
+
+
+def test_each_axis_has_one_owner_and_its_mistakes_are_told_by_its_file(tmp_path: Path) -> None:
+    table = '[[axes]]\nname = "X"\n'
+    folder = tmp_path / "state" / "axes" / "X"
+    folder.mkdir(parents=True)
+    (folder / "axis.toml").write_text(table)
+    assert [each.name for each in load_config(written(tmp_path)).axes] == ["X"]
+    with pytest.raises(ConfigError, match=r"axis.toml: axes.X: stands in .*edge.toml as well"):
+        load_config(written(tmp_path, table))
+    for wrong, said in (
+        (table.replace("X", "Z"), "axes.Z: expected the name 'X'"),
+        (f"{table}motor = 1\n", "axes.X.motor: unknown key"),
+        (table * 2, "axes: "),
+    ):
+        (folder / "axis.toml").write_text(wrong)
+        with pytest.raises(ConfigError, match=f"axis.toml: {said}"):
+            load_config(written(tmp_path))
