@@ -7,7 +7,7 @@ import logging
 import math
 import os
 from collections.abc import AsyncGenerator, Awaitable, Callable
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from edge_service.atomic import put_in_place, replaced_file
+from edge_service.atomic import replaced_file
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
 
@@ -32,8 +32,6 @@ BETWEEN_S = 1.0
 """Axis time between two traces: the axis may be anywhere when the next begins."""
 SAVE_ROWS = 20_000
 """After so many rows the ledger is written; more than these are never read twice."""
-MOST_BEGINNINGS = 16
-"""Kept shorter contents of one file that grows."""
 _CHUNK_BYTES = 1 << 20
 _TAIL_BYTES = 4096
 _PARQUET_MAGIC = b"PAR1"
@@ -113,7 +111,6 @@ class Entry:
         size: of the content, bytes.
         rows: handed out so far.
         done: nothing is left to read.
-        grown: the file has grown since; a later entry says more.
     """
 
     digest: str
@@ -121,7 +118,6 @@ class Entry:
     size: int
     rows: int = 0
     done: bool = False
-    grown: bool = False
 
 
 _ENTRY = TypeAdapter(Entry)
@@ -130,8 +126,8 @@ _ENTRY = TypeAdapter(Entry)
 class Ledger:
     """Record of what has been read: a small file with a line of JSON for each trace.
 
-    Of a damaged one the lines that can be read stand; it is set aside. One that cannot be written
-    is told once; what is read meanwhile is written as soon as that can be.
+    Of a damaged one the lines that can be read stand. One that cannot be written is told once;
+    what is read meanwhile is written as soon as that can be.
 
     Attributes:
         unsaved: times in a row that the file could not be written.
@@ -146,18 +142,14 @@ class Ledger:
         self._entries: dict[str, Entry] = {}
         try:
             lines = path.read_bytes().splitlines() if path.exists() else []
-            for line in lines:
-                try:
-                    entry = _ENTRY.validate_json(line, strict=True)
-                except ValueError:
-                    continue
-                self._entries[entry.digest] = entry
-            if len(self._entries) < len(lines):
-                aside, known = path.with_name(f"{path.name}.damaged"), len(self._entries)
-                put_in_place(path, aside)
-                log.warning("%s: damaged; set aside as %s, %d traces known", path, aside, known)
         except OSError as error:
             raise DriverUnavailableError(f"{path}: cannot be read ({error.strerror})") from None
+        for line in lines:
+            with suppress(ValueError):
+                entry = _ENTRY.validate_json(line, strict=True)
+                self._entries[entry.digest] = entry
+        if len(self._entries) < len(lines):
+            log.warning("%s: damaged; %d traces known", path, len(self._entries))
 
     def entry_of(self, path: Path) -> Entry:
         """The entry of a trace; a new one where it has not been seen. Raises OSError.
@@ -165,23 +157,23 @@ class Ledger:
         One that begins with what was read of a file of its name goes on behind that.
         """
         size = path.stat().st_size
-        shorter = [e for e in self._entries.values() if e.name == path.name and 0 < e.size < size]
-        digests, hasher, position = dict[int, str](), hashlib.sha256(), 0
+        shorter = [e for e in self._entries.values() if e.name == path.name and e.size < size]
+        hasher, position = hashlib.sha256(), 0
+        beginning: Entry | None = None
         with path.open("rb") as file:
             for end in sorted({size, *(each.size for each in shorter)}):
                 while chunk := file.read(min(_CHUNK_BYTES, end - position)):
                     hasher.update(chunk)
                     position += len(chunk)
-                digests[end] = hasher.hexdigest()
-        entry = self._entries.setdefault(digests[size], Entry(digests[size], path.name, size))
-        if entry.rows == 0 and not entry.done:
-            beginnings = [each for each in shorter if digests[each.size] == each.digest]
-            entry.rows = max((each.rows for each in beginnings), default=0)
-            for each in beginnings:
-                each.grown = True
-            for each in [each for each in beginnings if each.grown][:-MOST_BEGINNINGS]:
-                del self._entries[each.digest]
-        return entry
+                digest = hasher.hexdigest()
+                if end < size:
+                    beginning = self._entries.get(digest, beginning)
+        if digest not in self._entries:
+            self._entries[digest] = Entry(digest, path.name, size)
+            if beginning is not None:
+                self._entries[digest].rows = beginning.rows
+                del self._entries[beginning.digest]
+        return self._entries[digest]
 
     def save(self) -> None:
         """Write all entries, if that can be."""
@@ -225,14 +217,14 @@ class FolderDriver:
         self.ledger_path = ledger or (kept if state else beside)
         self._rows = RecordedRows(f"folder {context.axis}", context.machine)
         self._ledger: Ledger | None = None
-        self._last_ledger: Ledger | None = None
+        self._arrivals: Arrivals | None = None
         self._counts = {"files": 0, "bad_files": 0, "seen_before": 0, "rows": 0, "bad_cells": 0}
         self._newest_s = -np.inf
 
     @property
     def counters(self) -> dict[str, int]:
         """Files and rows read, files that cannot be, and cells without a number."""
-        unsaved = 0 if self._last_ledger is None else self._last_ledger.unsaved
+        unsaved = 0 if self._ledger is None else self._ledger.unsaved
         return self._counts | {"unsaved_ledger": unsaved}
 
     @property
@@ -242,34 +234,30 @@ class FolderDriver:
 
     async def open(self) -> None:
         """Look into folder and ledger. Raises like all drivers."""
-
-        def opened() -> Ledger:
-            Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
-            if self._last_ledger is None or not self._last_ledger.unsaved:
-                self._last_ledger = Ledger(self.ledger_path)
-            return self._last_ledger
-
-        if self._ledger is None:
-            self._ledger = await self._rows.run(opened)
+        if self._arrivals is None:
+            await self._rows.run(self._complete_now)
+            if self._ledger is None:
+                self._ledger = await self._rows.run(Ledger, self.ledger_path)
+            config = self._config
+            self._arrivals = Arrivals(config.folder, config.pattern, self._settle_s)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of one trace after the other, until `close` or the folder is gone."""
-        ledger = self._ledger
-        if ledger is None:
+        arrivals, ledger = self._arrivals, self._ledger
+        if arrivals is None or ledger is None:
             raise DriverUnavailableError(f"{self._config.folder}: the folder is not open")
         clock = asyncio.get_running_loop().time
-        arrivals = Arrivals(self._config.folder, self._config.pattern, self._settle_s)
-        while self._ledger is ledger:
+        while self._arrivals is arrivals:
             try:
                 paths = await self._rows.run(arrivals.complete, clock())
             except DriverUnavailableError:
-                self._ledger = None
+                self._arrivals = None
                 raise
             for path in paths:
                 async with aclosing(self._read(ledger, path)) as frames:
                     async for frame in frames:
                         yield frame
-            if self._ledger is ledger:
+            if self._arrivals is arrivals:
                 if ledger.unsaved:
                     await self._rows.run(ledger.save)
                 await self._sleep(POLL_S)
@@ -278,12 +266,9 @@ class FolderDriver:
         """Channels of the first trace that can be read; none while there is none."""
 
         def channels() -> tuple[str, ...]:
-            for path in Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0):
-                try:
-                    with self._rows.open_now(path) as reader:
-                        return reader.channels
-                except TraceError:
-                    continue
+            for path in self._complete_now():
+                with suppress(TraceError), self._rows.open_now(path) as reader:
+                    return reader.channels
             return ()
 
         found = await self._rows.run(channels)
@@ -291,8 +276,11 @@ class FolderDriver:
 
     async def close(self) -> None:
         """End `frames`; safe twice."""
-        self._ledger = None
+        self._arrivals = None
         await self._rows.close()
+
+    def _complete_now(self) -> list[Path]:
+        return Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
 
     async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
         """The rows of a trace that were not read before; what was read is written down."""
@@ -304,10 +292,12 @@ class FolderDriver:
         if entry.done:
             self._counts["seen_before"] += 1
             return
-        unsaved, shift_s = 0, None
+        arrivals, saved_rows, shift_s = self._arrivals, entry.rows, None
         try:
-            async with aclosing(self._cut(ledger, entry, path)) as frames:
+            async with aclosing(self._cut(path, entry.rows)) as frames:
                 async for frame in frames:
+                    if self._arrivals is not arrivals:
+                        return
                     if shift_s is None:
                         anew = np.isfinite(self._newest_s)
                         shift_s = self._newest_s + BETWEEN_S - frame.time_s[0] if anew else 0.0
@@ -315,43 +305,37 @@ class FolderDriver:
                     self._newest_s = max(self._newest_s, float(shifted.time_s.max()))
                     entry.rows += len(frame)
                     self._counts["rows"] += len(frame)
-                    unsaved += len(frame)
                     yield shifted
-                    if unsaved >= SAVE_ROWS:
+                    if entry.rows - saved_rows >= SAVE_ROWS:
                         await self._rows.run(ledger.save)
-                        unsaved = 0
+                        saved_rows = entry.rows
+            if self._arrivals is not arrivals:  # closed meanwhile: not at its end
+                return
+            self._counts["files"] += 1
+            entry.done = True
+        except TraceError as error:
+            log.warning("%s", error)
+            self._counts["bad_files"] += 1
+            entry.done = True
         finally:
             await self._rows.close()
             await self._rows.run(ledger.save)
 
-    async def _cut(
-        self, ledger: Ledger, entry: Entry, path: Path
-    ) -> AsyncGenerator[SampleFrame, None]:
-        """Frames of the rows beyond `entry.rows`; at the end the entry is done."""
-        cutter, skip, bad = FrameCutter(FRAME_S), entry.rows, 0
-        try:
-            reader = await self._rows.open(path)
-            if reader is None:
-                return
-            log.info("reading %s", path)
-            while (block := await self._rows.next(reader)) is not None:
-                self._counts["bad_cells"] += sum(reader.bad_cells.values()) - bad
-                bad = sum(reader.bad_cells.values())
-                skip, skipped = max(skip - len(block), 0), min(skip, len(block))
-                if skipped == len(block):
-                    continue
+    async def _cut(self, path: Path, skip: int) -> AsyncGenerator[SampleFrame, None]:
+        """Frames of the rows beyond the first `skip`, until the end or `close`."""
+        cutter, bad = FrameCutter(FRAME_S), 0
+        reader = await self._rows.open(path)
+        if reader is None:
+            return
+        log.info("reading %s", path)
+        while (block := await self._rows.next(reader)) is not None:
+            self._counts["bad_cells"] += sum(reader.bad_cells.values()) - bad
+            bad = sum(reader.bad_cells.values())
+            skip, skipped = max(skip - len(block), 0), min(skip, len(block))
+            if skipped < len(block):
                 for frame in cutter.cut(piece(block, skipped)):
                     await self._sleep(0.0)  # the event loop must get its turn between two reads
-                    if self._ledger is not ledger:
-                        return
                     yield frame
-            if self._rows.reader is not reader:  # closed meanwhile: not at its end
-                return
-            rest = cutter.rest()
-            if rest is not None:
-                yield rest
-            self._counts["files"] += 1
-        except TraceError as error:
-            log.warning("%s", error)
-            self._counts["bad_files"] += 1
-        entry.done = True
+        rest = cutter.rest()
+        if rest is not None:
+            yield rest
