@@ -65,6 +65,7 @@ class ReplayDriver:
         self._config = config
         self._clock = clock
         self._sleep = sleep
+        self.readings: dict[str, float] = {}  # a recording knows no more than its samples
         self._rows = RecordedRows(f"replay {context.axis}", context.machine)
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
 
@@ -73,11 +74,6 @@ class ReplayDriver:
         """Rows read, faults met and restarts of a loop, since the driver was made."""
         reader = self._rows.reader
         return dict(self._finished) if reader is None else _total(self._finished, reader)
-
-    @property
-    def readings(self) -> dict[str, float]:
-        """None: a recording knows no more than its samples."""
-        return {}
 
     async def open(self) -> None:
         """Open the trace and check its columns; raises DriverMisconfiguredError."""
@@ -89,7 +85,7 @@ class ReplayDriver:
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
-        if not self._rows.is_open():
+        if self._rows.reader is None:
             raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
         pace: Pace | None = None
         newest_s = 0.0
@@ -101,7 +97,7 @@ class ReplayDriver:
                 step_s, newest_s = float(frame.time_s[-1]) - newest_s, float(frame.time_s[-1])
                 # Even without a wait: the event loop must get its turn between two reads.
                 await self._sleep(pace.wait_s(min(max(step_s, 0.0), LONGEST_STEP_S)))
-                if not self._rows.is_open():
+                if self._rows.reader is None:
                     return
                 yield frame
 

@@ -1,6 +1,7 @@
 """The simulated feed drive: production motion, wear, and everything a real drive reports."""
 
 import asyncio
+import math
 import tomllib
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import replace
@@ -15,9 +16,9 @@ from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
+from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
-from edge_service.models.screw.wear import SCENARIOS
+from edge_service.models.screw.wear import SCENARIOS, Wear
 from edge_service.threads import Threads
 
 from .base import (
@@ -80,54 +81,38 @@ class _SimulatedAxis:
     def __init__(self, config: SimulatedConfig, context: DriverContext) -> None:
         self._config = config
         machine = context.machine if config.truth is None else _machine(config.truth)
-        missing = machine.missing_for_percent()
         whose = "machine" if config.truth is None else "truth"
+        missing = machine.missing_for_percent()
         if missing is not None:
             raise DriverMisconfiguredError(
                 whose, f"{missing}: the machine file lacks it, simulated preload needs it"
             )
-        scenario = SCENARIOS[config.scenario]
-        fresh = machine.fresh_preload_percent
-        if config.scenario == "healthy" and fresh is not None:
-            scenario = replace(scenario, start_percent=fresh, end_percent=fresh)
-        start, end = config.start_percent, config.end_percent
-        if config.scenario == "healthy" and end is None:
-            end = start
-        self._wear = replace(
-            scenario,
-            start_percent=scenario.start_percent if start is None else start,
-            end_percent=scenario.end_percent if end is None else end,
-        )
+        self._wear = _wear(config, machine)
         self.preload_percent = self._wear.start_percent
         if config.motion not in MOTIONS:
             known = ", ".join(sorted(MOTIONS))
             raise DriverMisconfiguredError("motion", f"{config.motion!r} is not one of {known}")
+        key = "motion"
         try:
             limits = motion_limits(machine)
             segments = MOTIONS[config.motion](limits, np.random.default_rng((config.seed, 1)))
-        except MotionError as error:
-            raise DriverMisconfiguredError("motion", str(error)) from error
-        self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
-        try:
+            key = whose
             settings = FeedDriveSettings.of_machine(machine, config.rate_hz)
-        except ValueError as error:
-            raise DriverMisconfiguredError(whose, str(error)) from error
-        noises = {
-            name: config.noise * getattr(settings.sensors, name)
-            for name in ("torque_noise_nm", "angle_noise_rad", "table_noise_m")
-        }
-        settings = replace(settings, sensors=settings.sensors._replace(**noises))
-        try:
+            key = "effects"
             effects = [_effect(text) for text in config.effects]
-            present = tuple(effect for from_s, effect in effects if from_s <= 0.0)
-            self._later = [(from_s, effect) for from_s, effect in effects if from_s > 0.0]
-            for each in (tuple(effect for _, effect in effects), present):
-                settings_now = replace(settings, effects=(*settings.effects, *each))
-                self._drive = FeedDrive(
-                    settings_now, limits.low_m, self.preload_percent, config.seed
-                )
+            noises = {
+                name: config.noise * getattr(settings.sensors, name)
+                for name in ("torque_noise_nm", "angle_noise_rad", "table_noise_m")
+            }
+            settings = replace(settings, sensors=settings.sensors._replace(**noises))
+            for begun_s in (math.inf, 0.0):  # first all of them, so that a wrong one is told now
+                present = tuple(effect for from_s, effect in effects if from_s <= begun_s)
+                now = replace(settings, effects=(*settings.effects, *present))
+                self._drive = FeedDrive(now, limits.low_m, self.preload_percent, config.seed)
         except ValueError as error:
-            raise DriverMisconfiguredError("effects", str(error)) from error
+            raise DriverMisconfiguredError(key, str(error)) from error
+        self._later = [(from_s, effect) for from_s, effect in effects if from_s > 0.0]
+        self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
         self._sample = 0
         self._accelerometer: Accelerometer | None = None
         if config.accelerometer_hz > 0.0:
@@ -162,6 +147,19 @@ class _SimulatedAxis:
         return replace(frame, waveforms=(wave,) if len(wave) else ())
 
 
+def _wear(config: SimulatedConfig, machine: Machine) -> Wear:
+    """The scenario with the start and end that are stated."""
+    scenario = SCENARIOS[config.scenario]
+    start, end = scenario.start_percent, scenario.end_percent
+    if config.scenario == "healthy":
+        start = end = machine.fresh_preload_percent or start
+        if config.start_percent is not None:
+            end = config.start_percent
+    start = start if config.start_percent is None else config.start_percent
+    end = end if config.end_percent is None else config.end_percent
+    return replace(scenario, start_percent=start, end_percent=end)
+
+
 def _machine(path: Path) -> Machine:
     """The machine file that is the truth. Raises DriverMisconfiguredError."""
     try:
@@ -175,7 +173,7 @@ def _machine(path: Path) -> Machine:
 
 
 def _effect(text: str) -> tuple[float, ActiveEffect]:
-    """An effect, and the axis time from which on it is there, s. Raises ValueError."""
+    """Axis time from which on an effect is there, s, and the effect. Raises ValueError."""
     name, _, rest = text.partition(":")
     parts = [part.strip() for part in rest.split(",")]
     times = [part.removeprefix(_FROM) for part in parts if part.startswith(_FROM)]
@@ -193,6 +191,10 @@ class SimulatedDriver:
     With `speed` above 0 a frame is yielded when its last sample has been taken, against a fixed
     start on the event loop's clock, so that nothing drifts. Axis time never jumps: after a delay
     of more than a second the axis goes on from where it was, and real time has moved on.
+
+    Attributes:
+        counters: none; nothing is ever lost here.
+        readings: the true preload, to hold the estimate against.
     """
 
     config_model: ClassVar[type[DriverConfig]] = SimulatedConfig
@@ -210,7 +212,8 @@ class SimulatedDriver:
         self._clock = clock
         self._sleep = sleep
         self._running: _SimulatedAxis | None = None
-        self._truth: float | None = None
+        self.counters: dict[str, int] = {}
+        self.readings: dict[str, float] = {}
         self.paced = config.speed > 0.0
         self.frame_s = FRAME_S
 
@@ -241,7 +244,7 @@ class SimulatedDriver:
             rows = count
             await self._sleep(wait_s)
             if self._running is axis:
-                self._truth = axis.preload_percent
+                self.readings = {"true_preload_percent": axis.preload_percent}
                 yield frame
 
     async def probe(self) -> Probe:
@@ -256,18 +259,4 @@ class SimulatedDriver:
     async def close(self) -> None:
         """End `frames`; the next `open` starts from home again."""
         self._running = None
-        self._truth = None
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """None: nothing is ever lost here."""
-        return {}
-
-    @property
-    def readings(self) -> dict[str, float]:
-        """The true preload, to hold the estimate against."""
-        return {} if self._truth is None else {"true_preload_percent": self._truth}
-
-    def truth(self) -> float | None:
-        """True preload in percent at the latest sample handed out, or None before the first."""
-        return self._truth
+        self.readings = {}

@@ -215,6 +215,7 @@ class FolderDriver:
         kept = Path(state) / f"folder-{context.axis}.jsonl"
         beside = config.folder / f".edge-service-{context.axis}.jsonl"
         self.ledger_path = ledger or (kept if state else beside)
+        self.readings: dict[str, float] = {}  # a recording knows no more than its samples
         self._rows = RecordedRows(f"folder {context.axis}", context.machine)
         self._ledger: Ledger | None = None
         self._arrivals: Arrivals | None = None
@@ -226,11 +227,6 @@ class FolderDriver:
         """Files and rows read, files that cannot be, and cells without a number."""
         unsaved = 0 if self._ledger is None else self._ledger.unsaved
         return self._counts | {"unsaved_ledger": unsaved}
-
-    @property
-    def readings(self) -> dict[str, float]:
-        """None: a recording knows no more than its samples."""
-        return {}
 
     async def open(self) -> None:
         """Look into folder and ledger. Raises like all drivers."""

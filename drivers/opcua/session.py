@@ -25,7 +25,7 @@ from cryptography import x509
 from edge_service.retry import heed_cancellation
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
-from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id, unit_of_code
+from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id
 
 # What the library finds wrong is logged once, by the driver; its own log holds tracebacks.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -227,15 +227,6 @@ async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
         except NOT_THERE as error:
             problem = f"{signal.node!r}: {_words(error)}"
             raise DriverMisconfiguredError(f"signals[{number}].node", problem) from None
-        unit, declared = None, signal.declared_unit
-        with contextlib.suppress(*FAILURES, AttributeError, TypeError):
-            stated = await (await node.get_child("0:EngineeringUnits")).read_value()
-            unit = unit_of_code(int(stated.UnitId))
-        if unit is not None and unit != declared and signal.scale == 1.0:
-            raise DriverMisconfiguredError(
-                f"signals[{number}].unit",
-                f"{declared!r}, but the server states {unit!r} for {signal.node}",
-            )
         nodes.append(node)
     return nodes
 

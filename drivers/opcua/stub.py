@@ -25,11 +25,9 @@ from ..base import DriverMisconfiguredError
 from ..signals import Scaling
 from ..stub import Fault, FaultKind, Following, StubAxis
 from .variables import (
-    NAMESPACE,
     NodeConfig,
     OpcuaConfig,
     browse_path,
-    code_of_unit,
     is_path,
     node_id,
 )
@@ -121,7 +119,7 @@ class OpcuaStub:
                 scaling = None
                 if signal.channel is not None:
                     scaling = Scaling.of(signal, axis.context.machine, f"signals[{number}]")
-                node = await add_signal(server, axis.name, signal)
+                node = await _add_variable(server, axis.name, signal)
                 self._points.append((axis, signal, scaling, node))
 
     async def _serve(self, server: Server) -> None:
@@ -172,26 +170,28 @@ class _Users:
         return None
 
 
-async def add_signal(server: Server, axis: str, signal: NodeConfig) -> Node:
+async def _add_variable(server: Server, axis: str, signal: NodeConfig) -> Node:
     """The variable that a signal names. Raises DriverMisconfiguredError."""
     uris = [part.partition("}")[0] for part in signal.node.split("{")[1:]]
     if signal.node.startswith("nsu="):
         uris.append(signal.node.removeprefix("nsu=").partition(";")[0])
+    parent = server.nodes.objects
     try:
         for uri in uris:
             await server.register_namespace(uri)
         namespaces = [str(uri) for uri in await server.get_namespace_array()]
-        if not is_path(signal.node):
-            folder = await _child(server.nodes.objects, f"2:{axis}")
+        if is_path(signal.node):
+            *path, last = browse_path(signal.node, namespaces)
+            for step in path:
+                parent = await _child(parent, step)
+            name = ua.QualifiedName.from_string(last)
+            place = ua.NodeId(ua.Int32(0), name.NamespaceIndex)
+        else:
+            parent = await _child(parent, f"2:{axis}")
             name = ua.QualifiedName(signal.channel or "heartbeat", ua.UInt16(2))
-            return await _add_variable(folder, node_id(signal.node, namespaces), name, signal)
-        *path, last = browse_path(signal.node, namespaces)
-        parent = server.nodes.objects
-        for step in path:
-            parent = await _child(parent, step)
-        name = ua.QualifiedName.from_string(last)
-        place = ua.NodeId(ua.Int32(0), name.NamespaceIndex)
-        return await _add_variable(parent, place, name, signal)
+            place = node_id(signal.node, namespaces)
+        value = ua.Variant(math.nan, ua.VariantType.Double)
+        return await parent.add_variable(place, name, value, datatype=ua.NodeId(ua.Int32(11)))
     except (ValueError, UaStatusCodeError) as error:
         raise DriverMisconfiguredError("signals", f"{signal.node!r}: {error}") from None
 
@@ -203,22 +203,3 @@ async def _child(parent: Node, step: str) -> Node:
     except UaStatusCodeError:
         name = ua.QualifiedName.from_string(step)
     return await parent.add_object(ua.NodeId(ua.Int32(0), name.NamespaceIndex), name)
-
-
-async def _add_variable(
-    parent: Node, where: ua.NodeId, name: ua.QualifiedName, signal: NodeConfig
-) -> Node:
-    variable = await parent.add_variable(
-        where, name, ua.Variant(math.nan, ua.VariantType.Double), datatype=ua.NodeId(ua.Int32(11))
-    )
-    if signal.channel is not None:
-        unit = signal.declared_unit if signal.scale == 1.0 else ""
-        if unit:
-            text = ua.LocalizedText(unit)
-            stated = ua.EUInformation(NAMESPACE, ua.Int32(code_of_unit(unit)), text, text)
-            await variable.add_property(
-                ua.NodeId(ua.Int32(0), name.NamespaceIndex),
-                ua.QualifiedName("EngineeringUnits", ua.UInt16(0)),
-                ua.Variant(stated, ua.VariantType.ExtensionObject),
-            )
-    return variable

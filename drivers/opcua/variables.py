@@ -16,28 +16,6 @@ from ..base import DriverConfig
 from ..signals import SignalConfig, check_channels
 
 Security = Literal["None", "Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
-_CODES = {
-    "m": "MTR",
-    "mm": "MMT",
-    "um": "4H",
-    "m/s": "MTS",
-    "mm/s": "C16",
-    "mm/min": "H81",
-    "m/min": "2X",
-    "rad": "C81",
-    "deg": "DD",
-    "rad/s": "2A",
-    "deg/s": "E96",
-    "rev/min": "RPM",
-    "rev/s": "RPS",
-    "N m": "NU",
-    "mN m": "D83",
-    "N": "NEW",
-    "kN": "B47",
-    "degC": "CEL",
-}
-"""Unit -> its common code in UNECE Recommendation 20."""
-NAMESPACE = "http://www.opcfoundation.org/UA/units/un/cefact"
 _URI = re.compile(r"\{([^}]*)\}")
 _NSU = re.compile(r"^nsu=[^;]*;")
 
@@ -91,16 +69,6 @@ def _namespace(uri: str, namespaces: list[str]) -> int:
     if uri not in namespaces:
         raise ValueError(f"the server has no namespace {uri!r}")
     return namespaces.index(uri)
-
-
-def code_of_unit(unit: str) -> int:
-    """Unit id of OPC UA part 8, 5.6.3: the characters of the common code, first one highest."""
-    return int.from_bytes(_CODES[unit].encode(), "big")
-
-
-def unit_of_code(code: int) -> str | None:
-    """Our name of a unit id; None for one that no channel is measured in."""
-    return next((unit for unit in _CODES if code_of_unit(unit) == code), None)
 
 
 class NodeConfig(SignalConfig):

@@ -119,10 +119,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"signals": [{"channel": TORQUE, "node": "Machines/X"}]},
         r"signals\[0\]\.node: 'Machines/X': BadNoMatch",
     ),
-    "another unit than the server's": (
-        {"signals": [{"channel": TABLE_POSITION, "node": "ns=2;s=X.position", "unit": "m"}]},
-        r"signals\[0\]\.unit: 'm', but the server states 'mm'",
-    ),
     "an object": (
         {"signals": [{"channel": TORQUE, "node": "i=85"}]},
         r"signals\[0\]\.node: cannot be subscribed to: BadAttributeIdInvalid",

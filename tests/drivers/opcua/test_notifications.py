@@ -9,10 +9,8 @@ from drivers.opcua.driver import Change, RowMaker
 from drivers.opcua.variables import (
     NodeConfig,
     browse_path,
-    code_of_unit,
     is_path,
     node_id,
-    unit_of_code,
 )
 from drivers.signals import Scaling
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
@@ -125,12 +123,3 @@ def test_node_ids_by_index_and_by_namespace() -> None:
     assert not is_path("ns=2;s=X.torque")
     assert node_id("nsu=http://a/b/;s=X.torque", NAMESPACES) == node_id("ns=2;s=X.torque", [])
     assert node_id("ns=2;i=77", []).Identifier == 77
-
-
-@pytest.mark.parametrize(
-    ("unit", "code"),  # OPC 10000-8, 5.6.3 and the OPC Foundation's UNECE_to_OPCUA.csv
-    [("mm", 5066068), ("m", 5067858), ("degC", 4408652), ("rad", 4405297), ("N", 5129559)],
-)
-def test_unit_ids_are_those_of_the_specification(unit: str, code: int) -> None:
-    assert code_of_unit(unit) == code
-    assert unit_of_code(code) == unit

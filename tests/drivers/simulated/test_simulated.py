@@ -113,17 +113,17 @@ async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
 
 async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
     source = driver(scenario="gradual", life_s=1.0, hold_s=0.5, frame_s=0.1)
-    assert source.truth() is None
+    assert source.readings == {}
     await source.open()
     frames = source.frames()
     truths = []
     for _ in range(20):
         await take(frames, 1)
-        truths.append(source.truth())
+        truths.append(source.readings["true_preload_percent"])
     end_s = 0.1 * np.arange(1, 21) + 0.004
     assert truths == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
     await source.close()
-    assert source.truth() is None
+    assert source.readings == {}
 
 
 async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
@@ -133,7 +133,7 @@ async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
     truths = []
     for _ in range(12):
         await take(frames, 1)
-        truths.append(source.truth())
+        truths.append(source.readings["true_preload_percent"])
     assert truths == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0] * 2
 
 
@@ -153,9 +153,11 @@ async def test_start_and_end_of_the_scenarios(
     await source.open()
     frames = source.frames()
     await take(frames, 1)
-    assert source.truth() == pytest.approx(end, abs=abs(end - start) * 2e-3)
+    assert source.readings["true_preload_percent"] == pytest.approx(
+        end, abs=abs(end - start) * 2e-3
+    )
     await take(frames, 1)
-    assert source.truth() == pytest.approx(end)
+    assert source.readings["true_preload_percent"] == pytest.approx(end)
 
 
 async def test_the_true_machine_reaches_the_torque(tmp_path: Path) -> None:
