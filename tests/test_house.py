@@ -167,7 +167,7 @@ MOST_LINES = {
     "config": 696,
     "diagnose": 5203,
     "downsample": 1313,
-    "drivers": 3981,
+    "drivers": 3882,
     "estimate": 5532,
     "fingerprint": 3065,
     "health": 5571,
@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51476,
+    "tests": 51463,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 403
