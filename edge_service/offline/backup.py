@@ -13,10 +13,9 @@ import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Literal
-from zipfile import ZIP_STORED, BadZipFile, ZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from pydantic import ValidationError
 
@@ -27,27 +26,17 @@ from ..config import load_config, state_folder
 from ..exit_status import BadInputError
 from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
 from ..messages.interval import Frozen
-from .document import Document
 
 MANIFEST = "manifest.json"
 CONFIG, STATE = "config", "state"
-SCHEMA: Literal["backup/2"] = "backup/2"
+SCHEMA: Literal["backup/3"] = "backup/3"
 _MOST_MANIFEST_BYTES = 100_000_000
-_MOST_FILES_BESIDE = 1000
 _CHUNK_BYTES = 1 << 20
 _DAMAGE = (BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, zlib.error)
 
 
 class BackupError(BadInputError):
     """Reason why nothing was backed up or restored; the text is one line."""
-
-
-class KeptFile(Frozen):
-    """Length in bytes, SHA-256 in hexadecimal and permissions of one file of a backup."""
-
-    length: int
-    sha256: str
-    mode: int
 
 
 class Manifest(Frozen):
@@ -57,28 +46,14 @@ class Manifest(Frozen):
         version: of the service that made it.
         made: time, UTC, ISO 8601.
         config: name of the configuration file.
-        files: by name in the archive, `config/...` and `state/...`.
+        files: name in the archive, `config/...` or `state/...` -> SHA-256 in hexadecimal.
     """
 
-    format: Literal["backup/2"] = SCHEMA
+    format: Literal["backup/3"] = SCHEMA
     version: str
     made: str
     config: str
-    files: dict[str, KeptFile]
-
-
-class BackedUp(Document):
-    """A backup; files that the configuration names and that lie elsewhere are left out."""
-
-    out: str
-    size_mb: float
-    left_out: list[str]
-
-
-class Restored(Document):
-    """A sentence on each place that was restored."""
-
-    done: list[str]
+    files: dict[str, str]
 
 
 def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
@@ -96,21 +71,20 @@ def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
                 named.add(place / text)
     beside = {path for path in named if path.is_relative_to(place) and ".." not in path.parts}
     outside = sorted(named - beside)
-    names = ("axes", "recordings") if recordings else ("axes",)
-    parts = [] if folder is None else [folder / name for name in names]
     files = {f"{CONFIG}/{path.relative_to(place).as_posix()}": path for path in {config, *beside}}
     try:
         with replaced_bytes(out, PRIVATE) as file, ExitStack() as stack:
+            if folder is not None:
+                for name in ("axes", "recordings") if recordings else ("axes",):
+                    for path in (folder / name).rglob("*"):
+                        if path.is_file() and not path.is_symlink():
+                            files[f"{STATE}/{path.relative_to(folder).as_posix()}"] = path
             if folder is not None and (folder / FILE_NAME).exists():
                 copies = stack.enter_context(tempfile.TemporaryDirectory(dir=out.parent))
                 copy = files[f"{STATE}/{FILE_NAME}"] = Path(copies) / FILE_NAME
                 with closing(Store(folder / FILE_NAME, mends=False)) as store:
                     store.copy_to(copy)
                 copy.chmod((folder / FILE_NAME).stat().st_mode & 0o777)
-            for part in parts:
-                for path in part.rglob("*"):
-                    if path.is_file() and not path.is_symlink():
-                        files[f"{STATE}/{path.relative_to(part.parent).as_posix()}"] = path
             archive = stack.enter_context(ZipFile(file, "w"))
             kept = {name: _added(archive, name, files[name]) for name in sorted(files)}
             made = datetime.now(UTC).isoformat(timespec="seconds")
@@ -123,8 +97,8 @@ def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
     size_mb = out.stat().st_size / 1e6
     lines = [f"not in the backup, because it lies elsewhere: {path}" for path in outside]
     lines.append(f"{out}: written, {size_mb:.1f} MB; it may hold secrets")
-    written = BackedUp(out=str(out), size_mb=size_mb, left_out=list(map(str, outside)))
-    return Answer("\n".join(lines), written)
+    document = {"out": str(out), "size_mb": size_mb, "left_out": list(map(str, outside))}
+    return Answer("\n".join(lines), document)
 
 
 def _texts(value: object) -> Iterator[str]:
@@ -135,15 +109,15 @@ def _texts(value: object) -> Iterator[str]:
             yield from _texts(each)
 
 
-def _added(archive: ZipFile, name: str, path: Path) -> KeptFile:
-    """Write a file into an archive."""
-    digest, length = hashlib.sha256(), 0
-    with path.open("rb") as source, archive.open(name, "w", force_zip64=True) as member:
+def _added(archive: ZipFile, name: str, path: Path) -> str:
+    """Write a file into an archive; returns its SHA-256."""
+    digest, info = hashlib.sha256(), ZipInfo(name)
+    info.external_attr = (path.stat().st_mode & 0o666) << 16
+    with path.open("rb") as source, archive.open(info, "w", force_zip64=True) as member:
         while content := source.read(_CHUNK_BYTES):
             digest.update(content)
-            length += len(content)
             member.write(content)
-    return KeptFile(length=length, sha256=digest.hexdigest(), mode=path.stat().st_mode & 0o666)
+    return digest.hexdigest()
 
 
 def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
@@ -160,27 +134,25 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
     """
     try:
         with ZipFile(backup) as archive, ExitStack() as stages:
-            manifest = _manifest_of(archive)
-            lines = _restored(archive, manifest, config.absolute(), stages, force=force)
-    except shutil.Error as error:
-        raise BackupError(f"{config.parent}: cannot be kept beside it ({error})") from None
+            lines = _restored(archive, config.absolute(), stages, force=force)
     except OSError as error:
         raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
     except BackupError as error:
         raise BackupError(f"{backup}: {error}") from None
     except _DAMAGE as error:
         raise BackupError(f"{backup}: is damaged, or no backup ({error})") from None
-    return Answer("\n".join(lines), Restored(done=lines))
+    return Answer("\n".join(lines), {"done": lines})
 
 
 def _manifest_of(archive: ZipFile) -> Manifest:
     """Manifest of an archive that holds what it says, under names that stay in their place."""
-    held = {info.filename: info for info in archive.infolist()}
-    described = held.pop(MANIFEST, None)
-    if described is None or described.file_size > _MOST_MANIFEST_BYTES:
+    held = archive.infolist()
+    if MANIFEST not in archive.namelist():
         raise BackupError("is no backup: it has no manifest")
-    if any(info.compress_type != ZIP_STORED for info in (described, *held.values())):
+    if any(info.compress_type != ZIP_STORED for info in held):
         raise BackupError("is no backup: it is compressed")
+    if archive.getinfo(MANIFEST).file_size > _MOST_MANIFEST_BYTES:
+        raise BackupError("is damaged: its manifest is none")
     document = json.loads(archive.read(MANIFEST))
     if isinstance(document, dict) and document.get("format") != SCHEMA:
         form = document.get("format")
@@ -196,55 +168,58 @@ def _manifest_of(archive: ZipFile) -> Manifest:
     if made > own:
         problem = f"was made by version {manifest.version}; install that one, this is {__version__}"
         raise BackupError(problem)
-    names = {*manifest.files, f"{CONFIG}/{manifest.config}"}
-    if len(archive.infolist()) != len(held) + 1 or set(held) != names:
+    names = {*manifest.files, f"{CONFIG}/{manifest.config}", MANIFEST}
+    if sorted(names) != sorted(archive.namelist()):
         raise BackupError("is damaged: it does not hold what its manifest says")
-    for name, info in held.items():
+    for name in manifest.files:
         parts = name.split("/")
         is_plain = len(parts) > 1 and str(PurePosixPath(name)) == name and ".." not in parts
         if not (is_plain and parts[0] in (CONFIG, STATE) and name.isprintable()):
             raise BackupError(f"{name!r:.80} is no name of a file of a backup")
-        if info.file_size != manifest.files[name].length:
-            raise BackupError(f"is damaged: {name} has another length than its manifest says")
     return manifest
 
 
-def _restored(
-    archive: ZipFile, manifest: Manifest, config: Path, stages: ExitStack, *, force: bool
-) -> list[str]:
+def _restored(archive: ZipFile, config: Path, stages: ExitStack, *, force: bool) -> list[str]:
     """Unpack beside the places, check all, then put each folder in place by one rename."""
-    place = config.parent
+    manifest, place = _manifest_of(archive), config.parent
     written = _unpacked(archive, manifest, CONFIG, _stage(place, stages), place)
     put_in_place(written / manifest.config, written / config.name)
-    for path in sorted(written.rglob("*")):
-        there = place / path.relative_to(written)
-        if force or not path.is_file() or not os.path.lexists(there):
-            continue
-        if not there.is_file() or there.read_bytes() != path.read_bytes():
-            raise BackupError(f"{there} is there already, and differs; --force replaces it")
     table = tomllib.loads((written / config.name).read_text("utf-8")).get("store", {})
     named = table.get("folder") if isinstance(table, dict) else None
     folder = state_folder(Path(named) if isinstance(named, str) else None, place)
     places, lines = [(written, place)], [f"{config}: restored"]
-    if not any(name.startswith(f"{STATE}/") for name in manifest.files):
-        folder = None
-    elif folder is None:
+    if folder is None:
         lines.append("the history is left out: this configuration keeps it in memory only")
+    elif not any(name.startswith(f"{STATE}/") for name in manifest.files):
+        folder = None
     else:
         folder = Path(os.path.normpath(folder))
+        lines.append(f"{folder}: restored")
+    _check_others(place, written, folder, force=force)
+    if folder is not None:
         if not force and folder.exists() and any(folder.iterdir()):
             raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
         if is_in_use(folder / FILE_NAME):
             raise BackupError(f"{folder / FILE_NAME} is in use: stop the service first")
-        _check_mount(folder)
         is_inside = folder.is_relative_to(place)
+        _check_mount(folder)
         stage = written / folder.relative_to(place) if is_inside else _stage(folder, stages)
         _unpacked(archive, manifest, STATE, stage, folder)
-        places = [*([] if is_inside else [(stage, folder)]), *places]
-        lines.append(f"{folder}: restored")
-    _keep_others(place, written, folder)
+        places = places if is_inside else [(stage, folder), *places]
     _all_in_place(places)
     return lines
+
+
+def _check_others(place: Path, written: Path, state: Path | None, *, force: bool) -> None:
+    """Refuse to take the place of a folder with other files than the backup's and the state's."""
+    for there in place.rglob("*") if place.exists() else ():
+        if there.is_dir() or (state is not None and there.is_relative_to(state)):
+            continue
+        path = written / there.relative_to(place)
+        if not path.is_file():
+            raise BackupError(f"{there} is no part of the backup; restore to a folder of its own")
+        if not force and there.read_bytes() != path.read_bytes():
+            raise BackupError(f"{there} is there already, and differs; --force replaces it")
 
 
 def _stage(place: Path, stages: ExitStack) -> Path:
@@ -262,54 +237,28 @@ def _check_mount(place: Path) -> None:
 
 def _unpacked(archive: ZipFile, manifest: Manifest, room: str, stage: Path, place: Path) -> Path:
     """Folder `stage`, to be put in a place, with one part of the archive: every byte is checked."""
-    files = {name: kept for name, kept in manifest.files.items() if name.startswith(f"{room}/")}
-    needed, there = sum(kept.length for kept in files.values()), place
-    while not there.exists():
-        there = there.parent
-    if shutil.disk_usage(there).free < needed:
-        raise BackupError(f"needs {needed / 1e6:.0f} MB, which are not free in {there}")
     stage.mkdir(0o750, parents=True)
-    for name, kept in files.items():
-        path = stage / name.removeprefix(f"{room}/")
+    for name, sha256 in manifest.files.items():
+        if not name.startswith(f"{room}/"):
+            continue
+        path, digest = stage / name.removeprefix(f"{room}/"), hashlib.sha256()
         path.parent.mkdir(parents=True, exist_ok=True)
-        digest, left = hashlib.sha256(), kept.length
         with archive.open(name) as source, new_file(path) as file:
-            while left and (content := source.read(min(left, _CHUNK_BYTES))):
+            while content := source.read(_CHUNK_BYTES):
                 digest.update(content)
                 file.write(content)
-                left -= len(content)
-        if left or digest.hexdigest() != kept.sha256:
+        if digest.hexdigest() != sha256:
             raise BackupError(f"is damaged: {name} is not what was backed up")
-        path.chmod(kept.mode & 0o666 | 0o400)
+        path.chmod(archive.getinfo(name).external_attr >> 16 & 0o666 | 0o400)
         sync_file(path)
-    if place.exists():
+    there = next(each for each in (place, *place.parents) if each.exists())
+    if there == place:
         shutil.copymode(place, stage)
     if os.geteuid() == 0:
         owner = there.stat()
         for path in (stage, *stage.rglob("*")):
             os.chown(path, owner.st_uid, owner.st_gid)
     return stage
-
-
-def _keep_others(folder: Path, stage: Path, state: Path | None) -> None:
-    """Let the other files beside a configuration, but no state, stand in its new folder as well."""
-    if not folder.exists():
-        return
-    beside = (each for each in folder.rglob("*") if state is None or state not in each.parents)
-    if sum(1 for _ in islice(beside, _MOST_FILES_BESIDE + 1)) > _MOST_FILES_BESIDE:
-        raise BackupError(f"{folder} holds much beside a configuration; use a folder of its own")
-
-    def ignored(path: str, names: list[str]) -> list[str]:
-        found = [name for name in names if name.startswith(".restore-")]
-        return [*found, *(name for name in names if Path(path, name) == state)]
-
-    def link(source: str, target: str) -> None:
-        if not os.path.lexists(target):
-            os.link(source, target, follow_symlinks=False)
-
-    shutil.copytree(
-        folder, stage, symlinks=True, ignore=ignored, copy_function=link, dirs_exist_ok=True
-    )
 
 
 def _all_in_place(places: list[tuple[Path, Path]]) -> None:

@@ -2,12 +2,11 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from ..atomic import replaced_file
@@ -16,21 +15,15 @@ from ..config import ConfigError, load_machine
 from ..fingerprint.compare import FigureChange, appeared_figures, compare_fingerprints
 from ..fingerprint.fingerprint import fingerprint_axis
 from ..fingerprint.response.control_response import Mode, servo_tuning
-from ..fingerprint.result import (
-    AxisFingerprint,
-    FingerprintError,
-    Section,
-    Status,
-    read_fingerprint,
-)
+from ..fingerprint.result import AxisFingerprint, FingerprintError, Status, read_fingerprint
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
 from ..recordings.forms import head_of
-from ..recordings.sinumerik.tuning import MeasuredResponse, is_tuning, read_tuning
-from .drift import QUANTITIES, DriftReport, compare_days, draw_drift, write_drift
+from ..recordings.sinumerik.tuning import is_tuning, read_tuning
+from .drift import DriftReport, compare_days
 from .examination import require_sound
 from .recordings import Progress, read_recording, silent
-from .report.fingerprint_figures import draw_sections
+from .report.fingerprint_figures import draw_drift, draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import as_svg, rendered
 from .report.quantities import brief, estimate
@@ -90,53 +83,47 @@ def fingerprint(
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
     measured = read_tuning(tunings[0]) if tunings else None
     recorded = [path for path in traces if path not in tunings]
-    days: DriftReport | None = None
-    if measured is not None and not recorded:
-        found = AxisFingerprint(measured.axis or tunings[0].stem, (tunings[0].name,), {})
+    machine = load_machine(machine_file, axis_number) if recorded or measured is None else None
+    if machine is not None:
+        axis = machine.axis.name
     else:
-        machine = load_machine(machine_file, axis_number)
-        found = AxisFingerprint(machine.axis.name, (), {})
-    if baseline is not None and baseline.machine != found.machine:
-        raise FingerprintError(
-            f"{baseline_file}: of axis {baseline.machine}, expected axis {found.machine}"
-        )
-    if recorded:
+        assert measured is not None
+        axis = measured.axis or tunings[0].stem
+    if baseline is not None and baseline.machine != axis:
+        raise FingerprintError(f"{baseline_file}: of axis {baseline.machine}, expected axis {axis}")
+    found, days, modes = AxisFingerprint(axis, (), {}), None, None
+    if machine is not None:
         found, days = _tested(machine, recorded, baseline, by, progress)
-    modes: list[Mode] | None = None
     if measured is not None:
         section, modes = servo_tuning(measured)
         sources = tuple(sorted({*found.sources, tunings[0].name}))
         found = replace(found, sources=sources, sections={**found.sections, RESPONSE: section})
-    changes = () if baseline is None else compare_fingerprints(found, baseline)
-    verdict = _verdict(found, None if baseline is None else changes, days)
+    changes = None if baseline is None else compare_fingerprints(found, baseline)
     document = FingerprintDocument(
         found.machine,
         found.sources,
         found.sections,
-        verdict,
-        None if baseline is None else [each.document() for each in changes],
+        _verdict(found, changes, days),
+        None if changes is None else [each.document() for each in changes],
         None if baseline is None else appeared_figures(found, baseline),
         None if measured is None else dict(measured.stated),
         modes,
     )
     progress("pictures")
-    figures = draw_sections(found, baseline)
-    page = render(document, baseline, changes, figures, days)
+    page = _rendered(document, baseline, changes or (), days)
     content = TypeAdapter(FingerprintDocument).dump_python(document, mode="json")
     kept = {name: each for name, each in content.items() if each is not None}
     with replaced_file(out_dir / "fingerprint.json") as file:
         file.write(json.dumps(kept, indent=2, allow_nan=False) + "\n")
     with replaced_file(out_dir / "report.html") as file:
         file.write(page)
-    if days is not None:
-        write_drift(days, out_dir)
-    lines = [f"axis {found.machine}: {verdict}", *_section_lines(found, measured, modes)]
+    lines = [f"axis {axis}: {document.verdict}", *_section_lines(document)]
     if document.appeared:
         lines.append(f"seen only now: {', '.join(map(plain, document.appeared))}")
     if days is not None:
+        days.write(out_dir)
         lines.append(f"from recording to recording: {days.verdict}")
-    lines.append(f"report: {out_dir / 'report.html'}")
-    return Answer("\n".join(lines), document)
+    return Answer("\n".join([*lines, f"report: {out_dir / 'report.html'}"]), document)
 
 
 def _tested(
@@ -156,35 +143,31 @@ def _tested(
     if several:
         progress("comparing moves")
         try:
-            return found, compare_days(machine, {p: [f] for p, f in recordings.items()}, by)
+            return found, compare_days(machine, recordings, by)
         except (ConfigError, TraceError):
             if by:
                 raise
     return found, None
 
 
-def render(
+def _rendered(
     found: FingerprintDocument,
     baseline: AxisFingerprint | None,
     changes: Sequence[FigureChange],
-    figures: Mapping[str, Figure],
     days: DriftReport | None,
 ) -> str:
-    """The page as HTML; nothing in it is loaded from elsewhere."""
-    moves = None if days is None else draw_drift(days)
+    figures = draw_sections(found, baseline)
     return rendered(
         "fingerprint.html",
         {"shown": estimate, "brief": brief, "plain": plain},
         found=found,
-        baseline=baseline,
         changes=sorted(changes, key=lambda change: (not change.changed, -abs(change.sigmas))),
         wording=WORDING,
         headlines={name: headline(name, section) for name, section in found.sections.items()},
         pictures={name: as_svg(figure, name) for name, figure in figures.items()},
         determined=Status.DETERMINED,
         days=days,
-        moves=None if moves is None else as_svg(moves, "drift"),
-        quantities=QUANTITIES,
+        moves=None if days is None else as_svg(draw_drift(days), "drift"),
     )
 
 
@@ -206,13 +189,13 @@ def _verdict(
         sections = found.sections.values()
         known = sum(section.status is Status.DETERMINED for section in sections)
         return f"{known} of {len(sections)} tests are determined"
-    changed = [change for change in changes if change.changed]
-    if changed:
-        named = []
-        for each in changed:
+    named = []
+    for each in changes:
+        if each.changed:
             share = each.relative
             by = f"{100.0 * share:+.0f} %" if abs(share) <= 1.0 else estimate(each.change)
             named.append(f"{plain(each.name)} {by}")
+    if named:
         return f"changed against the baseline: {', '.join(named)}"
     if not changes:
         return "changed against the baseline: cannot tell, no figure is determined in both"
@@ -220,34 +203,23 @@ def _verdict(
     return f"changed against the baseline: nothing of {len(changes)} figures: {compared}"
 
 
-def _section_lines(
-    found: AxisFingerprint, measured: MeasuredResponse | None, modes: Sequence[Mode] | None
-) -> list[str]:
+def _section_lines(found: FingerprintDocument) -> Iterator[str]:
     """A line a test: its chief figure, or why there is none; every figure of a servo tuning."""
-    lines = []
     for name, section in found.sections.items():
         title = WORDING[name].title
         if section.status is not Status.DETERMINED:
-            lines.append(
-                f"{title}: undetermined, {section.reason}; "
-                f"record `edge-service motion {section.motion}`"
-            )
-        elif name == RESPONSE and measured is not None:
-            lines += [f"{title}: {line}" for line in _tuning_lines(section, measured, modes or ())]
+            record = f"record `edge-service motion {section.motion}`"
+            yield f"{title}: undetermined, {section.reason}; {record}"
+        elif name == RESPONSE and found.stated is not None:
+            for key, each in section.figures.items():
+                said = estimate(each) if each.determined else f"undetermined, {each.note}"
+                yield f"{title}: {plain(key)} {said}"
+            for key, value in found.stated.items():
+                yield f"{title}: the control states: {plain(key)} {value:.4g} kg m2"
+            if found.modes:
+                pairs = [f"{m.antiresonance_hz:.4g}/{m.resonance_hz:.4g}" for m in found.modes]
+                yield f"{title}: notches and peaks, Hz: {', '.join(pairs)}"
         else:
             chief = headline(name, section) or section.figures
             key, figure = next(pair for pair in chief.items() if math.isfinite(pair[1].value))
-            lines.append(f"{title}: {plain(key)} {estimate(figure)}")
-    return lines
-
-
-def _tuning_lines(section: Section, measured: MeasuredResponse, modes: Sequence[Mode]) -> list[str]:
-    lines = [
-        f"{plain(name)} {estimate(each) if each.determined else f'undetermined, {each.note}'}"
-        for name, each in section.figures.items()
-    ]
-    lines += [f"the control states: {plain(k)} {v:.4g} kg m2" for k, v in measured.stated.items()]
-    if modes:
-        peaks = ", ".join(f"{mode.antiresonance_hz:.4g}/{mode.resonance_hz:.4g}" for mode in modes)
-        lines.append(f"notches and peaks, Hz: {peaks}")
-    return lines
+            yield f"{title}: {plain(key)} {estimate(figure)}"

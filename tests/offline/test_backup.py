@@ -185,7 +185,7 @@ HOSTILE = {
     "a file as a folder": added("config/zenoh.json5/x"),
     "too long": added("state/" + "x" * 300),
     "less than described": without("state/axes/Y/axis.toml"),
-    "newer format": described(format="backup/3"),
+    "newer format": described(format="backup/9"),
     "newer version": described(version="99.0.0"),
     "no version": described(version="one"),
     "no files": described(files={}),
@@ -218,15 +218,7 @@ def test_a_bomb_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert "compressed" in refused(place, capsys)
 
 
-def test_what_does_not_fit_the_disk_is_refused(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    full = type("Usage", (), {"free": 1000})
-    monkeypatch.setattr("shutil.disk_usage", lambda _path: full)
-    assert "not free" in refused(place, capsys)
-
-
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(20))
 def test_damage_is_refused_or_harmless(
     seed: int, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -256,11 +248,12 @@ def test_nothing_that_is_there_is_overwritten_unless_it_is_wanted(
     note(var(place, "new"), "later")
     assert "is not empty" in refused(place, capsys)
     (place / "new/etc/zenoh.json5").write_bytes(b"mine")
-    (place / "new/etc/beside.txt").write_bytes(b"beside")
     assert "zenoh.json5 is there already, and differs" in refused(place, capsys)
+    (place / "new/etc/beside.txt").write_bytes(b"beside")
+    assert "beside.txt is no part of the backup" in refused(place, capsys, "--force")
+    (place / "new/etc/beside.txt").unlink()
     assert restored(place, "--force") == 0
     assert (place / "new/etc/zenoh.json5").read_bytes() == b"{}"
-    assert (place / "new/etc/beside.txt").read_bytes() == b"beside"
     assert notes(var(place, "new")) == ["before"]
     (before,) = (place / "new").glob("etc.before-*")
     assert (before / "zenoh.json5").read_bytes() == b"mine"

@@ -35,7 +35,7 @@ def machine(tmp_path: Path) -> Path:
 
 def drift(machine_file: Path, traces: Sequence[Path], by: Sequence[str] = ()) -> DriftReport:
     machine = load_machine(machine_file)
-    read = {path: [read_recording(machine, path, keep_all=True)] for path in traces}
+    read = {path: read_recording(machine, path, keep_all=True) for path in traces}
     return compare_days(machine, read, by)
 
 

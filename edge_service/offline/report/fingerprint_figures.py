@@ -1,4 +1,4 @@
-"""The curves of a fingerprint as figures, over those of its baseline."""
+"""Figures of a fingerprint: its curves over those of its baseline, and moves from day to day."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,10 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from ...fingerprint.drift import Drift
 from ...fingerprint.result import AxisFingerprint, Curve
-from ...messages.samples import Floats
 from ...regression.interval_estimate import IntervalEstimate
+from ..drift import DriftReport, short
 from .page import ESTIMATE, MUTED, STYLE, TRUTH
+from .quantities import SHOWN_UNITS
 
 PANEL_INCHES = (7.6, 3.1)
 _POINTS = {"forward": (">", ESTIMATE), "backward": ("<", "#c9820b")}
@@ -55,15 +57,15 @@ def draw_sections(now: AxisFingerprint, before: AxisFingerprint | None) -> dict[
 
 
 def _drawable(curves: Sequence[Curve]) -> list[Curve]:
-    """Curves of more than one known point: what is undetermined is not drawn."""
-    return [_in_units_shown(curve) for curve in curves if np.isfinite(curve.y).sum() > 1]
-
-
-def _in_units_shown(curve: Curve) -> Curve:
-    x_label, x_factor = _SHOWN.get(curve.x_label, (curve.x_label, 1.0))
-    y_label, y_factor = _SHOWN.get(curve.y_label, (curve.y_label, 1.0))
-    x, y = x_factor * curve.x, y_factor * curve.y
-    return Curve(curve.name, x, y, x_label, y_label)
+    """Curves of more than one known point, in the units shown."""
+    drawable = []
+    for curve in curves:
+        if np.isfinite(curve.y).sum() > 1:
+            x_label, x_factor = _SHOWN.get(curve.x_label, (curve.x_label, 1.0))
+            y_label, y_factor = _SHOWN.get(curve.y_label, (curve.y_label, 1.0))
+            x, y = x_factor * curve.x, y_factor * curve.y
+            drawable.append(Curve(curve.name, x, y, x_label, y_label))
+    return drawable
 
 
 def _friction_runs(curves: Sequence[Curve]) -> Figure:
@@ -98,31 +100,10 @@ def _panel(
     for curve in old:
         if curve.name not in _ONLY_NOW:
             _draw(axes, curve, MUTED, f"baseline, {curve.name}", "--")
-    for curve, colour in zip(curves, _colours(curves), strict=True):
-        _draw(axes, curve, colour, curve.name, ":" if curve.name in _PARTS else "-")
-    _dress(name, axes, curves, known)
-    figure.legend(loc="outside upper left", ncols=7, fontsize=8, columnspacing=1.2)
-    return figure
-
-
-def _colours(curves: Sequence[Curve]) -> list[str]:
     plain = iter((TRUTH, ESTIMATE, "#c9820b", *_PARTS.values()))
-    return [_PARTS[curve.name] if curve.name in _PARTS else next(plain) for curve in curves]
-
-
-def _draw(axes: Axes, curve: Curve, colour: str, label: str, line: str) -> None:
-    if curve.name in _POINTS:
-        marker, colour = _POINTS[curve.name]
-        axes.plot(curve.x, curve.y, marker, ms=4, mfc="none", color=colour, label=label)
-        return
-    marker = "o" if len(curve.x) < 30 else ""
-    axes.plot(curve.x, curve.y, line, marker=marker, ms=4, lw=1.3, color=colour, label=label)
-
-
-def _dress(
-    name: str, axes: Axes, curves: Sequence[Curve], known: Mapping[str, IntervalEstimate]
-) -> None:
-    """Scales and marks of one section."""
+    for curve in curves:
+        colour = _PARTS[curve.name] if curve.name in _PARTS else next(plain)
+        _draw(axes, curve, colour, curve.name, ":" if curve.name in _PARTS else "-")
     if name in ("friction", "equability", "frequency_response"):
         _logarithmic(axes)
     if name == "frequency_response":
@@ -132,6 +113,17 @@ def _dress(
         _from_zero(axes, _LEAST_SHOWN.get(name, 0.0))
     if name == "signature":
         _name_orders(axes, curves[0])
+    figure.legend(loc="outside upper left", ncols=7, fontsize=8, columnspacing=1.2)
+    return figure
+
+
+def _draw(axes: Axes, curve: Curve, colour: str, label: str, line: str) -> None:
+    if curve.name in _POINTS:
+        marker, colour = _POINTS[curve.name]
+        axes.plot(curve.x, curve.y, marker, ms=4, mfc="none", color=colour, label=label)
+        return
+    marker = "o" if len(curve.x) < 30 else ""
+    axes.plot(curve.x, curve.y, line, marker=marker, ms=4, lw=1.3, color=colour, label=label)
 
 
 def _from_zero(axes: Axes, least: float) -> None:
@@ -164,17 +156,13 @@ def _mark_modes(axes: Axes, known: Mapping[str, IntervalEstimate]) -> None:
 def _name_orders(axes: Axes, curve: Curve) -> None:
     """The order at the greatest peaks, as far as they stand out."""
     floor = _OUT_OF_NOISE * float(np.median(curve.y))
-    for k in _peaks(curve.y)[:_NAMED_ORDERS]:
+    inner = curve.y[1:-1]
+    peaks = np.flatnonzero((inner > curve.y[:-2]) & (inner >= curve.y[2:])) + 1
+    for k in sorted(peaks.tolist(), key=lambda k: -curve.y[k])[:_NAMED_ORDERS]:
         if curve.y[k] > floor:
             place = (float(curve.x[k]), float(curve.y[k]))
             text = f"{curve.x[k]:g} per turn"
             axes.annotate(text, place, (4, -2), textcoords="offset points", va="top")
-
-
-def _peaks(values: Floats) -> list[int]:
-    """Indices of the local maxima, the greatest first."""
-    inner = np.flatnonzero((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])) + 1
-    return [int(k) for k in sorted(inner, key=lambda k: -values[k])]
 
 
 def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
@@ -186,3 +174,36 @@ def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
         label = f"magnitude of the {curve.y_label}"
         folded.append(replace(curve, x=x, y=y, y_label=label))
     return folded
+
+
+def draw_drift(report: DriftReport) -> Figure:
+    """Change against the first recording with its interval; what is beyond the scatter is blue."""
+    sections = report.sections
+    across = max(len(each.drifts) for each in sections)
+    names = [name if len(name) <= 12 else f"{name[:5]}…{name[-6:]}" for name in report.recordings]
+    with mpl.rc_context(STYLE):
+        size = (1.75 * across, 0.2 + 2.3 * len(sections))
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(sections), across, squeeze=False)
+        for row, each in zip(panels, sections, strict=True):
+            for axes in row[len(each.drifts) :]:
+                axes.set_axis_off()
+            title = report.place(each).replace(" at ", "\nat ").replace(", ", "\n")
+            row[0].set_ylabel(title, fontsize=7)
+            for axes, drift in zip(row, each.drifts, strict=False):
+                _draw_changes(axes, drift)
+                axes.set_xticks(range(len(names)), names, fontsize=6, rotation=30, ha="right")
+    return figure
+
+
+def _draw_changes(axes: Axes, drift: Drift) -> None:
+    unit, factor = SHOWN_UNITS.get(drift.changes[0].unit, (drift.changes[0].unit, 1.0))
+    axes.axhline(0.0, color=MUTED, lw=1.0)
+    axes.plot(0, 0.0, "o", color=TRUTH, ms=4)
+    for number, (change, changed) in enumerate(zip(drift.changes, drift.changed, strict=True), 1):
+        colour = ESTIMATE if changed else MUTED
+        axes.vlines(number, factor * change.low, factor * change.high, color=colour, lw=2.0)
+        axes.plot(number, factor * change.value, "o", color=colour, ms=4)
+    axes.set_title(f"{short(drift.name)}, {unit}", fontsize=8)
+    axes.tick_params(axis="y", labelsize=7)
+    axes.margins(x=0.25)

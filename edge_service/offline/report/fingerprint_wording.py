@@ -2,20 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ...fingerprint.result import Section
 from ...regression.interval_estimate import IntervalEstimate
 
 
-@dataclass(frozen=True, slots=True)
-class Wording:
-    """Wording of a section for a maintenance engineer.
-
-    Attributes:
-        headline: what the names of its chief figures begin with.
-        most: of them that are named.
-    """
+class Wording(NamedTuple):
+    """Title and meaning of a section; what the names of its `most` chief figures begin with."""
 
     title: str
     meaning: str
@@ -81,6 +75,7 @@ WORDING: Mapping[str, Wording] = {
     ),
 }
 _NAMES = ("Coulomb", "Stribeck")
+_UNITS = ("nm_s_per_rad", "nm_per_rad", "n_per_m", "rad_s", "kg_m2", "nm", "hz", "n", "m", "s")
 
 
 def headline(name: str, section: Section) -> dict[str, IntervalEstimate]:
@@ -104,21 +99,8 @@ def plain(name: str) -> str:
     'backlash at 400 mm'
     """
     section, _, key = name.rpartition(".")
-    for ending in (
-        "_nm_s_per_rad",
-        "_nm_per_rad",
-        "_n_per_m",
-        "_rad_s",
-        "_kg_m2",
-        "_nm",
-        "_hz",
-        "_n",
-        "_m",
-        "_s",
-    ):
-        if key.endswith(ending):
-            key = key.removesuffix(ending)
-            break
+    ending = next((f"_{each}" for each in _UNITS if key.endswith(f"_{each}")), "")
+    key = key.removesuffix(ending)
     words = key.replace("_", " ")
     for proper in _NAMES:
         words = words.replace(proper.lower(), proper)
