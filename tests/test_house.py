@@ -175,12 +175,12 @@ MOST_LINES = {
     "messages": 2216,
     "models": 6255,
     "nodes": 3092,
-    "offline": 6533,
+    "offline": 6380,
     "outputs": 1880,
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51463,
+    "tests": 51456,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 403
