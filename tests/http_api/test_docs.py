@@ -11,6 +11,10 @@ from edge_service.http_api.app import create_app
 from edge_service.http_api.guard import SECURITY_HEADERS
 from edge_service.http_api.routes.docs import rendered
 
+from ..documents import document
+
+README = "edge_service/http_api/README.md"
+
 
 @pytest.fixture(scope="module")
 def description() -> dict[str, Any]:
@@ -31,6 +35,24 @@ def test_every_route_and_shape_stands_on_it(page: str, description: dict[str, An
     for name, shape in description["components"]["schemas"].items():
         assert f'<section class="panel" id="{name}">' in page
         assert all(f"<code>{member}</code>" in page for member in shape.get("properties", ()))
+
+
+def test_the_table_of_routes_is_the_description(description: dict[str, Any]) -> None:
+    rows = re.findall(r"(?m)^\| `([A-Z ]+) (/\S+?)(?:\?(\S+))?` \|", document(README))
+    stated = {
+        (method, path, frozenset(re.findall(r"(\w+)=", query)))
+        for methods, path, query in rows
+        for method in methods.split()
+    }
+    assert stated == {
+        (method.upper(), path, frozenset(_queries(operation)))
+        for path, operations in description["paths"].items()
+        for method, operation in operations.items()
+    }
+
+
+def _queries(operation: dict[str, Any]) -> list[str]:
+    return [each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"]
 
 
 def test_every_link_leads_somewhere(page: str) -> None:
