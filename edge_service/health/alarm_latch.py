@@ -1,11 +1,12 @@
 """One alarm (after ISA-18.2): raised, cleared, acknowledged, shelved."""
 
 from dataclasses import dataclass
-from datetime import datetime
 
 from ..messages.command import Command
-from ..messages.event import AxisCondition, Code, Event, Statement, told
+from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind
+from ..messages.interval import rfc3339
+from .headline import clock
 from .inputs import NS_PER_S, moved
 
 _NS_PER_MS = 1_000_000
@@ -55,13 +56,15 @@ class AlarmLatch:
 
     @property
     def active(self) -> bool:
-        """Return whether its cause holds, after the delays."""
+        """Its cause holds, after the delays."""
         return self._alarm is not None and self._alarm.active
 
     def update(self, cause: bool | None, words: Statement, now_ns: int) -> tuple[Event, ...]:
         """Say whether the cause holds (None: nobody can tell, the state stays)."""
-        over = self._end_of_shelf(now_ns)
-        self.follow(words)
+        over: tuple[Event, ...] = ()
+        if self._shelved_until_ns is not None and now_ns >= self._shelved_until_ns:
+            self._shelved_until_ns = None
+            over = (self._event("unshelved", self._told(Code.ALARM_SHELF_OVER), now_ns),)
         if cause is None or cause is self.active:
             self._change_since_ns = None
             return over
@@ -72,11 +75,6 @@ class AlarmLatch:
             return over
         self._change_since_ns = None
         return (*over, *(self._raise(words, now_ns) if cause else self._clear(now_ns)))
-
-    def follow(self, words: Statement) -> None:
-        """Let the words follow the value, while it is active."""
-        if self.active and words.text and not self.rule.latched:
-            self.reword(words)
 
     def reword(self, words: Statement) -> None:
         """Say better what it is about, while it is shown."""
@@ -105,39 +103,34 @@ class AlarmLatch:
         if alarm is None or alarm.acknowledged_by is not None:
             return ()
         self._alarm = alarm.model_copy(update={"acknowledged_by": user, "note": note})
-        if self.rule.latched and alarm.active:
-            self._alarm = self._alarm.model_copy(update=self._over(now_ns))
-        if not self._alarm.active:
+        if self.rule.latched or not alarm.active:
             self._alarm = None
-        words = told(Code.ALARM_ACKNOWLEDGED, self._words, alarm=self._kind.value, user=user)
-        return (self._event("acknowledged", AxisCondition.NORMAL, words, now_ns, note),)
+        words = self._told(Code.ALARM_ACKNOWLEDGED, user=user)
+        return (self._event("acknowledged", words, now_ns, note=note),)
 
     def shelve(self, user: str, note: str, duration_s: float, now_ns: int) -> tuple[Event, ...]:
         """Let it call nobody for a while."""
-        self._shelved_until_ns = now_ns + round(duration_s * NS_PER_S)
-        hours = duration_s / 3600.0
-        name = self._kind.value
-        words = (
-            told(Code.ALARM_SHELVED_H, self._words, alarm=name, hours=hours, user=user)
-            if hours >= 1.0
-            else told(
-                Code.ALARM_SHELVED_MIN, self._words, alarm=name, minutes=60.0 * hours, user=user
-            )
-        )
-        return (self._event("shelved", AxisCondition.NORMAL, words, now_ns, note),)
+        until_ns = self._shelved_until_ns = now_ns + round(duration_s * NS_PER_S)
+        until = {"time": clock(until_ns)}
+        words = self._told(Code.ALARM_SHELVED, until, user=user, time=rfc3339(until_ns))
+        return (self._event("shelved", words, now_ns, note=note),)
 
     def unshelve(self, user: str, note: str, now_ns: int) -> tuple[Event, ...]:
         """End the shelving; no event if it was not shelved."""
         if self._shelved_until_ns is None:
             return ()
         self._shelved_until_ns = None
-        words = told(Code.ALARM_UNSHELVED, self._words, alarm=self._kind.value, user=user)
-        return (self._event("unshelved", AxisCondition.NORMAL, words, now_ns, note),)
+        words = self._told(Code.ALARM_UNSHELVED, user=user)
+        return (self._event("unshelved", words, now_ns, note=note),)
 
-    def shown(self) -> Alarm | None:
-        """Alarm that a person should see; None if there is none."""
+    def shown(self, words: Statement = SILENT) -> Alarm | None:
+        """Alarm that a person should see, in words as of now; None if there is none."""
         if self._alarm is None:
             return None
+        if not self._alarm.active:
+            self.reword(self._over())
+        elif words.text and not self.rule.latched:
+            self.reword(words)
         return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})
 
     def move(self, step_ns: int) -> None:
@@ -145,10 +138,9 @@ class AlarmLatch:
         self._shelved_until_ns = moved(self._shelved_until_ns, step_ns)
         self._change_since_ns = moved(self._change_since_ns, step_ns)
         if self._alarm is not None:
-            times = {
-                "raised_time_ns": self._alarm.raised_time_ns + step_ns,
-                "cleared_time_ns": moved(self._alarm.cleared_time_ns, step_ns),
-            }
+            raised_ns = self._alarm.raised_time_ns + step_ns
+            cleared_ns = moved(self._alarm.cleared_time_ns, step_ns)
+            times = {"raised_time_ns": raised_ns, "cleared_time_ns": cleared_ns}
             self._alarm = self._alarm.model_copy(update=times)
 
     def snapshot(self) -> LatchSnapshot:
@@ -171,34 +163,43 @@ class AlarmLatch:
             **dict(words),
         )
         level = AxisCondition.NORMAL if self._shelved_until_ns else self.rule.level
-        return (self._event("raised", level, words, now_ns),)
+        return (self._event("raised", words, now_ns, level),)
 
     def _clear(self, now_ns: int) -> tuple[Event, ...]:
-        if self._alarm is None or self.rule.latched:
+        alarm = self._alarm
+        if alarm is None or self.rule.latched:
             return ()
-        cleared = self._alarm.model_copy(update=self._over(now_ns))
-        self._alarm = None if cleared.acknowledged_by is not None else cleared
-        words = told(Code.ALARM_CLEARED, self._words, alarm=self._kind.value)
-        return (self._event("cleared", AxisCondition.NORMAL, words, now_ns),)
+        self._alarm = alarm.model_copy(update={"active": False, "cleared_time_ns": now_ns})
+        words = self._over()
+        if alarm.acknowledged_by is not None:
+            self._alarm = None
+        return (self._event("cleared", words, now_ns),)
 
-    def _over(self, now_ns: int) -> dict[str, object]:
-        words = "" if self._alarm is None else self._alarm.text
-        return {"active": False, "cleared_time_ns": now_ns, "text": f"no longer active: {words}"}
+    def _over(self) -> Statement:
+        """From when to when it was active."""
+        assert self._alarm is not None
+        since_ns, until_ns = self._alarm.raised_time_ns, self._alarm.cleared_time_ns or 0
+        span = {"since": clock(since_ns), "until": clock(until_ns)}
+        return self._told(Code.ALARM_OVER, span, since=rfc3339(since_ns), until=rfc3339(until_ns))
 
-    def _end_of_shelf(self, now_ns: int) -> tuple[Event, ...]:
-        if self._shelved_until_ns is None or now_ns < self._shelved_until_ns:
-            return ()
-        self._shelved_until_ns = None
-        words = told(Code.ALARM_SHELF_OVER, self._words, alarm=self._kind.value)
-        return (self._event("unshelved", AxisCondition.NORMAL, words, now_ns),)
-
-    @property
-    def _words(self) -> dict[str, str]:
-        return {"alarm": self._kind.value.replace("_", " ")}
+    def _told(self, code: Code, words: dict[str, str] | None = None, **values: str) -> Statement:
+        name = self._kind.value
+        named = {"alarm": name.replace("_", " ")} | (words or {})
+        return told(code, named, alarm=name, **values)
 
     def _event(
-        self, change: str, level: AxisCondition, words: Statement, now_ns: int, note: str = ""
+        self,
+        change: str,
+        words: Statement,
+        now_ns: int,
+        level: AxisCondition = AxisCondition.NORMAL,
+        note: str = "",
     ) -> Event:
+        data = {
+            "alarm": self._kind.value,
+            "occurrence": self._occurrence,
+            "shelved": int(self._shelved_until_ns is not None),
+        }
         return Event(
             axis=self._axis,
             kind=f"alarm_{change}",
@@ -207,15 +208,5 @@ class AlarmLatch:
             text=words.text + (f": {note}" if note else ""),
             values=words.values,
             time_ns=now_ns,
-            data={
-                "alarm": self._kind.value,
-                "occurrence": self._occurrence,
-                "shelved": int(self._shelved_until_ns is not None),
-            }
-            | ({"note": note} if note else {}),
+            data=data | ({"note": note} if note else {}),
         )
-
-
-def clock(time_ns: int) -> str:
-    """Time of day in this computer's zone, with the date."""
-    return f"{datetime.fromtimestamp(time_ns / 1e9).astimezone():%H:%M on %Y-%m-%d}"

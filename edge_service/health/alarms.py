@@ -1,4 +1,4 @@
-"""Alarms of one axis, their causes and their words, which hold while active and after."""
+"""Alarms of one axis: their causes, and their words, which hold while active and after."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -18,96 +18,15 @@ from ..messages.health import (
 )
 from ..messages.interval import Interval, rfc3339
 from ..messages.trend import Trend, TrendStatus
-from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot, clock
+from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
+from .components import is_down
+from .headline import clock, condition_words, limit_words
 from .inputs import NS_PER_S, moved
+from .limits import AlarmSettings
 from .model_watch.consistency import CHANNEL_WORDS
+from .trend import is_over
 
-H_PER_RATE = 1000.0
-_SPANS = ((H_PER_RATE, "1000_h"), (24.0, "day"), (1.0, "hour"), (1.0 / 60.0, "minute"))
-
-
-def limit_words(health: AxisHealth, value_percent: float | None, fresh: float | None) -> Statement:
-    """Preload against its limits, in percent of the fresh screw's; empty before the first value.
-
-    Args:
-        health: The condition with its reasons.
-        value_percent: The last value known, percent of the load rating.
-        fresh: The fresh screw's preload, percent of the load rating.
-    """
-    if health.condition in (AxisCondition.WARNING, AxisCondition.FAULT) and health.reasons:
-        return health.below or Statement(text=health.reasons[0].partition(": ")[2])
-    if value_percent is None or not fresh:
-        return SILENT
-    known = health.condition is not AxisCondition.UNAVAILABLE
-    percent = 100.0 * value_percent / fresh
-    return told(Code.PRELOAD_BACK if known else Code.PRELOAD_LAST_KNOWN, percent=percent)
-
-
-def rate_words(trend: Trend | None, loss: float) -> Statement:
-    """Loss of preload, percent of the fresh screw's per 1000 h."""
-    if trend is None or trend.status is not TrendStatus.FALLING:
-        return told(Code.PRELOAD_FELL_LATELY)
-    hours, per = _readable_span(loss)
-    words = {"per": f"per {per.replace('_', ' ')}"}
-    return told(Code.PRELOAD_FALLING, words, loss=loss * hours / H_PER_RATE, per=per)
-
-
-def drop_words(fall: PreloadFall) -> Statement:
-    """Sudden fall of the preload."""
-    return told(
-        Code.PRELOAD_FELL_SUDDENLY,
-        {"time": clock(fall.time_ns)},
-        before=fall.from_percent,
-        after=fall.to_percent,
-        time=rfc3339(fall.time_ns),
-    )
-
-
-def _readable_span(percent_per_1000_h: float) -> tuple[float, str]:
-    """Longest time in which less than everything is lost, h, with its code."""
-    short = [span for span in _SPANS if percent_per_1000_h * span[0] < 100.0 * H_PER_RATE]
-    return (short or _SPANS[-1:])[0]
-
-
-DOWN = "tasks_down"
-"""Reading of a component: how many of its tasks do not work."""
-
-
-class Parts:
-    """The parts that an axis rests on."""
-
-    def __init__(self) -> None:
-        self._down: dict[tuple[str, str | None], Statement] = {}
-
-    def on_component(self, report: ComponentHealth) -> bool:
-        """Take a report in; True if it changes what is down."""
-        key = (report.component, report.axis)
-        before = self._down.get(key)
-        if is_down(report):
-            self._down[key] = _down_words(report)
-        elif report.status is not ComponentStatus.STARTING:
-            self._down.pop(key, None)
-        return (before is None) is (key in self._down)
-
-    def cause(self) -> tuple[bool, Statement]:
-        """A part is down, or none; the first of them in words."""
-        return bool(self._down), next(iter(self._down.values()), SILENT)
-
-
-def _down_words(report: ComponentHealth) -> Statement:
-    """A part that does not work; its own words for the reason are in English alone."""
-    words = {"component": report.component.capitalize(), "reason": report.reason.rstrip(".")}
-    return told(Code.PART_DOWN, words, component=report.component.removesuffix("_process"))
-
-
-def is_down(report: ComponentHealth) -> bool:
-    """Tell whether a component, or a task of it, does not work."""
-    if report.status in (ComponentStatus.STOPPING, ComponentStatus.STOPPED):
-        return False
-    given_up = report.status is ComponentStatus.PERMANENT_ERROR
-    return given_up or report.readings.get(DOWN, 0.0) > 0.0
-
-
+_SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
 _NIS_MEMORY = 0.98
 _MODEL_NIS = 6.0
 """Mean squared normalised innovation from which the model does not fit; 1 if it does."""
@@ -119,22 +38,16 @@ _BEGINNING_S = 20.0
 _BEYOND_DOUBT = 2.5
 """Times the 90 % interval of a rate, 4.1 sigma: it is looked at all day."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
-
-
-@dataclass(frozen=True, slots=True)
-class AlarmSettings:
-    """Limits of the alarms.
-
-    Attributes:
-        rate_percent_per_1000_h: loss of preload per 1000 h that is too fast, percent of the
-            commissioned preload.
-        sudden_drop_percent: a loss within 10 s that is sudden, the same unit.
-        data_lost_after_s: how long data may be missing.
-    """
-
-    rate_percent_per_1000_h: float = 20.0
-    sudden_drop_percent: float = 15.0
-    data_lost_after_s: float = 5.0
+_SLOW = (0.0, _CLEAR_DELAY_S)
+_RULES = {
+    AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *_SLOW),
+    AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_SLOW),
+    AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *_SLOW),
+    AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
+    AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
+    AlarmKind.SERVICE: AlarmRule(AxisCondition.WARNING, *_SLOW),
+}
+_Cause = tuple[bool | None, Statement]
 
 
 class SuddenDrop:
@@ -163,83 +76,95 @@ class SuddenDrop:
         self._best = deque((at + step_ns, low, value) for at, low, value in self._best)
 
 
+@dataclass(slots=True)
+class _Fit:
+    """How well the estimator's model fits.
+
+    Attributes:
+        used_s: motion that the newest estimate rests on, s.
+        nis: mean squared normalised innovation lately.
+    """
+
+    status: EstimateStatus | None = None
+    used_s: float = 0.0
+    nis: float = 1.0
+
+    def update(self, estimate: PreloadEstimate) -> None:
+        """Take an estimate in; an axis at rest repeats its last error, which counts once."""
+        is_new, self.used_s = estimate.data_used_s != self.used_s, estimate.data_used_s
+        self.status = estimate.status
+        if estimate.nis is not None and is_new and self.is_settled:
+            self.nis = _NIS_MEMORY * self.nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
+
+    @property
+    def is_settled(self) -> bool:
+        """The estimator knows in which state it has found the axis."""
+        return self.used_s >= _BEGINNING_S
+
+
 class AxisAlarms:
     """The alarms of one axis.
 
     Args:
         fresh_percent: The commissioned preload, percent of the load rating; without it limits have
             no meaning.
+
+    Attributes:
+        fall: the last sudden fall since a part was replaced.
     """
 
     def __init__(
         self, axis: str, fresh_percent: float | None, settings: AlarmSettings, now_ns: int
     ) -> None:
-        self._settings = settings
+        self._rate_limit = settings.rate_percent_per_1000_h
         self._patient_until_ns = now_ns + _START_S * NS_PER_S
         self._fresh = fresh_percent
-        slow = (0.0, _CLEAR_DELAY_S)
-        lost = (settings.data_lost_after_s, 1.0)
-        rules = {
-            AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *slow),
-            AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *slow),
-            AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *slow),
-            AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
-            AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
-            AlarmKind.DATA_LOST: AlarmRule(AxisCondition.UNAVAILABLE, *lost),
-            AlarmKind.SERVICE: AlarmRule(AxisCondition.WARNING, 0.0, _CLEAR_DELAY_S),
-        }
+        lost = AlarmRule(AxisCondition.UNAVAILABLE, settings.data_lost_after_s, 1.0)
+        rules = {kind: _RULES.get(kind, lost) for kind in AlarmKind}
         self._latches = {kind: AlarmLatch(axis, kind, rule, now_ns) for kind, rule in rules.items()}
         share = 0.0 if fresh_percent is None else fresh_percent / 100.0
         self._drop = SuddenDrop(settings.sudden_drop_percent * share, _SUDDEN_S)
-        self._parts = Parts()
+        self._down: dict[tuple[str, str | None], Statement] = {}
         self._fallen_ns: int | None = None
-        self._percent: float | None = None
+        self._falling_ns: int | None = None
         self.fall: PreloadFall | None = None
-        self._nis = 1.0
-        self._status: EstimateStatus | None = None
-        self._used_s = 0.0
+        self._fit = _Fit()
 
     def on_preload(self, estimate: PreloadEstimate, time_ns: int, now_ns: int) -> tuple[Event, ...]:
         """Look at an estimate for what must not wait."""
-        self._status = estimate.status
-        is_new = estimate.data_used_s != self._used_s  # an axis at rest repeats its last error
-        self._used_s = estimate.data_used_s
-        if estimate.status is not EstimateStatus.ESTIMATED:
-            return ()
-        if estimate.nis is not None and is_new and self._used_s >= _BEGINNING_S:
-            self._nis = _NIS_MEMORY * self._nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
+        self._fit.update(estimate)
         low, value, high = estimate.low, estimate.preload_percent, estimate.high
         if self._fresh is None or low is None or value is None or high is None:
             return ()
-        self._percent = value
-        if self._used_s < _BEGINNING_S:
+        if estimate.status is not EstimateStatus.ESTIMATED or not self._fit.is_settled:
             return ()  # what is found out about an axis is no fall
         before = self._drop.update(time_ns, low, value, high)
         if before is None:
             return ()
-        latch, before_ns = self._latches[AlarmKind.SUDDEN_DROP], self._fallen_ns
-        self._fallen_ns = time_ns
-        again = before_ns is None or abs(time_ns - before_ns) > self._drop.within_ns
-        words = self._note_fall(before, value, now_ns, again or self.fall is None)
+        last_ns, self._fallen_ns = self._fallen_ns, time_ns
+        again = last_ns is None or abs(time_ns - last_ns) > self._drop.within_ns
+        share = 100.0 / self._fresh
+        if again or self.fall is None:
+            self.fall = PreloadFall(
+                from_percent=share * before, to_percent=share * value, time_ns=now_ns
+            )
+        else:  # the same fall, further down: the estimates need a second for it
+            self.fall = self.fall.model_copy(update={"to_percent": share * value})
+        latch, words = self._latches[AlarmKind.SUDDEN_DROP], _drop_words(self.fall)
         if again:
             return latch.update(True, words, now_ns)
-        latch.reword(words)  # the same fall, further down: the estimates need a second for it
+        latch.reword(words)
         return ()
-
-    def _note_fall(self, before: float, value: float, now_ns: int, again: bool) -> Statement:
-        """Remember a fall, or how far the last one went on, and put it into words."""
-        share = 100.0 / (self._fresh or 100.0)
-        last = None if again else self.fall
-        self.fall = PreloadFall(
-            from_percent=share * before if last is None else last.from_percent,
-            to_percent=share * value,
-            time_ns=now_ns if last is None else last.time_ns,
-        )
-        return drop_words(self.fall)
 
     def on_component(self, report: ComponentHealth) -> bool:
         """Take the report of a part in; True if that may raise or clear an alarm."""
-        return self._parts.on_component(report)
+        key = (report.component, report.axis)
+        before = self._down.get(key)
+        if is_down(report):
+            self._down[key] = _down_words(report)
+        elif report.status is not ComponentStatus.STARTING:
+            self._down.pop(key, None)
+        return (before is None) is (key in self._down)
 
     def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
         """Let time pass, with the condition and the trend as of now."""
@@ -248,29 +173,15 @@ class AxisAlarms:
             events += self._latches[kind].update(cause, words, now_ns)
         return tuple(events)
 
-    def _causes(
-        self, health: AxisHealth, trend: Trend | None, now_ns: int
-    ) -> dict[AlarmKind, tuple[bool | None, Statement]]:
-        return {
-            **self._limits(health),
-            AlarmKind.RATE: self._rate(trend),
-            AlarmKind.SUDDEN_DROP: (None, SILENT),
-            AlarmKind.MODEL: self._model(health),
-            AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
-            AlarmKind.SERVICE: self._parts.cause(),
-        }
-
     def refusal(self, command: Command) -> str:
         """Reason for which a command would change nothing; empty if it would."""
-        if command.action not in ("acknowledge", "shelve", "unshelve"):
-            return ""
         if command.alarm is None:
             return f"{command.action} names no alarm"
         return self._latches[command.alarm].refusal(command)
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Acknowledge, shelve or unshelve."""
-        if command.alarm is None or command.action not in ("acknowledge", "shelve", "unshelve"):
+        if command.alarm is None:
             return ()
         latch = self._latches[command.alarm]
         if command.action == "shelve":
@@ -287,6 +198,7 @@ class AxisAlarms:
         """The clock was set by a step, ns."""
         self._patient_until_ns += step_ns
         self._fallen_ns = moved(self._fallen_ns, step_ns)
+        self._falling_ns = moved(self._falling_ns, step_ns)
         if self.fall is not None:
             self.fall = self.fall.model_copy(update={"time_ns": self.fall.time_ns + step_ns})
         self._drop.move(step_ns)
@@ -295,9 +207,9 @@ class AxisAlarms:
 
     def shown(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Alarm, ...]:
         """Alarms that a person should see, the gravest first, in words as of now."""
-        for kind, (_, words) in self._causes(health, trend, now_ns).items():
-            self._latches[kind].follow(words)
-        alarms = [alarm for latch in self._latches.values() if (alarm := latch.shown())]
+        causes = self._causes(health, trend, now_ns)
+        found = (self._latches[kind].shown(words) for kind, (_, words) in causes.items())
+        alarms = [alarm for alarm in found if alarm is not None]
         if self._latches[AlarmKind.PRELOAD_LOST].active:  # one cause, one acknowledgement
             alarms = [alarm for alarm in alarms if alarm.kind is not AlarmKind.PRELOAD_LOW]
         return tuple(sorted(alarms, key=lambda a: (a.active, a.level.urgency), reverse=True))
@@ -307,10 +219,7 @@ class AxisAlarms:
         return {kind.value: latch.snapshot() for kind, latch in self._latches.items()}
 
     def restore(
-        self,
-        snapshot: Mapping[str, LatchSnapshot],
-        fall: PreloadFall | None = None,
-        step_ns: int = 0,
+        self, snapshot: Mapping[str, LatchSnapshot], fall: PreloadFall | None, step_ns: int
     ) -> None:
         """Go on from a snapshot, of a clock that was set by a step since, ns."""
         if fall is not None:
@@ -320,50 +229,64 @@ class AxisAlarms:
                 latch.restore(snapshot[kind.value])
                 latch.move(step_ns)
 
-    def _limits(self, health: AxisHealth) -> dict[AlarmKind, tuple[bool | None, Statement]]:
+    def _causes(
+        self, health: AxisHealth, trend: Trend | None, now_ns: int
+    ) -> dict[AlarmKind, _Cause]:
+        """Whether the cause of each kind holds (None: nobody can tell), with its words."""
         known = health.condition is not AxisCondition.UNAVAILABLE
-        words = limit_words(health, self._percent, self._fresh)
-        low, fault = (health.condition is AxisCondition[each] for each in ("WARNING", "FAULT"))
+        low = health.condition is AxisCondition.WARNING
+        lost = health.condition is AxisCondition.FAULT
+        low_words, lost_words = (
+            limit_words(health, self._latches[kind].shown() or SILENT)
+            for kind in (AlarmKind.PRELOAD_LOW, AlarmKind.PRELOAD_LOST)
+        )
         return {
-            AlarmKind.PRELOAD_LOW: (low or (None if fault else False) if known else None, words),
-            AlarmKind.PRELOAD_LOST: (fault if known else None, words),
+            AlarmKind.PRELOAD_LOW: (None if lost or not known else low, low_words),
+            AlarmKind.PRELOAD_LOST: (lost if known else None, lost_words),
+            AlarmKind.RATE: self._rate(trend, now_ns),
+            AlarmKind.SUDDEN_DROP: (None, SILENT),
+            AlarmKind.MODEL: self._model(health),
+            AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
+            AlarmKind.SERVICE: (bool(self._down), next(iter(self._down.values()), SILENT)),
         }
 
-    def _rate(self, trend: Trend | None) -> tuple[bool | None, Statement]:
+    def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
+        """Loss of preload, percent of the fresh screw's per 1000 h."""
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, rate_words(None, 0.0)
-        share = -100.0 * H_PER_RATE / self._fresh
-        rate = trend.rate_percent_per_h
-        loss = rate.value * share
-        sure = slowest_loss(rate) * share
-        limit = self._settings.rate_percent_per_1000_h
-        words = rate_words(trend, loss)
-        if sure > limit:
+            return None, self._fell_words(now_ns)
+        share, rate = -100.0 / self._fresh, trend.rate_percent_per_h
+        loss_per_h, sure_per_h = rate.value * share, slowest_loss(rate) * share
+        limit_per_h = self._rate_limit / 1000.0
+        words = self._fell_words(now_ns)
+        if trend.status is TrendStatus.FALLING:
+            self._falling_ns = trend.until_time_ns or now_ns
+            over = is_over(trend, now_ns)
+            words = self._fell_words(now_ns) if over else _rate_words(loss_per_h)
+        if sure_per_h > limit_per_h:
             return True, words
-        return (False if loss < 0.9 * limit else None), words
+        return (False if loss_per_h < 0.9 * limit_per_h else None), words
 
-    def _data_lost(self, health: AxisHealth, now_ns: int) -> tuple[bool | None, Statement]:
-        if self._status is None and now_ns < self._patient_until_ns:
-            return None, SILENT
-        return _data_lost(health)
+    def _fell_words(self, now_ns: int) -> Statement:
+        at_ns = self._falling_ns or now_ns
+        return told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
 
-    def _model(self, health: AxisHealth) -> tuple[bool | None, Statement]:
-        if _data_lost(health)[0]:
+    def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:
+        if self._fit.status is None and now_ns < self._patient_until_ns:
             return None, SILENT
-        limit = _MODEL_NIS
+        return (True, condition_words(health)) if _lacks_data(health) else (False, SILENT)
+
+    def _model(self, health: AxisHealth) -> _Cause:
+        if _lacks_data(health):
+            return None, SILENT
         consistency = health.consistency
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
-            channel = consistency.channel or ""
-            words = {"watched": CHANNEL_WORDS.get(channel, channel)}
-            return True, told(Code.AXIS_CHANGED, words, watched=channel)
-        if self._status is EstimateStatus.INVALID and self._used_s < _BEGINNING_S:
-            return None, SILENT
-        if self._status is EstimateStatus.INVALID:
-            return True, told(Code.MODEL_DISAGREES)
-        fit = told(Code.MODEL_MISFIT, times=self._nis)
-        if self._nis > limit:
-            return True, fit
-        return (False if self._nis < 0.8 * limit else None), fit
+            return True, _changed_words(consistency.channel or "")
+        if self._fit.status is EstimateStatus.INVALID:
+            is_known = True if self._fit.is_settled else None
+            return is_known, told(Code.MODEL_DISAGREES) if is_known else SILENT
+        if self._fit.nis > _MODEL_NIS:
+            return True, _changed_words("torque_nm")
+        return (False if self._fit.nis < 0.8 * _MODEL_NIS else None), _changed_words("torque_nm")
 
 
 def slowest_loss(rate: Interval) -> float:
@@ -371,11 +294,35 @@ def slowest_loss(rate: Interval) -> float:
     return rate.value + _BEYOND_DOUBT * (rate.high - rate.value)
 
 
-def _data_lost(health: AxisHealth) -> tuple[bool | None, Statement]:
-    if health.condition is not AxisCondition.UNAVAILABLE:
-        return False, SILENT
-    for reason in health.reasons:
-        code, _, sentence = reason.partition(": ")
-        if code in _DATA_CODES:
-            return True, told(Code.DATA_LOST, {"reason": sentence}, reason=code)
-    return False, SILENT
+def _lacks_data(health: AxisHealth) -> bool:
+    codes = {reason.partition(":")[0] for reason in health.reasons}
+    return health.condition is AxisCondition.UNAVAILABLE and not codes.isdisjoint(_DATA_CODES)
+
+
+def _rate_words(loss_per_h: float) -> Statement:
+    """Loss in percent over the longest time in which less than everything is lost."""
+    short = [per for per, hours in _SPANS_H.items() if loss_per_h * hours < 100.0]
+    per = short[0] if short else "minute"
+    rate = loss_per_h * _SPANS_H[per]
+    return told(Code.PRELOAD_FALLING, {"per": f"per {per}"}, rate=rate, per=per)
+
+
+def _drop_words(fall: PreloadFall) -> Statement:
+    return told(
+        Code.PRELOAD_FELL_SUDDENLY,
+        {"time": clock(fall.time_ns)},
+        before=fall.from_percent,
+        after=fall.to_percent,
+        time=rfc3339(fall.time_ns),
+    )
+
+
+def _changed_words(channel: str) -> Statement:
+    words = {"watched": CHANNEL_WORDS.get(channel, channel)}
+    return told(Code.AXIS_CHANGED, words, watched=channel)
+
+
+def _down_words(report: ComponentHealth) -> Statement:
+    """A part that does not work; its own words for the reason are in English alone."""
+    words = {"component": report.component.capitalize(), "reason": report.reason.rstrip(".")}
+    return told(Code.PART_DOWN, words, component=report.component.removesuffix("_process"))

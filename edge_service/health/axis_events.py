@@ -8,25 +8,15 @@ from .inputs import NS_PER_S
 from .model_watch.consistency import CHANNEL_WORDS, Disagreement
 
 
-def preload_rose(
-    axis: str, before: float, percent: float, fresh: float | None, now_ns: int
-) -> Event:
-    """Event of a rise that wear cannot make; preloads in percent of the load rating."""
-    share = 100.0 / (fresh or 100.0)
-    words = told(
-        Code.PRELOAD_ROSE_OF_RATING if fresh is None else Code.PRELOAD_ROSE,
-        before=share * before,
-        after=share * percent,
-    )
+def preload_rose(axis: str, before: float, after: float, now_ns: int) -> Event:
+    """Event of a rise that wear cannot make; preloads in percent of the fresh screw's."""
     return Event(
         axis=axis,
         kind="preload_rose",
         level=AxisCondition.NORMAL,
-        text=words.text,
-        code=words.code,
-        values=words.values,
+        **dict(told(Code.PRELOAD_ROSE, before=before, after=after)),
         time_ns=now_ns,
-        data={"from_percent": before, "to_percent": percent},
+        data={"from_percent": before, "to_percent": after},
     )
 
 
@@ -42,54 +32,35 @@ def recording_name(axis: str, since_ns: int) -> str:
 
 def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
     """Event of a change of the verdict on the model."""
-    name = recording_name(axis, since_ns)
-    channel = {"watched": CHANNEL_WORDS[change.channel]}
-    times = change.ratio**0.5
-    words = (
-        told(Code.AXIS_DIFFERS, channel, watched=change.channel, times=times, recording=name)
-        if change.disagrees
-        else told(Code.AXIS_AS_LEARNED, channel, watched=change.channel)
-    )
+    name = recording_name(axis, since_ns) if change.disagrees else None
+    words = {"watched": CHANNEL_WORDS[change.channel]}
+    said = told(Code.AXIS_AS_LEARNED, words, watched=change.channel)
+    if name is not None:
+        said = told(Code.AXIS_DIFFERS, words, watched=change.channel, recording=name)
     return Event(
         axis=axis,
         kind="model_disagrees" if change.disagrees else "model_agrees",
         level=AxisCondition.WARNING if change.disagrees else AxisCondition.NORMAL,
-        text=words.text,
-        code=words.code,
-        values=words.values,
+        **dict(said),
         time_ns=now_ns,
         data={
             "channel": change.channel,
             "ratio": change.ratio,
             "since_s": change.since_s,
-            "recording": name if change.disagrees else None,
+            "recording": name,
         },
     )
 
 
 def recording_kept(axis: str, name: str, now_ns: int) -> Event:
     """Event of a recording that is ready to diagnose."""
-    words = told(Code.DISAGREEMENT_RECORDED, recording=name)
     return Event(
         axis=axis,
         kind="recording_kept",
         level=AxisCondition.NORMAL,
-        text=words.text,
-        code=words.code,
-        values=words.values,
+        **dict(told(Code.DISAGREEMENT_RECORDED, recording=name)),
         time_ns=now_ns,
         data={"recording": name},
-    )
-
-
-def state_damaged(axis: str, words: str, now_ns: int) -> Event:
-    """Event of a kept state that could not be read."""
-    return Event(
-        axis=axis,
-        kind="store_damaged",
-        level=AxisCondition.WARNING,
-        text=words,
-        time_ns=now_ns,
     )
 
 
@@ -97,18 +68,14 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
     """Event of a step of the clock, which all kept times have made as well."""
     seconds = step_ns / NS_PER_S
     way = "forward" if step_ns > 0 else "back"
-    words = (
-        told(Code.CLOCK_SET_H, way=way, hours=abs(seconds) / 3600.0)
-        if abs(seconds) >= 3600.0
-        else told(Code.CLOCK_SET_S, way=way, seconds=abs(seconds))
-    )
+    words = told(Code.CLOCK_SET_S, way=way, seconds=abs(seconds))
+    if abs(seconds) >= 3600.0:
+        words = told(Code.CLOCK_SET_H, way=way, hours=abs(seconds) / 3600.0)
     return Event(
         axis="",
         kind="clock_changed",
         level=AxisCondition.WARNING,
-        text=words.text,
-        code=words.code,
-        values=words.values,
+        **dict(words),
         time_ns=now_ns,
         data={"step_s": seconds},
     )

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -17,23 +17,26 @@ from ..messages.features import FeatureBlock
 from ..messages.health import AxisHealth, ComponentHealth, Consistency, PreloadFall
 from ..messages.interval import Frozen
 from ..messages.trend import Trend, Use
-from .advice import consistent, of_fresh
+from .advice import consistent
 from .alarm_latch import LatchSnapshot
-from .alarms import AlarmSettings, AxisAlarms
+from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition import ConditionMonitor
 from .inputs import NS_PER_S, moved
-from .limits import HealthSettings
+from .limits import AlarmSettings
 from .model_watch.channel_model import LearnedChannel
 from .model_watch.consistency import ConsistencyWatch, Disagreement
 from .model_watch.friction_watch import FrictionClasses, FrictionWatch
-from .trend import PreloadHistory, PreloadSteps, preload_trend
+from .trend import PreloadHistory, PreloadSteps, as_of, preload_trend
 from .usage import ScrewGeometry, UsageCounter
 
+SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
 MOST_ANSWERED = 100
 """Commands of an axis that are known again; the oldest go."""
-_REUSED = "this key was given to another command"
-_NOT_COMPARED = {"key", "origin"}
+_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
+_PERIOD_SHARE = 0.02
+_RISES = 20
+"""So many estimates in a row must lie above what was known before a rise is one."""
 
 
 class AnsweredCommand(Frozen):
@@ -47,68 +50,6 @@ class AnsweredCommand(Frozen):
     sha256: str
     accepted: bool
     message: str
-
-
-class AnsweredCommands:
-    """The newest commands with a key of one axis."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, AnsweredCommand] = {}
-
-    def outcome(self, command: Command) -> Outcome | None:
-        """Outcome of the same command; None if its key is new, or it has none."""
-        known = self._known.get(command.key)
-        if known is None:
-            return None
-        if known.sha256 != _digest(command):
-            return Outcome(accepted=False, message=_REUSED, reused=True)
-        return Outcome(accepted=known.accepted, message=known.message)
-
-    def note(self, command: Command, outcome: Outcome) -> None:
-        """Remember what came of a command with a key."""
-        if not command.key:
-            return
-        self._known[command.key] = AnsweredCommand(
-            key=command.key,
-            sha256=_digest(command),
-            accepted=outcome.accepted,
-            message=outcome.message,
-        )
-        while len(self._known) > MOST_ANSWERED:
-            del self._known[next(iter(self._known))]
-
-    def snapshot(self) -> list[AnsweredCommand]:
-        """All that are known, oldest first."""
-        return list(self._known.values())
-
-    def restore(self, known: Iterable[AnsweredCommand]) -> None:
-        """Go on from a snapshot."""
-        self._known = {each.key: each for each in known}
-
-
-def _digest(command: Command) -> str:
-    content = command.model_dump_json(exclude=_NOT_COMPARED)
-    return hashlib.sha256(content.encode()).hexdigest()
-
-
-SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
-_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
-_PERIOD_SHARE = 0.02
-_RISES = 20
-"""So many estimates in a row must lie above what was known before a rise is one."""
-
-
-@dataclass(frozen=True, slots=True)
-class AxisFacts:
-    """Facts about one axis from its machine file.
-
-    Attributes:
-        fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
-    """
-
-    axis: str
-    fresh_percent: float | None
-    geometry: ScrewGeometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,34 +76,38 @@ _SNAPSHOTS = TypeAdapter(AxisSnapshot)
 
 
 class AxisMonitor:
-    """Monitor of one axis; every call returns the events that it caused."""
+    """Monitor of one axis; every call returns the events that it caused.
+
+    Args:
+        fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
+    """
 
     def __init__(
-        self, facts: AxisFacts, settings: HealthSettings, alarms: AlarmSettings, now_ns: int
+        self,
+        axis: str,
+        fresh_percent: float | None,
+        geometry: ScrewGeometry,
+        settings: AlarmSettings,
+        now_ns: int,
     ) -> None:
-        self.axis = facts.axis
-        self._fresh_percent = facts.fresh_percent
+        self.axis = axis
+        self._fresh_percent = fresh_percent
         self._now_ns = self._begun_ns = now_ns
         self._stop_ns = 0
-        self._condition = ConditionMonitor(facts.axis, facts.fresh_percent, settings, now_ns)
-        self._answered = AnsweredCommands()
-        self._alarms = AxisAlarms(facts.axis, facts.fresh_percent, alarms, now_ns)
-        limits = settings.limits(facts.fresh_percent)
-        self._limits_percent = (
-            {}
-            if limits is None
-            else {"warning": limits.warning_percent, "fault": limits.fault_percent}
-        )
-        self._use = UsageCounter(facts.geometry, now_ns)
+        self._limits = settings.limits(fresh_percent)
+        self._condition = ConditionMonitor(axis, self._limits, now_ns)
+        self._alarms = AxisAlarms(axis, fresh_percent, settings, now_ns)
+        self._answered: dict[str, AnsweredCommand] = {}
+        self._use = UsageCounter(geometry, now_ns)
         self._friction = FrictionWatch()
-        self._consistency = ConsistencyWatch(facts.geometry.ratio_m_per_rad)
+        self._consistency = ConsistencyWatch(geometry.ratio_m_per_rad)
         self._heard = (now_ns, 0.0)
         self._since_ns: int | None = None
         self._recording: str | None = None
         self._series = PreloadHistory()
         self._trend: Trend | None = None
         self._trend_ns = 0
-        self._rise_percent = alarms.sudden_drop_percent / 100.0 * (facts.fresh_percent or 1.0)
+        self._rise_percent = settings.sudden_drop_percent / 100.0 * (fresh_percent or 1.0)
         self._rises = 0
 
     def on_preload(
@@ -172,10 +117,8 @@ class AxisMonitor:
         events = self._condition.on_preload(header, estimate, now_ns)
         sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
         if sudden:
-            self._series.clear()  # what comes now is another state: its trend begins anew
+            self._restart_trend()  # what comes now is another state
             self._friction.restart_newest()
-            self._trend = None
-            self._trend_ns = 0
         elif estimate.status is EstimateStatus.ESTIMATED:
             events = (*events, *self._note_wear(estimate, now_ns))
         return (*events, *sudden, *(self._look_at_alarms(now_ns) if events else ()))
@@ -197,23 +140,40 @@ class AxisMonitor:
 
     def answered(self, command: Command) -> Outcome | None:
         """Outcome of a command that was asked before with the same key; None if it is new."""
-        return self._answered.outcome(command)
+        known = self._answered.get(command.key)
+        if known is None:
+            return None
+        if known.sha256 != _digest(command):
+            words = "this key was given to another command"
+            return Outcome(accepted=False, message=words, reused=True)
+        return Outcome(accepted=known.accepted, message=known.message)
 
     def obey(self, command: Command, now_ns: int) -> tuple[Outcome, tuple[Event, ...]]:
         """Do what a person asks, or refuse what would change nothing."""
-        refusal = self._alarms.refusal(command)
+        refusal = ""
+        if command.action in ("acknowledge", "shelve", "unshelve"):
+            refusal = self._alarms.refusal(command)
         asked = {"who": command.user, "origin": command.origin or "bus"}
         events = () if refusal else self.on_command(command, now_ns)
         events = tuple(event.model_copy(update=asked) for event in events)
         message = refusal or next((event.text for event in events), "")
         outcome = Outcome(accepted=not refusal, message=message)
-        self._answered.note(command, outcome)
+        if command.key:
+            self._answered[command.key] = AnsweredCommand(
+                key=command.key, sha256=_digest(command), accepted=not refusal, message=message
+            )
+        while len(self._answered) > MOST_ANSWERED:
+            del self._answered[next(iter(self._answered))]
         return outcome, events
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
         """Do what a person asks."""
         if command.action == "part_replaced":
-            self._restart(now_ns)
+            self._use.restart(now_ns)
+            self._alarms.fall = None
+            self._friction.restart()
+            self._consistency.restart()
+            self._restart_trend()
         if command.action in ("part_replaced", "note"):
             return (log_entry(self.axis, command, now_ns),)
         if command.action == "recorded":
@@ -228,20 +188,18 @@ class AxisMonitor:
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis with everything beside it, as of now."""
-        health = self._judged(now_ns).model_copy(
-            update={
-                "fall": self._alarms.fall,
-                "trend": self._trend,
-                "use": self._use.use(),
-                "friction": self._friction.curve(),
-            }
-        )
-        alarms = self._alarms.shown(health, self._trend, now_ns)
-        health = health.model_copy(update={"alarms": alarms})
-        return consistent(health, self._condition.estimate)
+        health = self._judged(now_ns)
+        more = {
+            "alarms": self._alarms.shown(health, self._trend, now_ns),
+            "fall": self._alarms.fall,
+            "trend": None if self._trend is None else as_of(self._trend, now_ns),
+            "use": self._use.use(),
+            "friction": self._friction.curve(),
+        }
+        return consistent(health.model_copy(update=more), self._condition.estimate)
 
     def trend_is_due(self, now_ns: int) -> bool:
-        """Tell whether there is something new to report."""
+        """There is something new to report."""
         time_s = self._series.points()[0]
         span_s = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
         period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
@@ -249,11 +207,15 @@ class AxisMonitor:
 
     def trend_work(self) -> Callable[[], Trend]:
         """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
-        return partial(preload_trend, *self._series.points(), self._limits_percent)
+        limits = self._limits
+        ahead = {}
+        if limits is not None:
+            ahead = {"warning": limits.warning_percent, "fault": limits.fault_percent}
+        return partial(preload_trend, *self._series.points(), ahead, self._fresh_percent)
 
     def take_trend(self, trend: Trend, now_ns: int) -> None:
         """Show a trend that `trend_work` made."""
-        self._trend, self._trend_ns = of_fresh(trend, self._fresh_percent), now_ns
+        self._trend, self._trend_ns = trend, now_ns
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: all that has a time moves along.
@@ -285,7 +247,7 @@ class AxisMonitor:
             series=self._series.snapshot(),
             consistency=self._consistency.snapshot(),
             saved_ns=self._now_ns,
-            answered=tuple(self._answered.snapshot()),
+            answered=tuple(self._answered.values()),
             fall=self._alarms.fall,
         )
         document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
@@ -297,26 +259,24 @@ class AxisMonitor:
         Raises ValueError, and then this monitor is of no more use.
         """
         try:
-            self._restore(document)
+            self._restore(_SNAPSHOTS.validate_python(document))
             self.health(self._heard[0])  # numbers of the right shape may still mean nothing
             json.dumps(self.snapshot(), allow_nan=False)
             self.trend_work()()
-        except (ArithmeticError, LookupError, TypeError, AttributeError) as error:
-            raise ValueError(f"no {SNAPSHOT_SCHEMA}: {type(error).__name__}: {error}") from None
-
-    def _restore(self, document: object) -> None:
-        try:
-            snapshot = _SNAPSHOTS.validate_python(document)
         except ValidationError as error:
             (first, *_) = error.errors(include_url=False)
             place = ".".join(map(str, first["loc"]))
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {place}: {first['msg']}") from None
+        except (ArithmeticError, LookupError, TypeError, AttributeError) as error:
+            raise ValueError(f"no {SNAPSHOT_SCHEMA}: {type(error).__name__}: {error}") from None
+
+    def _restore(self, snapshot: AxisSnapshot) -> None:
         if snapshot.axis != self.axis:
             raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
         step_ns = min(self._now_ns - snapshot.saved_ns, 0)
         self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
         self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
-        self._answered.restore(snapshot.answered)
+        self._answered = {each.key: each for each in snapshot.answered}
         self._use.restore(snapshot.use)
         self._use.move(step_ns)
         self._friction.restore(snapshot.friction)
@@ -327,7 +287,8 @@ class AxisMonitor:
 
     def _note_wear(self, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         percent, low, high = estimate.preload_percent, estimate.low, estimate.high
-        if percent is None or low is None or high is None:
+        fresh = self._fresh_percent
+        if percent is None or low is None or high is None or fresh is None:
             return ()
         known = self._series.newest()
         rose = known is not None and percent - known > self._rise_percent and low > known
@@ -336,20 +297,12 @@ class AxisMonitor:
             return ()  # not yet sure: keep it out of the trend
         events: tuple[Event, ...] = ()
         if rose and known is not None:
-            events = (preload_rose(self.axis, known, percent, self._fresh_percent, now_ns),)
-            self._series.clear()
-            self._trend, self._trend_ns, self._rises = None, 0, 0
+            share = 100.0 / fresh
+            events = (preload_rose(self.axis, share * known, share * percent, now_ns),)
+            self._restart_trend()
         half_width = 0.5 * (high - low)
         self._series.add(now_ns / NS_PER_S, percent, half_width, self._use.distance_m)
         return events
-
-    def _consistent(self) -> Consistency:
-        shown = self._consistency.shown()
-        if shown.channel is None:
-            return shown
-        return shown.model_copy(
-            update={"since_time_ns": self._since_ns, "recording": self._recording}
-        )
 
     def _note_change(self, change: Disagreement, now_ns: int) -> tuple[Event, ...]:
         if change.disagrees:
@@ -357,21 +310,24 @@ class AxisMonitor:
             heard_ns, heard_s = self._heard
             ago_ns = round(NS_PER_S * max(heard_s - change.since_s, 0.0))
             self._since_ns = max(heard_ns - ago_ns, 0)
-        return (
-            consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns),
-            *self._look_at_alarms(now_ns),
-        )
+        event = consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns)
+        return (event, *self._look_at_alarms(now_ns))
 
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
         return self._alarms.tick(self._judged(now_ns), self._trend, now_ns)
 
     def _judged(self, now_ns: int) -> AxisHealth:
-        return self._condition.health(now_ns).model_copy(update={"consistency": self._consistent()})
+        shown: Consistency = self._consistency.shown()
+        if shown.channel is not None:
+            since = {"since_time_ns": self._since_ns, "recording": self._recording}
+            shown = shown.model_copy(update=since)
+        return self._condition.health(now_ns).model_copy(update={"consistency": shown})
 
-    def _restart(self, now_ns: int) -> None:
-        self._use.restart(now_ns)
-        self._alarms.fall = None
-        self._friction.restart()
-        self._consistency.restart()
+    def _restart_trend(self) -> None:
         self._series.clear()
-        self._trend = None
+        self._trend, self._trend_ns, self._rises = None, 0, 0
+
+
+def _digest(command: Command) -> str:
+    content = command.model_dump_json(exclude={"key", "origin"})
+    return hashlib.sha256(content.encode()).hexdigest()

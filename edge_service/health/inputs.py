@@ -7,6 +7,8 @@ from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.features import FAULT_WORDS, UNUSABLE, Fault
 
 NS_PER_S = 1_000_000_000
+_FAULT_CLEAR_NS = 5 * NS_PER_S
+"""A data fault is over when it was not seen for this long."""
 
 
 def moved(time_ns: int | None, step_ns: int) -> int | None:
@@ -55,7 +57,7 @@ class InputWatch:
         return max(now_ns - self.header.source_time_ns, now_ns - self._arrival_ns, 0) / NS_PER_S
 
     def is_stale(self, now_ns: int) -> bool:
-        """Tell whether there is no payload that may still be read as present."""
+        """No payload may still be read as present."""
         if self.header is None or self._silent(now_ns):
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns
@@ -66,6 +68,11 @@ class InputWatch:
         if self.header is not None:
             source_ns = max(self.header.source_time_ns + step_ns, 0)
             self.header = replace(self.header, source_time_ns=source_ns)
+
+    @property
+    def measured_ns(self) -> int | None:
+        """UNIX time of the newest sample, ns; None before the first."""
+        return None if self.header is None else self.header.source_time_ns
 
     @property
     def stale_since_ns(self) -> int:
@@ -81,12 +88,11 @@ class InputWatch:
 class DataFaults:
     """Counts of faulty intervals per kind, with an event when a kind appears and when it is over.
 
-    A kind that comes and goes within `clear_after_s` is one fault, hence one event.
+    A kind that comes and goes within 5 s is one fault, hence one event.
     """
 
-    def __init__(self, axis: str, clear_after_s: float) -> None:
+    def __init__(self, axis: str) -> None:
         self._axis = axis
-        self._clear_after_ns = round(clear_after_s * NS_PER_S)
         self._last_seen_ns: dict[Fault, int] = {}
         self.counts: dict[str, int] = {}
 
@@ -97,41 +103,31 @@ class DataFaults:
             name = fault_name(kind)
             self.counts[name] = self.counts.get(name, 0) + 1
             if kind not in self._last_seen_ns:
-                events.append(self._event(kind, "present", now_ns))
+                events.append(self._event(kind, now_ns, is_present=True))
             self._last_seen_ns[kind] = now_ns
         return (*events, *self.tick(now_ns))
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
         """Events of the faults that are over by now."""
-        over = [
-            kind
-            for kind, seen_ns in self._last_seen_ns.items()
-            if now_ns - seen_ns > self._clear_after_ns
-        ]
+        seen = self._last_seen_ns.items()
+        over = [kind for kind, seen_ns in seen if now_ns - seen_ns > _FAULT_CLEAR_NS]
         for kind in over:
             del self._last_seen_ns[kind]
-        return tuple(self._event(kind, "over", now_ns) for kind in over)
+        return tuple(self._event(kind, now_ns, is_present=False) for kind in over)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
         self._last_seen_ns = {kind: at + step_ns for kind, at in self._last_seen_ns.items()}
 
-    def _event(self, kind: Fault, state: str, now_ns: int) -> Event:
-        serious = state == "present" and bool(kind & UNUSABLE)
-        name = fault_name(kind)
-        sentences = {"fault": FAULT_WORDS[kind]}
-        words = (
-            told(Code.DATA_FAULT, sentences, fault=name)
-            if state == "present"
-            else told(Code.DATA_FAULT_OVER, sentences, fault=name)
-        )
+    def _event(self, kind: Fault, now_ns: int, *, is_present: bool) -> Event:
+        name, serious = fault_name(kind), is_present and bool(kind & UNUSABLE)
+        code = Code.DATA_FAULT if is_present else Code.DATA_FAULT_OVER
+        state = "present" if is_present else "over"
         return Event(
             axis=self._axis,
             kind="data_fault",
             level=AxisCondition.WARNING if serious else AxisCondition.NORMAL,
-            text=words.text,
-            code=words.code,
-            values=words.values,
+            **dict(told(code, {"fault": FAULT_WORDS[kind]}, fault=name)),
             time_ns=now_ns,
             data={"fault": name, "state": state, "count": self.counts[name]},
         )

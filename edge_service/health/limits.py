@@ -1,14 +1,15 @@
-"""Limits of the preload: their settings, and the condition that they make of an estimate."""
+"""Limits of the preload: settings of the alarms, and the condition that estimates support."""
 
 import math
 from dataclasses import dataclass
 
-from ..messages.event import AxisCondition, Code, Statement, told
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import AxisCondition
 from ..messages.health import Limits
 from .inputs import NS_PER_S, moved
 
-HYSTERESIS_PERCENT = 5.0
-"""Rise above a limit that ends it, percent of the fresh preload."""
+HYSTERESIS_SHARE = 0.05
+"""Rise above a limit that ends it, share of the fresh preload."""
 GRACE_NS = 10 * NS_PER_S
 """So long a condition is kept while estimates come, but without a number."""
 _DELAY_NS = round(0.3 * NS_PER_S)
@@ -18,60 +19,32 @@ _DOUBT_DELAY_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class AxisLimits:
-    """Limits of one axis, all in percent of the dynamic load rating."""
-
-    fresh_percent: float
-    warning_percent: float
-    fault_percent: float
-    hysteresis_percent: float
-
-    @property
-    def shown(self) -> Limits:
-        """Those that people see."""
-        return Limits(
-            fresh_percent=self.fresh_percent,
-            warning_percent=self.warning_percent,
-            fault_percent=self.fault_percent,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class HealthSettings:
-    """Limits of the condition, a convention that the owner may change.
+class AlarmSettings:
+    """Limits that the owner may change, percent of the fresh screw's preload.
 
     Attributes:
-        warning_below_percent: WARNING below this share of the fresh preload, percent.
-        fault_below_percent: FAULT below this share of the fresh preload, percent.
+        warning_percent, fault_percent: WARNING and FAULT below.
+        rate_percent_per_1000_h: loss per 1000 h that is too fast.
+        sudden_drop_percent: loss within 10 s that is sudden.
+        data_lost_after_s: how long data may be missing.
     """
 
-    warning_below_percent: float = 60.0
-    fault_below_percent: float = 30.0
+    warning_percent: float = 60.0
+    fault_percent: float = 30.0
+    rate_percent_per_1000_h: float = 20.0
+    sudden_drop_percent: float = 15.0
+    data_lost_after_s: float = 5.0
 
-    def limits(self, fresh_preload_percent: float | None) -> AxisLimits | None:
-        """Limits of an axis, or None where the fresh screw's preload is not known.
-
-        Args:
-            fresh_preload_percent: Preload of the fresh screw in percent of the dynamic load rating.
-        """
-        if fresh_preload_percent is None:
+    def limits(self, fresh_percent: float | None) -> Limits | None:
+        """Limits of an axis, percent of the load rating; None if the fresh preload is not known."""
+        if fresh_percent is None:
             return None
-        point = fresh_preload_percent / 100.0
-        return AxisLimits(
-            fresh_percent=fresh_preload_percent,
-            warning_percent=self.warning_below_percent * point,
-            fault_percent=self.fault_below_percent * point,
-            hysteresis_percent=HYSTERESIS_PERCENT * point,
+        point = fresh_percent / 100.0
+        return Limits(
+            fresh_percent=fresh_percent,
+            warning_percent=self.warning_percent * point,
+            fault_percent=self.fault_percent * point,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class PreloadBounds:
-    """Preload with its interval, in percent of the dynamic load rating."""
-
-    value: float
-    low: float
-    high: float
 
 
 class LimitLatch:
@@ -100,14 +73,14 @@ class LimitLatch:
         self._doubtful_since = moved(self._doubtful_since, step_ns)
         self._certain_since = moved(self._certain_since, step_ns)
 
-    def update(self, bounds: PreloadBounds, time_ns: int) -> None:
-        """Take one estimate in; `time_ns` is the time of its newest sample."""
+    def update(self, value: float, low: float, high: float, time_ns: int) -> None:
+        """Take one estimate in, percent; `time_ns` is the time of its newest sample."""
         if self.below:
-            beyond = bounds.value >= self.release_percent
-            certain = beyond and bounds.low >= self.limit_percent
+            beyond = value >= self.release_percent
+            certain = beyond and low >= self.limit_percent
         else:
-            beyond = bounds.value < self.limit_percent
-            certain = beyond and bounds.high < self.limit_percent
+            beyond = value < self.limit_percent
+            certain = beyond and high < self.limit_percent
         self._doubtful_since = _since(self._doubtful_since, beyond, time_ns)
         self._certain_since = _since(self._certain_since, certain, time_ns)
         if _lasted(self._certain_since, time_ns, _DELAY_NS) or _lasted(
@@ -124,15 +97,15 @@ class LimitTracker:
     an interruption, a screw without preload is never called NORMAL first.
     """
 
-    def __init__(self, limits: AxisLimits) -> None:
-        margin = limits.hysteresis_percent
-        self._limits = limits
+    def __init__(self, limits: Limits) -> None:
+        margin = HYSTERESIS_SHARE * limits.fresh_percent
+        self._fresh_percent = limits.fresh_percent
         self._warning = LimitLatch(limits.warning_percent, limits.warning_percent + margin)
         self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin)
         self._first_ns: int | None = None
         self._last_ns = 0
         self._confirmed = False
-        self._bounds = PreloadBounds(0.0, 0.0, 0.0)
+        self._high = math.inf
 
     def restart(self) -> None:
         """After an interruption: keep the states of the limits, ask for new evidence."""
@@ -148,16 +121,24 @@ class LimitTracker:
         self._warning.move(step_ns)
         self._fault.move(step_ns)
 
-    def update(self, bounds: PreloadBounds, time_ns: int) -> None:
-        """Take one estimate in; `time_ns` is the time of its newest sample."""
+    def update(self, estimate: PreloadEstimate, time_ns: int) -> None:
+        """Take one estimate in; without bounds nothing is certain.
+
+        Args:
+            time_ns: time of its newest sample.
+        """
+        value = estimate.preload_percent
+        if value is None or estimate.status is not EstimateStatus.ESTIMATED:
+            return
         if not 0 <= time_ns - self._last_ns <= GRACE_NS:
             self.restart()
         if self._first_ns is None:
             self._first_ns = time_ns
         self._last_ns = time_ns
-        self._bounds = bounds
-        self._warning.update(bounds, time_ns)
-        self._fault.update(bounds, time_ns)
+        low = -math.inf if estimate.low is None else estimate.low
+        self._high = math.inf if estimate.high is None else estimate.high
+        self._warning.update(value, low, self._high, time_ns)
+        self._fault.update(value, low, self._high, time_ns)
         self._confirmed = self._confirmed or time_ns - self._first_ns >= _DELAY_NS
 
     @property
@@ -171,26 +152,15 @@ class LimitTracker:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why the condition is not NORMAL."""
-        if self.below is None:
-            return ()
-        code = "below_fault" if self.condition is AxisCondition.FAULT else "below_warning"
-        return (f"{code}: {self.below.text}",)
-
-    @property
-    def below(self) -> Statement | None:
-        """Preload against the limit below which it is, or seems to be; None if it is not."""
+        """Reasons why the condition is not NORMAL; their codes say whether that is in doubt."""
         if self.condition not in (AxisCondition.FAULT, AxisCondition.WARNING):
-            return None
-        latch = self._fault if self.condition is AxisCondition.FAULT else self._warning
-        share = 100.0 / self._limits.fresh_percent
-        limit, release = share * latch.limit_percent, share * latch.release_percent
-        percent, high = share * self._bounds.value, share * self._bounds.high
-        if not limit <= high < math.inf:
-            return told(Code.PRELOAD_BELOW, percent=percent, limit=limit, release=release)
-        return told(
-            Code.PRELOAD_MAY_BE_BELOW, percent=percent, high=high, limit=limit, release=release
-        )
+            return ()
+        is_fault = self.condition is AxisCondition.FAULT
+        latch, name = (self._fault, "fault") if is_fault else (self._warning, "warning")
+        limit = 100.0 * latch.limit_percent / self._fresh_percent
+        if self._high < latch.limit_percent:
+            return (f"below_{name}: the preload is below {limit:.3g} % of fresh",)
+        return (f"may_be_below_{name}: the preload may be below {limit:.3g} % of fresh",)
 
 
 def _since(since: int | None, holds: bool, time_ns: int) -> int | None:

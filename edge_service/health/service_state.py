@@ -8,14 +8,12 @@ from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.health import AxisHealth, ComponentHealth
+from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .alarms import is_down
-from .axis_state import AxisState, StrokeModel
-from .components import ComponentWatch, Refused
+from .axis_state import AxisState
+from .components import ComponentWatch, is_down
 from .inputs import NS_PER_S
-from .limits import AxisLimits
 from .live_features import ChannelQuality, LiveFeatures, LivePoint
 from .store.events import EventLog, StoredEvent
 from .store.history import History
@@ -40,7 +38,6 @@ class ServiceState:
         events, history: in the store; in memory without.
         kept: where the history is, for people.
         ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
-        strokes: What is known of each axis along its stroke.
         place: Site and machine that the axes belong to.
         refused: Payloads refused on the bus so far, by key and reason.
         configuration: Digest of what the service was started with.
@@ -48,15 +45,14 @@ class ServiceState:
 
     def __init__(
         self,
-        axes: Mapping[str, AxisLimits | None],
+        axes: Mapping[str, Limits | None],
         now_ns: int,
         events: EventLog | None = None,
         history: History | None = None,
         kept: str = "in memory only: it ends with the service",
         ratios_m_per_rad: Mapping[str, float] | None = None,
-        strokes: Mapping[str, StrokeModel | None] | None = None,
         place: MachineKeys | None = None,
-        refused: Callable[[], Refused] = Counter,
+        refused: Callable[[], Counter[tuple[str, str]]] = Counter,
         configuration: str = "",
     ) -> None:
         self._started_ns = now_ns
@@ -66,10 +62,11 @@ class ServiceState:
         self.kept = kept
         self._components = ComponentWatch(HEALTH.stale_after_s)
         self._axes = {
-            axis: AxisState(axis, limits, (ratios_m_per_rad or {}).get(axis), self._components)
-            for axis, limits in axes.items()
+            axis: AxisState(axis, limits, self._components) for axis, limits in axes.items()
         }
-        self._strokes = dict(strokes or {})
+        ratios = ratios_m_per_rad or {}
+        self._live = {axis: LiveFeatures(ratios.get(axis)) for axis in axes}
+        self._versions: Counter[tuple[str, str]] = Counter()
         self.events = events or EventLog(Store(None))
         self.history = history or History(self.events.store)
         self.readers = FanOut(BACKLOG)
@@ -82,33 +79,29 @@ class ServiceState:
 
     def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
         """Take an estimate in; one that is older than the last is ignored."""
-        state = self._known(axis)
-        if state is None or not state.preload_input.accept(header, now_ns):
-            return
-        state.estimate = estimate
-        if now_ns - header.source_time_ns < _LATEST_NS:
-            temperature_c = state.live.temperature_c
-            self.history.append(axis, header.source_time_ns, estimate, temperature_c)
-        self._mark(state, PRELOAD.name, axis)
+        if self._knows(axis) and self._axes[axis].preload_input.accept(header, now_ns):
+            self._axes[axis].estimate = estimate
+            if now_ns - header.source_time_ns < _LATEST_NS:
+                temperature_c = self._live[axis].temperature_c
+                self.history.append(axis, header.source_time_ns, estimate, temperature_c)
+            self._mark(PRELOAD.name, axis)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in, for the live traces."""
-        state = self._known(axis)
-        if state is not None:
-            state.live.add(header.source_time_ns, block)
-            self._mark(state, FEAT.name, axis)
+        if self._knows(axis):
+            self._live[axis].add(header.source_time_ns, block)
+            self._mark(FEAT.name, axis)
 
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
         """Take the condition of an axis in; one that is older than the last is ignored."""
-        state = self._known(health.axis)
-        if state is None or not state.health_input.accept(header, now_ns):
-            return
-        state.health = health
-        self._mark(state, HEALTH.name, health.axis)
+        axis = health.axis
+        if self._knows(axis) and self._axes[axis].health_input.accept(header, now_ns):
+            self._axes[axis].health = health
+            self._mark(HEALTH.name, axis)
 
     def concerns(self, event: Event) -> bool:
-        """Tell whether an event is of the service or of one of its axes."""
-        return not event.axis or self._known(event.axis) is not None
+        """An event is of the service or of one of its axes."""
+        return not event.axis or self._knows(event.axis)
 
     def tell(self, stored: StoredEvent) -> None:
         """Hand an event that is kept to the live readers."""
@@ -116,7 +109,7 @@ class ServiceState:
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:
         """Take a component's report in."""
-        if report.axis is None or self._known(report.axis) is not None:
+        if report.axis is None or self._knows(report.axis):
             self._components.on_report(report, now_ns)
 
     def answer(self, axis: str, now_ns: int) -> AxisAnswer:
@@ -131,56 +124,52 @@ class ServiceState:
     def health(self, axis: str, now_ns: int) -> AxisHealth:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
         told = self._axes[axis].told(self._started_ns, now_ns)
-        return told.model_copy(update={"components": self._components_of(axis, told, now_ns)})
+        own = {report.component: report for report in told.components}
+        heard = self._components.reports(now_ns)
+        own |= {report.component: report for report in heard if report.axis == axis}
+        return told.model_copy(update={"components": tuple(own.values())})
 
     def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """Components that serve all axes."""
         reports = self._components.reports(now_ns)
         return tuple(report for report in reports if report.axis is None)
 
-    def renew(
-        self,
-        axis: str,
-        limits: AxisLimits | None,
-        stroke: StrokeModel | None,
-        ratio_m_per_rad: float | None,
-    ) -> None:
+    def renew(self, axis: str, limits: Limits | None, ratio_m_per_rad: float | None) -> None:
         """Show an axis by another machine file from now on, or a new axis."""
         if axis not in self._axes:
-            self._axes[axis] = AxisState(axis, limits, ratio_m_per_rad, self._components)
+            self._axes[axis] = AxisState(axis, limits, self._components)
         self._axes[axis].limits = limits
-        self._axes[axis].live = LiveFeatures(ratio_m_per_rad)
-        self._strokes[axis] = stroke
+        self._live[axis] = LiveFeatures(ratio_m_per_rad)
 
     def drop(self, axis: str) -> None:
         """Show an axis no longer."""
-        del self._axes[axis]
-        self._strokes.pop(axis, None)
+        del self._axes[axis], self._live[axis]
         self._components.forget(axis)
 
     def all_components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """All components, those of axes included."""
         return self._components.reports(now_ns)
 
-    def stroke(self, axis: str) -> StrokeModel | None:
-        """Stroke model of an axis: what is known of it along its stroke."""
-        return self._strokes.get(axis)
+    def renew(self, axis: str, limits: Limits | None, ratio_m_per_rad: float | None) -> None:
+        """Show an axis by another machine file from now on."""
+        self._axes[axis].limits = limits
+        self._live[axis] = LiveFeatures(ratio_m_per_rad)
 
     def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
         """The axis' last intervals after a time, oldest first."""
-        return tuple(self._axes[axis].live.since(since_ns))
+        return tuple(self._live[axis].since(since_ns))
 
     def live_now(self, axis: str) -> LivePoint | None:
         """The axis' newest interval; None before the first."""
-        return self._axes[axis].live.newest
+        return self._live[axis].newest
 
     def channels(self, axis: str) -> tuple[ChannelQuality, ...]:
         """State of the channels of an axis."""
-        return self._axes[axis].live.channels()
+        return self._live[axis].channels()
 
     def version(self, topic: str, axis: str) -> int:
         """A number that changes with every payload of a topic."""
-        return self._axes[axis].versions.get(topic, 0)
+        return self._versions[topic, axis]
 
     def lost_payloads(self, axis: str) -> dict[str, int]:
         """Payloads missing in the sequence, per topic."""
@@ -191,20 +180,14 @@ class ServiceState:
         """Reasons why the service cannot answer for every axis; empty if it can."""
         if not self._axes:
             return ("no_axis: no axis is configured",)
-        missing = tuple(
-            f"{axis}: {reason}"
-            for axis, state in self._axes.items()
-            for reason in state.missing(now_ns)
-        )
-        return (*missing, *self._down(now_ns))
-
-    def _down(self, now_ns: int) -> tuple[str, ...]:
-        """Parts that do not work, a line for each."""
-        return tuple(
-            f"{report.axis or 'service'}: part_down: {report.component}: {report.reason}"
-            for report in self._components.reports(now_ns)
-            if is_down(report)
-        )
+        reasons = []
+        for axis, state in self._axes.items():
+            reasons += [f"{axis}: {reason}" for reason in state.missing(now_ns)]
+        for report in self._components.reports(now_ns):
+            if is_down(report):
+                who = report.axis or "service"
+                reasons.append(f"{who}: part_down: {report.component}: {report.reason}")
+        return tuple(reasons)
 
     def open(self) -> None:
         """Let live streams begin, also after `close`."""
@@ -214,28 +197,19 @@ class ServiceState:
         """The clock was set by a step, ns: all that has a time moves along."""
         self._started_ns += step_ns
         self._components.move(step_ns)
-        for axis in self._axes.values():
-            for part in (axis.preload_input, axis.health_input, axis.live):
+        for axis, state in self._axes.items():
+            for part in (state.preload_input, state.health_input, self._live[axis]):
                 part.move(step_ns)
 
     def close(self) -> None:
         """End all live streams, so that a server can stop."""
         self.readers.close()
 
-    def _mark(self, state: AxisState, topic: str, axis: str) -> None:
-        state.versions[topic] = state.versions.get(topic, 0) + 1
+    def _mark(self, topic: str, axis: str) -> None:
+        self._versions[topic, axis] += 1
         self.readers.mark(topic, axis)
 
-    def _known(self, axis: str) -> AxisState | None:
-        state = self._axes.get(axis)
-        if state is None:
-            self.ignored_payloads += 1
-        return state
-
-    def _components_of(
-        self, axis: str, health: AxisHealth, now_ns: int
-    ) -> tuple[ComponentHealth, ...]:
-        own = {report.component: report for report in health.components}
-        heard = self._components.reports(now_ns)
-        own |= {report.component: report for report in heard if report.axis == axis}
-        return tuple(own.values())
+    def _knows(self, axis: str) -> bool:
+        """An axis is one of these; any other is counted."""
+        self.ignored_payloads += axis not in self._axes
+        return axis in self._axes

@@ -1,20 +1,47 @@
 """Trend and remaining life of an axis, from the history of its preload."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..messages.interval import Interval
 from ..messages.samples import Floats
 from ..messages.stored import StoredFloats
 from ..messages.trend import Crossing, Trend, TrendStatus
+from .headline import clock
+from .inputs import NS_PER_S
 from .wear_laws import TrendDraws, draw_trends
 
 MOST_POINTS = 400
 _COLUMNS = 5
 _LONGEST_STEP_S = 1e9
+_SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
+_SEED = 20260131
+_BLOCKS = 8
+_SLOWEST_M_S = 1e-9
+_WAY_WEARS = float(np.log(4.0))
+"""Log odds of wear by the way against wear by the hour, before anything is seen (convention)."""
+MEMORY_S = 600.0
+"""Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
+_WIDE = 2.0
+"""Estimates with intervals wider than this many times the middle one only begin to know."""
+LEVEL = 0.9
+"""Of every interval and band."""
+CERTAIN = 0.95
+"""Probability of a fall (or rise) from which it is called one."""
+_HORIZON = 20.0
+"""A limit further away than this many times the history's length has no date."""
+_ENDS = 0.1
+"""Share of a history whose mean stands for its beginning, or its end."""
+_OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
+"""Age of the newest estimate from which on a trend is told as past: this, and of its length."""
+_SENTENCES = {
+    TrendStatus.FALLING: "The preload is falling.",
+    TrendStatus.RISING: "The preload is rising, which wear cannot do: something else has changed.",
+    TrendStatus.STEADY: "No clear trend.",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,14 +58,10 @@ class PreloadSteps:
 
 
 class PreloadHistory:
-    """Means of preload over equal steps of time; the steps double whenever there are too many.
+    """Means of preload over equal steps of time, 1 s at first; twice where there are too many."""
 
-    Args:
-        step_s: The first length of a step, s.
-    """
-
-    def __init__(self, step_s: float = 1.0) -> None:
-        self._first_step_s = self._step_s = step_s
+    def __init__(self) -> None:
+        self._step_s = 1.0
         self._rows: list[list[float]] = []  # step number, count, value, half width, distance
 
     def add(self, time_s: float, percent: float, half_width: float, distance_m: float) -> None:
@@ -90,7 +113,7 @@ class PreloadHistory:
 
     def clear(self) -> None:
         """Begin anew."""
-        self._step_s = self._first_step_s
+        self._step_s = 1.0
         self._rows = []
 
     def points(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -123,34 +146,6 @@ class PreloadHistory:
         means = np.add.reduceat(rows[:, 2:] * rows[:, 1:2], first, axis=0) / count[:, None]
         self._rows = np.column_stack([number, count, means]).tolist()
         self._step_s *= 2.0
-
-
-NS_PER_S = 1_000_000_000
-_SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
-_SEED = 20260131
-_BLOCKS = 8
-_SLOWEST_M_S = 1e-9
-_WAY_WEARS = float(np.log(4.0))
-"""Log odds of wear by the way against wear by the hour, before anything is seen (convention)."""
-MEMORY_S = 600.0
-"""Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
-_WIDE = 2.0
-"""Estimates with intervals wider than this many times the middle one only begin to know."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrendSettings:
-    """Conditions under which a trend is reported.
-
-    Attributes:
-        level: of every interval and band.
-        certain: probability of a fall (or rise) from which it is called one.
-        horizon: a limit further away than this many times the history's length has no date.
-    """
-
-    level: float = 0.9
-    certain: float = 0.95
-    horizon: float = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +208,8 @@ def preload_trend(
     percent: Floats,
     half_width_percent: Floats,
     distance_m: Floats,
-    limits_percent: dict[str, float],
-    settings: TrendSettings | None = None,
+    limits_percent: Mapping[str, float],
+    fresh_percent: float | None = None,
 ) -> Trend:
     """The trend of a history, for people.
 
@@ -222,85 +217,88 @@ def preload_trend(
         time_s, percent, half_width_percent, distance_m: The history since the part came into use,
             (n,).
         limits_percent: Limits by name, percent of the dynamic load rating.
+        fresh_percent: Preload of the fresh screw, percent of the same.
     """
-    settings = settings or TrendSettings()
     if time_s.size:
         sure = half_width_percent <= _WIDE * np.median(half_width_percent)
         time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
         half_width_percent = half_width_percent[sure]
     since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else None
     doubt = max(np.median(half_width_percent), half_width_percent[-1]) if time_s.size else 0.0
-    sigma = float(doubt) * _SIGMA_OF_HALF_WIDTH
-    future = project_wear(time_s, distance_m, percent, sigma)
+    future = project_wear(time_s, distance_m, percent, float(doubt) * _SIGMA_OF_HALF_WIDTH)
     if future is None:
-        reason = "too little history for a trend yet"
+        reason = "Too little history for a trend."
         return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
-    status = _status(future.draws, settings)
-    per_h = future.draws.slope * future.s_per_s * 3600.0
-    per_km = future.draws.slope * 1000.0 if future.basis == "distance" else None
-    crossings: tuple[Crossing, ...] = ()
-    if status is TrendStatus.FALLING:
-        span_s = float(time_s[-1] - time_s[0])
-        crossings = tuple(
-            _crossing(name, limit, future, float(time_s[-1]), span_s, settings)
-            for name, limit in limits_percent.items()
-            if limit < float(np.median(future.draws.level_percent))
-        )
+    draws, now_s = future.draws, float(time_s[-1])
+    status = TrendStatus.STEADY
+    if np.mean(draws.slope < 0.0) >= CERTAIN:
+        status = TrendStatus.FALLING
+    elif np.mean(draws.slope > 0.0) >= CERTAIN:
+        status = TrendStatus.RISING
+    crossings: list[Crossing] = []
+    for name, limit in limits_percent.items() if status is TrendStatus.FALLING else ():
+        if limit < float(np.median(draws.level_percent)):
+            crossings.append(_crossing(name, limit, future, now_s, now_s - float(time_s[0])))
+    low, middle, high = _quantiles(draws.slope * future.s_per_s * 3600.0)
+    rate = Interval(value=middle, low=low, high=high)
+    ends = max(round(_ENDS * percent.size), 1)
+    change = float(np.mean(percent[-ends:]) - np.mean(percent[:ends]))
     return Trend(
         status=status,
         reason=_SENTENCES[status],
         since_time_ns=since_ns,
+        until_time_ns=round(now_s * NS_PER_S),
         basis=future.basis,
-        level=settings.level,
-        rate_percent_per_h=_interval(per_h, settings.level),
-        rate_percent_per_km=None if per_km is None else _interval(per_km, settings.level),
-        crossings=crossings,
+        level=LEVEL,
+        rate_percent_per_h=rate,
+        rate_fresh_percent_per_h=rate.times(100.0 / fresh_percent) if fresh_percent else None,
+        change_fresh_percent=100.0 / fresh_percent * change if fresh_percent else None,
+        crossings=tuple(crossings),
     )
 
 
-_SENTENCES = {
-    TrendStatus.FALLING: "the preload is falling",
-    TrendStatus.RISING: "the preload is rising: wear cannot do that, so something else has changed",
-    TrendStatus.STEADY: "no clear trend yet, so there is no date",
-}
+def is_over(trend: Trend, now_ns: int) -> bool:
+    """The newest estimate behind the trend is old: what it tells was, and may not be."""
+    since_ns, until_ns = trend.since_time_ns, trend.until_time_ns
+    if since_ns is None or until_ns is None:
+        return False
+    return now_ns - until_ns > max(_OVER_NS, _OVER_SHARE * (until_ns - since_ns))
 
 
-def _status(draws: TrendDraws, settings: TrendSettings) -> TrendStatus:
-    if draws.falling_probability() >= settings.certain:
-        return TrendStatus.FALLING
-    rising = draws.rising_probability() >= settings.certain
-    return TrendStatus.RISING if rising else TrendStatus.STEADY
+def as_of(trend: Trend, now_ns: int) -> Trend:
+    """Trend as it is told now: a fall that may have ended is told as one that was."""
+    change, since_ns, until_ns = (
+        trend.change_fresh_percent,
+        trend.since_time_ns,
+        trend.until_time_ns,
+    )
+    if trend.status is not TrendStatus.FALLING or not is_over(trend, now_ns):
+        return trend
+    if change is None or change >= 0.0 or since_ns is None or until_ns is None:
+        return trend
+    span = f"from {clock(since_ns)} to {clock(until_ns)}"
+    reason = f"The preload fell by {-change:.3g} % of fresh {span}."
+    return trend.model_copy(update={"reason": reason})
 
 
-def _quantiles(draws: npt.NDArray[np.float64], level: float) -> tuple[float, float, float]:
-    shares = [0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)]
+def _quantiles(draws: Floats) -> tuple[float, float, float]:
+    shares = [0.5 * (1.0 - LEVEL), 0.5, 0.5 * (1.0 + LEVEL)]
     low, middle, high = np.quantile(draws, shares, method="nearest")
     return float(low), float(middle), float(high)
 
 
-def _interval(draws: npt.NDArray[np.float64], level: float) -> Interval:
-    low, middle, high = _quantiles(draws, level)
-    return Interval(value=middle, low=low, high=high)
-
-
 def _crossing(
-    name: str,
-    limit_percent: float,
-    future: WearProjection,
-    now_s: float,
-    span_s: float,
-    settings: TrendSettings,
+    name: str, limit_percent: float, future: WearProjection, now_s: float, span_s: float
 ) -> Crossing:
-    remaining = future.seconds_to(limit_percent)
-    horizon_s = settings.horizon * span_s
-    times = [
-        round((now_s + each) * NS_PER_S) if each <= horizon_s else None
-        for each in _quantiles(remaining, settings.level)
-    ]
+    """Dates of a limit; None for those beyond the horizon."""
+    earliest_ns, likely_ns, latest_ns = (
+        round((now_s + each) * NS_PER_S) if each <= _HORIZON * span_s else None
+        for each in _quantiles(future.seconds_to(limit_percent))
+    )
     return Crossing(
         limit=name,
         limit_percent=limit_percent,
-        earliest_ns=times[0],
-        likely_ns=times[1],
-        latest_ns=times[2],
+        earliest_ns=earliest_ns,
+        likely_ns=likely_ns,
+        latest_ns=latest_ns,
     )

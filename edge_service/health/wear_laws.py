@@ -62,14 +62,6 @@ class TrendDraws:
     span: float
     evidence: float
 
-    def falling_probability(self) -> float:
-        """Probability that the preload falls."""
-        return float(np.mean(self.slope < 0.0))
-
-    def rising_probability(self) -> float:
-        """Probability that the preload rises."""
-        return float(np.mean(self.slope > 0.0))
-
     def way_to(self, limit_percent: float) -> _Draws:
         """Additional s that each course needs to reach the limit, (n,); inf if it never does."""
         gap = self.level_percent - limit_percent

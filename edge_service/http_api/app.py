@@ -19,7 +19,7 @@ from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
 from .jobs import Jobs
 from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
 from .recordings import Recordings
-from .routes.axis import SendCommand, axis_router
+from .routes.axis import ReadStroke, SendCommand, axis_router
 from .routes.config import AxisConfigurations, config_router
 from .routes.docs import STATIC, docs_router, static_digest, tagged
 from .routes.history import history_router
@@ -81,6 +81,7 @@ def create_app(
     note_change: NoteChange = lambda _caller, _action: None,
     metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
     configurations: AxisConfigurations | None = None,
+    read_stroke: ReadStroke = lambda _axis, _preload: None,
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -97,6 +98,7 @@ def create_app(
         note_change: Takes note of a change by its caller, method and path.
         metrics: Answers a scrape by Prometheus; None: there are none.
         configurations: Reads and changes the configuration of axes; None: there is none.
+        read_stroke: Reads the profiles along the stroke of an axis.
     """
     app = _Application(
         title="edge-service",
@@ -115,7 +117,7 @@ def create_app(
     app.state.authenticator = authenticator or Authenticator()
     app.state.note_change = note_change
     app.state.metrics = metrics
-    app.state.configurations = configurations
+    app.state.configurations, app.state.read_stroke = configurations, read_stroke
     app.add_exception_handler(StoreFailedError, on_store_failed)
     answer_with_problems(app)
     app.include_router(alive_router)

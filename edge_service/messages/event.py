@@ -34,8 +34,6 @@ _URGENCY = {level: rank for rank, level in enumerate(reversed(AxisCondition))}
 class Code(StrEnum):
     """Sentence; the codes never change."""
 
-    PRELOAD_BELOW = "preload_below"
-    PRELOAD_MAY_BE_BELOW = "preload_may_be_below"
     PRELOAD_BACK = "preload_back"
     PRELOAD_LAST_KNOWN = "preload_last_known"
     PRELOAD_FALLING = "preload_falling"
@@ -43,19 +41,15 @@ class Code(StrEnum):
     PRELOAD_FELL_SUDDENLY = "preload_fell_suddenly"
     AXIS_CHANGED = "axis_changed"
     MODEL_DISAGREES = "model_disagrees"
-    MODEL_MISFIT = "model_misfit"
-    DATA_LOST = "data_lost"
     PART_DOWN = "part_down"
-    ALARM_CLEARED = "alarm_cleared"
+    ALARM_OVER = "alarm_over"
+    ALARM_SHELVED = "alarm_shelved"
     ALARM_ACKNOWLEDGED = "alarm_acknowledged"
-    ALARM_SHELVED_H = "alarm_shelved_h"
-    ALARM_SHELVED_MIN = "alarm_shelved_min"
     ALARM_UNSHELVED = "alarm_unshelved"
     ALARM_SHELF_OVER = "alarm_shelf_over"
     CONDITION_CHANGED = "condition_changed"
     CONDITION_CHANGED_FOR = "condition_changed_for"
     PRELOAD_ROSE = "preload_rose"
-    PRELOAD_ROSE_OF_RATING = "preload_rose_of_rating"
     AXIS_DIFFERS = "axis_differs"
     AXIS_AS_LEARNED = "axis_as_learned"
     DISAGREEMENT_RECORDED = "disagreement_recorded"
@@ -81,54 +75,37 @@ class Code(StrEnum):
 
 
 ENGLISH = {
-    Code.PRELOAD_BELOW: (
-        "preload at {percent:.0f} % of the fresh screw's; limit {limit:.0f} %, cleared above "
-        "{release:.0f} %"
-    ),
-    Code.PRELOAD_MAY_BE_BELOW: (
-        "preload at {percent:.0f} % of the fresh screw's, or at up to {high:.0f} %; limit "
-        "{limit:.0f} %, cleared above {release:.0f} %"
-    ),
-    Code.PRELOAD_BACK: "preload back at {percent:.0f} % of the fresh screw's",
-    Code.PRELOAD_LAST_KNOWN: "preload when last known: {percent:.0f} % of the fresh screw's",
-    Code.PRELOAD_FALLING: "The preload is falling fast: {loss:.3g} % of fresh {per}.",
-    Code.PRELOAD_FELL_LATELY: "fast loss of preload until lately; no clear trend at present",
+    Code.PRELOAD_BACK: "The preload is back at {value:g} % of fresh.",
+    Code.PRELOAD_LAST_KNOWN: "The preload was {value:g} % of fresh when last known.",
+    Code.PRELOAD_FALLING: "The preload is falling fast: {rate:.3g} % of fresh {per}.",
+    Code.PRELOAD_FELL_LATELY: "The preload fell fast until {time}. No clear trend.",
     Code.PRELOAD_FELL_SUDDENLY: (
         "The preload dropped from {before:.0f} to {after:.0f} % of fresh at {time}."
     ),
     Code.AXIS_CHANGED: "The axis no longer behaves as commissioned: {watched} differs.",
-    Code.MODEL_DISAGREES: ("No preload explains the torque: check signals and machine file."),
-    Code.MODEL_MISFIT: (
-        "The axis no longer behaves as commissioned: squared errors {times:.1f} times as expected."
-    ),
-    Code.DATA_LOST: "data lost: {reason}",
+    Code.MODEL_DISAGREES: "No preload explains the torque: check signals and machine file.",
     Code.PART_DOWN: "{component} does not work: {reason}.",
-    Code.ALARM_CLEARED: "alarm {alarm} has cleared",
+    Code.ALARM_OVER: "The alarm {alarm} held from {since} to {until}.",
+    Code.ALARM_SHELVED: "alarm {alarm} shelved until {time} by {user}",
     Code.ALARM_ACKNOWLEDGED: "alarm {alarm} acknowledged by {user}",
-    Code.ALARM_SHELVED_H: "alarm {alarm} shelved for {hours:.3g} h by {user}",
-    Code.ALARM_SHELVED_MIN: "alarm {alarm} shelved for {minutes:.2g} min by {user}",
     Code.ALARM_UNSHELVED: "alarm {alarm} unshelved by {user}",
     Code.ALARM_SHELF_OVER: "alarm {alarm} is no longer shelved: its time is over",
-    Code.CONDITION_CHANGED: "condition is {condition}",
-    Code.CONDITION_CHANGED_FOR: "condition is {condition}: {reason}",
+    Code.CONDITION_CHANGED: "The condition is {condition}.",
+    Code.CONDITION_CHANGED_FOR: "The condition is {condition}: {reason}.",
     Code.PRELOAD_ROSE: (
-        "preload rose from {before:.3g} to {after:.3g} % of the fresh screw's, which wear "
-        "cannot do; the trend starts again; if a part was replaced, note it"
-    ),
-    Code.PRELOAD_ROSE_OF_RATING: (
-        "preload rose from {before:.3g} to {after:.3g} % of the load rating, which wear cannot "
-        "do; the trend starts again; if a part was replaced, note it"
+        "The preload rose from {before:.3g} to {after:.3g} % of fresh, which wear cannot do. The "
+        "trend starts again. If a part was replaced, note it."
     ),
     Code.AXIS_DIFFERS: (
-        "the axis is not as when it was learned: {watched} is off by {times:.1f} times as much "
-        "as then; {recording} is being recorded"
+        "The axis no longer behaves as commissioned: {watched} differs. {recording} is being "
+        "recorded."
     ),
-    Code.AXIS_AS_LEARNED: "the axis is as it was learned again: {watched}",
-    Code.DISAGREEMENT_RECORDED: "{recording} holds the disagreement, ready to diagnose",
-    Code.CLOCK_SET_H: "the clock of this computer was set {way} by {hours:.2f} h",
-    Code.CLOCK_SET_S: "the clock of this computer was set {way} by {seconds:.0f} s",
-    Code.DATA_FAULT: "data fault present: {fault}",
-    Code.DATA_FAULT_OVER: "data fault over: {fault}",
+    Code.AXIS_AS_LEARNED: "The axis behaves as commissioned again: {watched}.",
+    Code.DISAGREEMENT_RECORDED: "{recording} holds the disagreement, ready to diagnose.",
+    Code.CLOCK_SET_H: "The clock of this computer was set {way} by {hours:.3g} h.",
+    Code.CLOCK_SET_S: "The clock of this computer was set {way} by {seconds:.0f} s.",
+    Code.DATA_FAULT: "Data fault: {fault}.",
+    Code.DATA_FAULT_OVER: "Data fault over: {fault}.",
     Code.NORMAL: "The preload is within its limits: {value:g} % of fresh ({low:g} to {high:g}).",
     Code.WARNING: "The preload is low: {value:g} % of fresh ({low:g} to {high:g}).",
     Code.MAY_BE_WARNING: "The preload may be low: {value:g} % of fresh ({low:g} to {high:g}).",
@@ -170,8 +147,8 @@ def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: 
     Args:
         words: What stands in the English text instead of a value, or is told there alone.
 
-    >>> told(Code.PRELOAD_BACK, percent=27.4).text
-    "preload back at 27 % of the fresh screw's"
+    >>> told(Code.PRELOAD_BACK, value=27.0).text
+    'The preload is back at 27 % of fresh.'
     """
     text = ENGLISH[code].format(**{**values, **words})
     specs = {name: spec for _, name, spec, _ in Formatter().parse(ENGLISH[code]) if name}

@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from .estimate import EstimateStatus
-from .event import AxisCondition, Code, Statement
+from .event import AxisCondition, Statement
 from .interval import Frozen, Interval, TimeNs
 from .keys import check_component
 from .trend import Crossing, FrictionCurve, Trend, Use
@@ -181,7 +181,8 @@ class AxisHealth(Frozen):
 
     Attributes:
         status, method: of the estimate that it rests on.
-        of_fresh: preload, percent of the fresh screw's; None where there is no number.
+        of_fresh: preload, percent of the fresh screw's; None where there is no number. Headline
+            and alarms are formed from it.
         measured_time_ns: UNIX time of the newest sample behind it, ns; None before the first;
             `measured_at` in JSON.
         limits: None if the fresh preload is not known.
@@ -192,7 +193,6 @@ class AxisHealth(Frozen):
         trend, use, friction, consistency: None where nobody keeps them.
         headline: the one statement from the worst of condition and alarms.
         advice: tasks for a person, the most urgent first; empty if there is nothing to do.
-        below: how far below a limit, for readers of any language; None unless it is, or seems so.
         fall: the last sudden fall of the preload since a part was replaced.
     """
 
@@ -216,9 +216,3 @@ class AxisHealth(Frozen):
     headline: Headline | None = None
     advice: tuple[Advice, ...] = ()
     fall: PreloadFall | None = None
-    below: Statement | None = None
-
-    @property
-    def is_in_doubt(self) -> bool:
-        """The preload may as well be above the limit that the condition rests on."""
-        return self.below is not None and self.below.code == Code.PRELOAD_MAY_BE_BELOW

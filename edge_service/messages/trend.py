@@ -38,24 +38,26 @@ class Trend(Frozen):
 
     Attributes:
         reason: one sentence for people.
-        since_time_ns: start of the history that it rests on, UNIX ns; None while there is none.
+        since_time_ns, until_time_ns: start and end of the history that it rests on, UNIX ns; None
+            while there is none.
         basis: what the wear is counted against, `time` or `distance`.
         level: probability that each interval and band aims to hold the truth.
         rate_percent_per_h: change of the preload, percent of the load rating per hour.
         rate_fresh_percent_per_h: the same in percent of the fresh screw's preload; None where that
             is not known.
-        rate_percent_per_km: the change against distance; None where it is not known.
+        change_fresh_percent: change over the history, in the same unit.
         crossings: empty unless the preload is falling.
     """
 
     status: TrendStatus
     reason: str
     since_time_ns: TimeNs | None = Field(alias="since")
+    until_time_ns: TimeNs | None = Field(None, alias="until")
     basis: str = "time"
     level: float = 0.9
     rate_percent_per_h: Interval | None = None
-    rate_percent_per_km: Interval | None = None
     rate_fresh_percent_per_h: Interval | None = None
+    change_fresh_percent: float | None = None
     crossings: tuple[Crossing, ...] = ()
 
 
@@ -83,6 +85,36 @@ class Use(Frozen):
     way_m: tuple[float, ...]
     force_edges_n: tuple[float, ...]
     force_way_m: tuple[float, ...]
+
+
+class StrokeBand(Frozen):
+    """A quantity along the stroke, (n,): as commissioned, and as an estimate implies now.
+
+    Attributes:
+        value, low, high: None while there is no estimate.
+    """
+
+    commissioned: tuple[float, ...]
+    value: tuple[float, ...] | None = None
+    low: tuple[float, ...] | None = None
+    high: tuple[float, ...] | None = None
+
+
+class Stroke(Frozen):
+    """Preload and stiffness along the stroke.
+
+    The shape along the stroke is that of the commissioned axis, its level that of the estimate.
+
+    Attributes:
+        position_m: places of the table, m, (n,).
+        level: probability with which each interval holds the truth.
+        stiffness_n_per_m: None without a linear encoder.
+    """
+
+    position_m: tuple[float, ...]
+    level: float
+    preload_percent: StrokeBand
+    stiffness_n_per_m: StrokeBand | None
 
 
 class FrictionCurve(Frozen):

@@ -13,7 +13,6 @@ from ..bus.settings import BusConfigurationError
 from ..bus.subscriber import Subscriber
 from ..clock import now_ns
 from ..config import ConfigError
-from ..health.components import ComponentStatusMachine
 from ..health.store.store import StoreFailedError
 from ..http_api.serve import AddressError
 from ..messages.codec import Header, T
@@ -31,6 +30,7 @@ PROVEN_S = 3.0
 """Time for which a task begun anew must work before it counts as mended, s."""
 _EARLY_SHARE = 0.01
 """Share of a period by which a timer may wake too early, without its turn coming twice."""
+_AT_WORK = (ComponentStatus.STARTING, ComponentStatus.OK, ComponentStatus.RECOVERABLE_ERROR)
 _MENDED_BY_PEOPLE = (ConfigError, AddressError, BusConfigurationError)
 
 
@@ -49,12 +49,13 @@ class Component:
         problems: lines on what is wrong although the tasks run.
         is_broken: it does not do its work although its tasks run.
         restarts: times that something was begun anew.
+        status: the status last entered.
     """
 
     def __init__(self, context: NodeContext, name: str, axis: str | None = None) -> None:
         keys, bus = context.config.keys, context.bus
         self.name, self._axis = name, axis
-        self._machine = ComponentStatusMachine(name, axis)
+        self.status, self._reason = ComponentStatus.STARTING, ""
         self._publisher = bus.publisher(keys.component(name, axis, STATUS), STATUS, axis)
         self._events = bus.publisher(keys.component(name, axis, EVENT), EVENT, axis)
         self._store = context.store
@@ -72,18 +73,12 @@ class Component:
 
     def begin_anew(self) -> None:
         """Be as at the beginning: what it works on has changed."""
-        self._machine = ComponentStatusMachine(self.name, self._axis)
         self._fault = ""
-        self.publish()
-
-    @property
-    def status(self) -> ComponentStatus:
-        """The status last entered."""
-        return self._machine.status
+        self.to(ComponentStatus.STARTING)
 
     def to(self, status: ComponentStatus, reason: str = "") -> None:
         """Enter a status (the same one again only renews the reason) and publish."""
-        self._machine.to(status, reason)
+        self.status, self._reason = status, reason
         self.publish()
 
     def publish(self) -> None:
@@ -97,15 +92,19 @@ class Component:
         failed_s, failure = self._last_failure
         faults = [self._fault, failure if now_s - failed_s < SHOWN_S else "", *self.problems()]
         faults = [each for each in faults if each]
-        own = self._machine.report(
-            self.counters() | {"task_restarts": self.restarts, "message_failures": self._failures},
-            self.readings() | {"tasks_down": float(bool(self._fault) or self.is_broken())},
+        counts = {"task_restarts": self.restarts, "message_failures": self._failures}
+        down = {"tasks_down": float(bool(self._fault) or self.is_broken())}
+        status, reason = self.status, self._reason
+        if faults and status in _AT_WORK:
+            status, reason = ComponentStatus.RECOVERABLE_ERROR, "; ".join(faults)
+        return ComponentHealth(
+            component=self.name,
+            axis=self._axis,
+            status=status,
+            reason=reason,
+            counters=self.counters() | counts,
+            readings=self.readings() | down,
         )
-        shown = (ComponentStatus.STARTING, ComponentStatus.OK, ComponentStatus.RECOVERABLE_ERROR)
-        if not faults or own.status not in shown:
-            return own
-        down, reason = ComponentStatus.RECOVERABLE_ERROR, "; ".join(faults)
-        return own.model_copy(update={"status": down, "reason": reason})
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

@@ -7,17 +7,16 @@ from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
 from ..config import EdgeConfig
 from ..health.advice import announced
-from ..health.alarms import AlarmSettings
-from ..health.axis_events import refused_command, state_damaged
-from ..health.axis_monitor import AxisFacts, AxisMonitor
-from ..health.limits import HealthSettings
+from ..health.axis_events import refused_command
+from ..health.axis_monitor import AxisMonitor
+from ..health.limits import AlarmSettings
 from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..health.usage import ScrewGeometry
 from ..messages.codec import CodecError, Header
 from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate
-from ..messages.event import Event
+from ..messages.event import AxisCondition, Event
 from ..messages.features import FeatureBlock
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS
@@ -32,10 +31,11 @@ HEALTH_PERIOD_S = 1.0
 SAVE_PERIOD_S = 10.0
 
 
-def health_settings(config: EdgeConfig, axis: str) -> HealthSettings:
-    """Settings of the condition of an axis from the configuration."""
+def alarm_settings(config: EdgeConfig, axis: str) -> AlarmSettings:
+    """Limits of an axis from the configuration."""
     warning, fault = config.limits_percent(axis)
-    return HealthSettings(warning_below_percent=warning, fault_below_percent=fault)
+    own = {"warning_percent": warning, "fault_percent": fault}
+    return AlarmSettings(**(config.alarms.model_dump() | own))
 
 
 class Monitors:
@@ -65,10 +65,8 @@ class Monitors:
     def _made(self, axis: str) -> AxisMonitor:
         config, machine = self._context.config, self._context.machines[axis]
         geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
-        facts = AxisFacts(axis, machine.fresh_preload_percent, geometry)
-        chosen = config.alarms.model_dump(exclude={"warning_percent", "fault_percent"})
-        alarms = AlarmSettings(**chosen)
-        return AxisMonitor(facts, health_settings(config, axis), alarms, now_ns())
+        settings = alarm_settings(config, axis)
+        return AxisMonitor(axis, machine.fresh_preload_percent, geometry, settings, now_ns())
 
     def _loaded(self, axis: str) -> AxisMonitor:
         """Monitor of an axis as it was, or a new one: then a damaged state is set aside."""
@@ -83,7 +81,9 @@ class Monitors:
             words = f"alarms, trend and use start over: {error}; their state is kept as {aside}"
             log.warning("axis %s: %s", axis, words)
             self.damaged += 1
-            self._context.events.put((state_damaged(axis, words, at_ns),), at_ns)
+            level = AxisCondition.WARNING
+            damaged = Event(axis=axis, kind="store_damaged", level=level, text=words, time_ns=at_ns)
+            self._context.events.put((damaged,), at_ns)
         return self._made(axis)
 
     def keep(self, axis: str) -> None:

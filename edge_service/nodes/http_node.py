@@ -5,12 +5,12 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from ..clock import CLOCK, now_ns
 from ..config import EdgeConfig
 from ..health.axis_events import clock_changed
-from ..health.components import RefusalWatch
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..health.store.history import MEMORY_MB, History
@@ -25,6 +25,7 @@ from ..http_api.routes.config import AxisConfigurations
 from ..http_api.routes.history import answer_selector
 from ..http_api.routes.motions import MotionAnswer
 from ..http_api.serve import serve
+from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
 from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate
@@ -32,12 +33,13 @@ from ..messages.event import AxisCondition, Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS
+from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
 from .axis_desk import AxisDesk
 from .component import Component
 from .context import NodeContext, header
-from .health_node import health_settings
+from .health_node import alarm_settings
 from .http_rights import needs_token, server_files
 from .output_desk import Scrape, StoreOutputDesk
 from .record_node import DisagreementRecorder
@@ -133,7 +135,6 @@ class HttpNode:
                 component.follow(samples, take_samples)
                 component.repeat(PERIOD_S, self._renew_tokens)
                 component.repeat(PERIOD_S, self._keep_history)
-                component.start(self._tell_refusals())
                 component.start(context.dispatcher.watch(self.take))
                 component.start(self._recorder.run())
                 self._answer_history()
@@ -164,10 +165,9 @@ class HttpNode:
             self.state.drop(axis)
             del self._machine_files[axis]
             return
-        settings = health_settings(self._context.config, axis)
+        settings = alarm_settings(self._context.config, axis)
         limits = settings.limits(machine.fresh_preload_percent)
-        ratio_m_per_rad = machine.transmission_ratio_m_per_rad
-        self.state.renew(axis, limits, stroke_profile(machine), ratio_m_per_rad)
+        self.state.renew(axis, limits, machine.transmission_ratio_m_per_rad)
         files = {each.name: each.machine for each in self._context.config.axes}
         self._machine_files[axis] = files[axis]
 
@@ -187,6 +187,7 @@ class HttpNode:
             authenticator=self._authenticator,
             note_change=self._note_change,
             configurations=AxisConfigurations(desk.read, desk.put, desk.remove),
+            read_stroke=partial(_stroke, self._context),
         )
 
         def bound(host: str, port: int) -> None:
@@ -251,13 +252,6 @@ class HttpNode:
         with suppress(StoreFailedError):  # the watch of the store tells of it
             await self._context.store.run(self.state.history.flush, now_ns() / 1e9)
 
-    async def _tell_refusals(self) -> None:
-        watch = RefusalWatch()
-        while True:
-            for event in watch.tick(self.state.refused(), now_ns()):
-                self.take(event)
-            await asyncio.sleep(PERIOD_S)
-
     def _move(self, step_ns: int) -> None:
         self.state.move(step_ns)
         self.take(clock_changed(step_ns, now_ns()))
@@ -287,7 +281,7 @@ def _state_of(context: NodeContext) -> ServiceState:
     kept = config.store.folder is not None
     return ServiceState(
         {
-            axis: health_settings(config, axis).limits(each.fresh_preload_percent)
+            axis: alarm_settings(config, axis).limits(each.fresh_preload_percent)
             for axis, each in machines.items()
         },
         now_ns(),
@@ -297,11 +291,15 @@ def _state_of(context: NodeContext) -> ServiceState:
         ratios_m_per_rad={
             axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
         },
-        strokes={axis: stroke_profile(machine) for axis, machine in machines.items()},
         place=config.keys,
         refused=context.bus.refused,
         configuration=config.digest,
     )
+
+
+def _stroke(context: NodeContext, axis: str, preload: PreloadAnswer) -> Stroke | None:
+    profile = stroke_profile(context.machines[axis])
+    return None if profile is None else profile.told(preload)
 
 
 def _place(config: EdgeConfig) -> str:

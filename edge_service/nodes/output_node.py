@@ -10,6 +10,7 @@ from typing import Any
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
 from ..health.axis_state import AxisState
+from ..health.components import ComponentWatch
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
@@ -83,7 +84,8 @@ class LatestAnswers:
 
     def __init__(self, context: NodeContext) -> None:
         self._started_ns = now_ns()
-        self._states = {axis: AxisState(axis) for axis in context.machines}
+        silent = ComponentWatch(HEALTH.stale_after_s)
+        self._states = {axis: AxisState(axis, None, silent) for axis in context.machines}
 
     def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in; one that is older than the last is ignored."""

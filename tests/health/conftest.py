@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from edge_service.health.condition import ConditionMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.limits import AlarmSettings
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
@@ -21,7 +21,7 @@ STEP_S = 0.1
 class Scene:
     """One axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
 
-    settings: HealthSettings = field(default_factory=HealthSettings)
+    settings: AlarmSettings = field(default_factory=AlarmSettings)
     fresh_percent: float | None = FRESH_PERCENT
     now_ns: int = START_NS
     boot_epoch: int = START_NS
@@ -29,7 +29,7 @@ class Scene:
     events: list[Event] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.monitor = ConditionMonitor("X", self.fresh_percent, self.settings, self.now_ns)
+        self.monitor = ConditionMonitor("X", self.settings.limits(self.fresh_percent), self.now_ns)
 
     def header(self) -> Header:
         """The next header."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
-from edge_service.health.alarms import AlarmSettings, SuddenDrop
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.alarms import SuddenDrop
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
@@ -19,7 +19,7 @@ from edge_service.messages.trend import Trend, TrendStatus
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
-FACTS = AxisFacts("X", 7.0, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
+FACTS = ("X", 7.0, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
 
 
 def _latch(**rule: object) -> AlarmLatch:
@@ -133,7 +133,7 @@ class Axis:
         self.now_ns = START_NS
         self.sequence = 0
         settings = AlarmSettings(**alarms)
-        self.watch = AxisMonitor(FACTS, HealthSettings(), settings, self.now_ns)
+        self.watch = AxisMonitor(*FACTS, settings, self.now_ns)
         self.events: list[str] = []
         self.used_s = 30.0
 
@@ -388,7 +388,7 @@ def test_everything_outlives_a_restart():
     axis.hear(1.0)
     axis.ask("shelve", "rate", "known")
     text = json.dumps(axis.watch.snapshot(), allow_nan=False)
-    other = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), axis.now_ns)
+    other = AxisMonitor(*FACTS, AlarmSettings(), axis.now_ns)
     other.restore(json.loads(text))
     assert other.snapshot() == axis.watch.snapshot() | {"saved_ns": axis.now_ns}
     assert [alarm.kind.value for alarm in other.health(axis.now_ns).alarms] == ["sudden_drop"]

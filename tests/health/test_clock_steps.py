@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.trend import PreloadHistory, preload_trend
 from edge_service.health.usage import ScrewGeometry
@@ -24,7 +23,7 @@ NS = 1_000_000_000
 START_NS = 1_795_000_000 * NS
 DAY_NS = 86400 * NS
 STEPS_NS = [74 * 365 * DAY_NS, -56 * 365 * DAY_NS, 3600 * NS, -7200 * NS, 3 * NS, -3 * NS]
-FACTS = AxisFacts("X", 10.0, ScrewGeometry(0.02 / 6.28, 0.8))
+FACTS = ("X", 10.0, ScrewGeometry(0.02 / 6.28, 0.8))
 STEPS = 500
 STEPS_AT = (150, 230, 401)
 """In the midst of data faults; without a number; with a sudden drop."""
@@ -47,7 +46,7 @@ class Run:
     """
 
     def __init__(self, step_ns: int = 0, step_at: int = STEPS_AT[0], *, told: bool = True) -> None:
-        self.monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
+        self.monitor = AxisMonitor(*FACTS, AlarmSettings(), START_NS)
         self.state = ServiceState({"X": None}, START_NS)
         self.step_ns, self.step_at, self.told = step_ns, step_at, told
         self.now_ns = START_NS
@@ -174,7 +173,7 @@ def test_a_kept_state_of_another_clock_goes_on(step_ns: int) -> None:
     run = Run()
     run.go()
     kept, begun_ns = run.monitor.snapshot(), run.now_ns + step_ns
-    again = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), begun_ns)
+    again = AxisMonitor(*FACTS, AlarmSettings(), begun_ns)
     again.restore(kept)
     old_s, old_percent, *_ = run.monitor.trend_work().args
     time_s, percent, *_ = again.trend_work().args
@@ -209,7 +208,7 @@ def test_a_start_with_a_clock_that_was_ahead_leaves_the_trend_where_it_is(
     begun_ns = before.now_ns + stop_s * NS
 
     def started(ahead_ns: int) -> AxisMonitor:
-        monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), begun_ns + ahead_ns)
+        monitor = AxisMonitor(*FACTS, AlarmSettings(), begun_ns + ahead_ns)
         monitor.restore(kept)
         for number in range(300):
             at_ns = begun_ns + number * NS + (ahead_ns if number < 150 else 0)

@@ -2,9 +2,8 @@
 
 import pytest
 
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.health import ComponentHealth, ComponentStatus
@@ -24,8 +23,8 @@ def report(axis: str | None, down: int, status: ComponentStatus) -> ComponentHea
 
 
 def monitor(axis: str) -> AxisMonitor:
-    facts = AxisFacts(axis, 7.0, ScrewGeometry(0.003, 0.8))
-    return AxisMonitor(facts, HealthSettings(), AlarmSettings(), NOW_NS)
+    facts = (axis, 7.0, ScrewGeometry(0.003, 0.8))
+    return AxisMonitor(*facts, AlarmSettings(), NOW_NS)
 
 
 OK, DOWN, LOST = (

@@ -2,9 +2,8 @@
 
 import pytest
 
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.codec import Header
@@ -20,8 +19,8 @@ class Start:
 
     def __init__(self) -> None:
         self.state = ServiceState({"X": None}, START_NS)
-        facts = AxisFacts("X", 10.0, ScrewGeometry(0.003, 0.8))
-        self.monitor = AxisMonitor(facts, HealthSettings(), AlarmSettings(), START_NS)
+        facts = ("X", 10.0, ScrewGeometry(0.003, 0.8))
+        self.monitor = AxisMonitor(*facts, AlarmSettings(), START_NS)
         self.sequence = 0
 
     def at(self, second: int, status: ComponentStatus | None, reason: str = "") -> AxisHealth:

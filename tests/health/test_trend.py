@@ -107,7 +107,7 @@ def test_false_alarms_are_as_rare_as_promised():
             drift[day] = 0.7 * drift[day - 1] + 0.1 * rng.standard_normal()
         days = np.arange(120.0) * DAY_S
         draws = draw_trends(days, 7.0 + drift, 0.1, rng)
-        falls += draws.falling_probability() >= 0.95
+        falls += np.mean(draws.slope < 0.0) >= 0.95
     assert falls <= 0.1 * 120
 
 
@@ -207,8 +207,6 @@ def test_wear_that_follows_the_way_is_counted_against_it():
     percent = 8.0 - 4e-6 * distance_m + 0.02 * rng.standard_normal(120)
     trend = _trend(days, percent, distance_m)
     assert trend.basis == "distance"
-    per_km = trend.rate_percent_per_km
-    assert per_km.low < -4e-3 < per_km.high
     by_time = 8.0 - 0.02 * days + 0.02 * rng.standard_normal(120)
     assert _trend(days, by_time, distance_m).basis == "time"
 
@@ -236,7 +234,7 @@ def test_nine_of_ten_bands_hold_the_true_time(seed):
 
 
 def test_the_series_stays_short_and_keeps_means():
-    series = PreloadHistory(1.0)
+    series = PreloadHistory()
     values = np.random.default_rng(9).uniform(5.0, 6.0, 5000)
     for second, value in enumerate(values.tolist()):
         series.add(second + 0.25, value, 0.2, 3.0 * second)
@@ -250,7 +248,7 @@ def test_the_series_stays_short_and_keeps_means():
 
 
 def test_the_series_goes_on_from_its_snapshot():
-    series, other = PreloadHistory(1.0), PreloadHistory(1.0)
+    series, other = PreloadHistory(), PreloadHistory()
     for second in range(700):
         series.add(float(second), 5.0 + second, 0.1, 0.0)
     other.restore(series.snapshot())

@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
@@ -214,9 +213,9 @@ async def test_bad_parameter_is_named(client, parameter, value):
 
 async def test_no_answer_of_a_fresh_axis_holds_a_time_that_nobody_measured(scene, client):
     geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
-    settings = HealthSettings(warning_below_percent=60.0, fault_below_percent=30.0)
-    facts = AxisFacts("X", 6.8, geometry)
-    monitor = AxisMonitor(facts, settings, AlarmSettings(), scene.now_ns)
+    settings = AlarmSettings()
+    facts = ("X", 6.8, geometry)
+    monitor = AxisMonitor(*facts, settings, scene.now_ns)
     monitor.take_trend(monitor.trend_work()(), scene.now_ns)
     scene.state.on_health(scene.header(), monitor.health(scene.now_ns), scene.now_ns)
     described = scene.app.openapi()["paths"].items()

@@ -1,47 +1,43 @@
-"""Preload and stiffness along the stroke over HTTP, of a model that can be reckoned by hand."""
+"""Preload and stiffness along the stroke over HTTP, of a profile that can be reckoned by hand."""
+
+from dataclasses import replace
 
 import httpx
 import numpy as np
+import pytest
 
-from edge_service.health.axis_state import StrokeBand
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys
+from edge_service.models.screw.stroke_profile import StrokeProfile
 
 PATH = "/api/v1/axes/X/wear"
+RAMP = StrokeProfile(
+    position_m=np.array([0.0, 1.0, 2.0]),
+    fresh_percent=10.0,
+    preload_share=np.array([0.5, 1.0, 1.5]),
+    compliance_m_per_n=np.full(3, 1e-8),
+    compliance_tolerance=0.1,
+    nut_m_per_n=0.0,
+    nut_sigma_m_per_n=0.0,
+)
+"""Preload rises along two metres; the nut takes no part in the stiffness."""
+ONE_ENCODER = replace(RAMP, compliance_m_per_n=np.full(3, np.nan))
 
 
-class Ramp:
-    """Preload rises along two metres; the stiffness is a million times as much."""
-
-    position_m = np.array([0.0, 1.0, 2.0])
-    fresh_percent = 10.0
-    knows_stiffness = True
-
-    def preload(self, percent: float, low: float, high: float) -> StrokeBand:
-        shape = np.array([0.5, 1.0, 1.5])
-        return percent * shape, low * shape, high * shape
-
-    def stiffness(self, percent: float, low: float, high: float) -> StrokeBand:
-        value, least, most = self.preload(percent, low, high)
-        return 1e6 * value, 1e6 * least, 1e6 * most
-
-
-class OneEncoder(Ramp):
-    knows_stiffness = False
-
-
-def client_of(scene, stroke):
-    scene.state = ServiceState(
-        {"X": None}, scene.now_ns, strokes={"X": stroke}, place=MachineKeys("hall", "m1")
+def client_of(scene, profile: StrokeProfile | None) -> httpx.AsyncClient:
+    scene.state = ServiceState({"X": None}, scene.now_ns, place=MachineKeys("hall", "m1"))
+    app = create_app(
+        scene.state,
+        lambda: scene.now_ns,
+        read_stroke=lambda _axis, preload: profile and profile.told(preload),
     )
-    app = create_app(scene.state, lambda: scene.now_ns)
     transport = httpx.ASGITransport(app=app)
     return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1")
 
 
 async def test_the_estimate_is_spread_along_the_stroke(scene):
-    async with client_of(scene, Ramp()) as client:
+    async with client_of(scene, RAMP) as client:
         scene.hear_preload(preload_percent=4.0, low=3.0, high=5.0)
         answer = (await client.get(PATH)).json()["stroke"]
     assert answer["position_m"] == [0.0, 1.0, 2.0]
@@ -51,12 +47,13 @@ async def test_the_estimate_is_spread_along_the_stroke(scene):
         "low": [1.5, 3.0, 4.5],
         "high": [2.5, 5.0, 7.5],
     }
-    assert answer["stiffness_n_per_m"]["value"] == [2e6, 4e6, 6e6]
-    assert answer["stiffness_n_per_m"]["commissioned"] == [5e6, 1e7, 1.5e7]
+    stiffness = answer["stiffness_n_per_m"]
+    assert stiffness["value"] == stiffness["commissioned"] == [1e8, 1e8, 1e8]
+    assert stiffness["low"] == [pytest.approx(1e8 / 1.196, rel=1e-4)] * 3
 
 
 async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
-    async with client_of(scene, Ramp()) as client:
+    async with client_of(scene, RAMP) as client:
         scene.hear_preload()
         scene.wait(10.0)  # now it is stale
         answer = (await client.get(PATH)).json()["stroke"]
@@ -67,7 +64,7 @@ async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
 
 
 async def test_one_encoder_knows_no_stiffness_and_no_commissioning_nothing(scene):
-    async with client_of(scene, OneEncoder()) as client:
+    async with client_of(scene, ONE_ENCODER) as client:
         scene.hear_preload()
         answer = (await client.get(PATH)).json()["stroke"]
         assert answer["preload_percent"]["value"] is not None

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from edge_service.config import EstimatorConfig, load_machine
 from edge_service.downsample.vibration import AxisVibration
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.usage import ScrewGeometry
 from edge_service.http_api.routes.service import service_answer
@@ -30,7 +29,7 @@ from .conftest import estimated
 
 MACHINE = load_machine(Path(__file__).parents[2] / "deploy" / "commissioned.toml")
 GEOMETRY = ScrewGeometry(MACHINE.transmission_ratio_m_per_rad, MACHINE.axis.stroke_m)
-FACTS = AxisFacts("X", MACHINE.fresh_preload_percent, GEOMETRY)
+FACTS = ("X", MACHINE.fresh_preload_percent, GEOMETRY)
 START_NS = HEADER.source_time_ns
 ANSWERS = (
     lambda state, axis, now: state.preload(axis, now),
@@ -42,8 +41,8 @@ class Readers:
     """Everything that stands behind the codecs, for the axes X and Y."""
 
     def __init__(self, folder: Path) -> None:
-        self.state = ServiceState({"X": HealthSettings().limits(10.0), "Y": None}, START_NS)
-        self.monitor = AxisMonitor(FACTS, HealthSettings(), AlarmSettings(), START_NS)
+        self.state = ServiceState({"X": AlarmSettings().limits(10.0), "Y": None}, START_NS)
+        self.monitor = AxisMonitor(*FACTS, AlarmSettings(), START_NS)
         self.downsampler = make_downsampler(MACHINE)
         self.axis = estimated(lambda: make_estimator(EstimatorConfig(), MACHINE))
         self.vibration = AxisVibration({"screw": 1.0}, {"low": (10.0, 1000.0)})

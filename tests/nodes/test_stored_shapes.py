@@ -16,9 +16,8 @@ import pytest
 from edge_service.config import EstimatorConfig
 from edge_service.config_tables import StoreConfig
 from edge_service.estimate.registry import make_estimator
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.store.store import State
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.codec import Header
@@ -41,8 +40,8 @@ MIXTURE = json.loads((ROOT / "tests/estimate/states/mixture.json").read_text("ut
 
 def monitor() -> AxisMonitor:
     geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
-    facts = AxisFacts("X", 6.85, geometry)
-    return AxisMonitor(facts, HealthSettings(), AlarmSettings(), NOW_NS)
+    facts = ("X", 6.85, geometry)
+    return AxisMonitor(*facts, AlarmSettings(), NOW_NS)
 
 
 def places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

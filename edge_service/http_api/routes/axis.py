@@ -8,14 +8,11 @@ from fastapi import APIRouter, Depends, Header, Query, Request
 from pydantic import AfterValidator, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
-from ...health.axis_state import StrokeBand
 from ...health.live_features import ChannelQuality, LivePoint
-from ...health.service_state import ServiceState
 from ...messages.answer import PreloadAnswer
 from ...messages.command import Command, Outcome
 from ...messages.health import AlarmKind, AxisHealth
-from ...messages.samples import Floats
-from ...messages.trend import FrictionCurve, Use
+from ...messages.trend import FrictionCurve, Stroke, Use
 from ..access import CallerDep
 from ..answers import Answer
 from ..context import AxisDep, NowDep, StateDep, parameter_error
@@ -56,33 +53,12 @@ class LiveAnswer(Answer):
     channels: list[ChannelQuality] = Field(description="State of each channel, last minute.")
 
 
-class ProfileAnswer(Answer):
-    """A quantity along the stroke, (n,): as commissioned, and as the estimate implies now."""
-
-    commissioned: list[float]
-    value: list[float] | None = Field(description="null while there is no estimate.")
-    low: list[float] | None
-    high: list[float] | None
-
-
-class StrokeAnswer(Answer):
-    """Preload and stiffness along the stroke.
-
-    The shape along the stroke is that of the commissioned axis, its level that of the estimate.
-    """
-
-    position_m: list[float]
-    level: float = Field(description="Probability with which each interval holds the truth.")
-    preload_percent: ProfileAnswer
-    stiffness_n_per_m: ProfileAnswer | None = Field(description="null without a linear encoder.")
-
-
 class WearAnswer(Answer):
     """Use of the screw, its state along the stroke, and its friction."""
 
     axis: str
     use: Use | None = Field(description="null before anything was heard.")
-    stroke: StrokeAnswer | None = Field(description="null where the axis is not commissioned.")
+    stroke: Stroke | None = Field(description="null where the axis is not commissioned.")
     friction: FrictionCurve
 
 
@@ -109,6 +85,10 @@ class CommandAnswer(Answer):
     """It was done, and is kept."""
 
     outcome: str = Field(examples=["alarm sudden drop acknowledged by Kim: seen"])
+
+
+ReadStroke = Callable[[str, PreloadAnswer], Stroke | None]
+"""Profiles along the stroke of an axis; None where it is not commissioned."""
 
 
 @axis_router.get("/preload", response_model=PreloadAnswer)
@@ -141,45 +121,16 @@ async def live(
 
 
 @axis_router.get("/wear", response_model=WearAnswer)
-async def wear(axis: AxisDep, state: StateDep, now_ns: NowDep) -> WearAnswer:
+async def wear(request: Request, axis: AxisDep, state: StateDep, now_ns: NowDep) -> WearAnswer:
     """Travel, hours, reversals and loads of the part in use; its stroke; its friction curve."""
+    read: ReadStroke = request.app.state.read_stroke
     told = state.health(axis, now_ns)
     return WearAnswer(
         axis=axis,
         use=told.use,
-        stroke=_stroke(state, axis, now_ns),
+        stroke=read(axis, state.preload(axis, now_ns)),
         friction=told.friction or FrictionCurve(),
     )
-
-
-def _stroke(state: ServiceState, axis: str, now_ns: int) -> StrokeAnswer | None:
-    """Stroke profiles that the estimate implies; None where the axis is not commissioned."""
-    stroke = state.stroke(axis)
-    if stroke is None:
-        return None
-    estimate = state.preload(axis, now_ns)
-    fresh, now = (stroke.fresh_percent,) * 3, None
-    if estimate.preload_percent is not None:
-        percent = estimate.preload_percent
-        now = (percent, estimate.low or 0.0, estimate.high or percent)
-    stiffness = None
-    if stroke.knows_stiffness:
-        stiffness = _profile(stroke.stiffness(*fresh), now and stroke.stiffness(*now))
-    return StrokeAnswer(
-        position_m=_rounded(stroke.position_m),
-        level=estimate.level,
-        preload_percent=_profile(stroke.preload(*fresh), now and stroke.preload(*now)),
-        stiffness_n_per_m=stiffness,
-    )
-
-
-def _profile(commissioned: StrokeBand, now: StrokeBand | None) -> ProfileAnswer:
-    value, low, high = (None, None, None) if now is None else map(_rounded, now)
-    return ProfileAnswer(commissioned=_rounded(commissioned[0]), value=value, low=low, high=high)
-
-
-def _rounded(values: Floats) -> list[float]:
-    return [float(f"{value:.5g}") for value in values]
 
 
 async def send_command_of(request: Request) -> SendCommand | None:

@@ -7,6 +7,7 @@ import { statementWords } from "./sentence.js";
 import { has, language, named, t } from "./strings.js";
 
 const NEAR_S = 172800;
+const [OVER_MS, OVER_SHARE] = [60000, 0.02];
 
 const codeOf = (reason) => reason.split(":")[0];
 
@@ -75,8 +76,9 @@ function notNormalSince(events) {
 export function trendSentence(trend) {
   if (!trend || trend.status === "too_early") return t("trend.too_early");
   const since = clock(trend.since);
-  if (trend.status === "steady") return t("trend.steady", { since });
-  const parts = [t(`trend.${trend.status}.${trend.rate_fresh_percent_per_h ? "fresh" : "rating"}`, { since, level: significant(100 * trend.level), ...readableRate(trend) })];
+  if (trend.status === "steady") return t("trend.steady");
+  if (trend.status === "falling" && trend.change_fresh_percent < 0 && isOver(trend)) return t("trend.fell", { part: significant(-trend.change_fresh_percent, 3), since, until: clock(trend.until) });
+  const parts = [t(`trend.${trend.status}`, { since, level: significant(100 * trend.level), ...readableRate(trend) })];
   for (const limit of ["warning", "fault"]) {
     const when = crossing(trend, limit);
     if (when) parts.push(t(when.last ? `trend.${limit}` : `trend.${limit}.after`, when));
@@ -84,8 +86,14 @@ export function trendSentence(trend) {
   return parts.join(" ");
 }
 
+// A fall whose newest estimate is old is told as one that was.
+function isOver({ since, until }) {
+  const span = Date.parse(until) - Date.parse(since);
+  return Date.now() - Date.parse(until) > Math.max(OVER_MS, OVER_SHARE * span);
+}
+
 function readableRate(trend) {
-  const { value, low, high } = trend.rate_fresh_percent_per_h ?? trend.rate_percent_per_h;
+  const { value, low, high } = trend.rate_fresh_percent_per_h;
   const size = Math.abs(value);
   const [hours, unit] = size >= 1 ? [1 / 60, "minute"] : size * 24 >= 0.05 ? [24, "day"] : [24 * 365.25, "year"];
   const shown = (rate) => significant(hours * rate, 2);

@@ -4,7 +4,7 @@ import { ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { ORDER, openAlarms } from "./level.js";
-import { alarmWords } from "./sentence.js";
+import { statementWords } from "./sentence.js";
 import { locale, named, t } from "./strings.js";
 
 const SHELVED_S = 8 * 3600;
@@ -34,7 +34,7 @@ function together(alarms) {
 
 function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
-  const { text, lang } = alarmWords(alarm);
+  const { text, lang } = statementWords(alarm);
   const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", lang ? { lang } : {}, text));
   return element("div", { class: `alarm ${alarm.level}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), buttonsNode(alarm, place ? `${place} ${name}` : name));
 }

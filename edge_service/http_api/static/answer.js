@@ -51,7 +51,7 @@ export function renderAnswer(state, nowMs) {
   refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t("answer.axis", { axis }))]);
   list(parts.headline, [headlineWords(state)].filter(() => state.connected));
   write(parts.since, sinceText(state));
-  renderReading(state.limits, reading);
+  renderReading(state.limits, reading, health);
   list(parts.reasons, state.connected ? reasonsOf(reading) : [{ text: t("no_connection") }]);
   write(parts.changed, state.connected ? whatChanged(state) : t("answer.changed.unknown"));
   list(parts.todo, whatToDo(state));
@@ -68,10 +68,10 @@ function sinceText(state) {
   return t("answer.since", { time: clock(time), span: lasting((state.serverMs() - Date.parse(time)) / 1000) });
 }
 
-// Percent of the fresh screw; of the load rating where the fresh preload is not known.
-function renderReading(limits, reading) {
+// Percent of the fresh screw, as in the headline; of the load rating where that is not known.
+function renderReading(limits, reading, health) {
   const percent = reading?.preload_percent ?? null;
-  const { value, low, high } = reading?.of_fresh ?? { value: percent, low: reading?.low, high: reading?.high };
+  const { value, low, high } = health?.of_fresh ?? reading?.of_fresh ?? { value: percent, low: reading?.low, high: reading?.high };
   const digits = limits ? 0 : 2;
   const isSure = percent !== null && low !== null && high !== null;
   const shown = isSure ? printed({ value, low, high }, digits) : null;

@@ -52,8 +52,8 @@ function renderHeadline(sorted, isServiceDown) {
 }
 
 function rowText(state, shared) {
-  const { preload, connected, axis } = state;
-  const share = connected ? preload?.of_fresh : null;
+  const { preload, health, connected, axis } = state;
+  const share = connected && preload?.of_fresh ? (health?.of_fresh ?? preload.of_fresh) : null; // as in the headline
   const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.text));
   return {
     axis,

@@ -16,13 +16,8 @@ export function statementWords({ code, text, values }) {
 // A value is a number, a time, a code that the page has a word for, or a name.
 function shown(name, value) {
   if (typeof value === "number") return significant(value, DIGITS);
-  if (name === "time") return clock(value);
+  if (["time", "since", "until"].includes(name)) return clock(value);
   return has(`${name}.${value}`) ? t(`${name}.${value}`) : value;
-}
-
-export function alarmWords(alarm) {
-  const { text, lang } = statementWords(alarm);
-  return lang || alarm.active ? { text, lang } : { text: t("said.over", { said: text }) };
 }
 
 // The English text ends with the note of a person; other words are followed by it.

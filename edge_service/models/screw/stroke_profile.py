@@ -1,10 +1,13 @@
 """Preload and series stiffness along the stroke of a commissioned axis."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...messages.estimate import PreloadEstimate
 from ...messages.samples import Floats
+from ...messages.trend import Stroke, StrokeBand
 from ..commissioned import TransmissionConfig
 from ..machine import Machine
 from .nut_law import LEAST_NUT_LOAD_PERCENT
@@ -41,6 +44,27 @@ class StrokeProfile:
         """True if commissioning saw the stretch between two encoders."""
         return bool(np.isfinite(self.compliance_m_per_n).all())
 
+    def told(self, estimate: PreloadEstimate) -> Stroke:
+        """Profiles that an estimate implies, beside the commissioned ones."""
+        knows = self.knows_stiffness
+        return Stroke(
+            position_m=_rounded(self.position_m),
+            level=estimate.level,
+            preload_percent=self._band(self.preload, estimate),
+            stiffness_n_per_m=self._band(self.stiffness, estimate) if knows else None,
+        )
+
+    def _band(
+        self, along: Callable[[float, float, float], _Band], estimate: PreloadEstimate
+    ) -> StrokeBand:
+        fresh, percent = self.fresh_percent, estimate.preload_percent
+        commissioned = _rounded(along(fresh, fresh, fresh)[0])
+        if percent is None:
+            return StrokeBand(commissioned=commissioned)
+        bounds = (estimate.low or 0.0, estimate.high or percent)
+        value, low, high = map(_rounded, along(percent, *bounds))
+        return StrokeBand(commissioned=commissioned, value=value, low=low, high=high)
+
     def preload(self, percent: float, low: float, high: float) -> _Band:
         """Preload at every place for a mean preload with its bounds, percent, (n,) each."""
         share = self.preload_share
@@ -67,6 +91,10 @@ class StrokeProfile:
         local = np.maximum(percent * self.preload_share, LEAST_NUT_LOAD_PERCENT)
         softening: Floats = np.cbrt(self.fresh_percent / local) - 1.0
         return softening
+
+
+def _rounded(values: Floats) -> tuple[float, ...]:
+    return tuple(float(f"{value:.5g}") for value in values)
 
 
 def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.trend import TrendSettings, project_wear
+from edge_service.health.trend import CERTAIN, LEVEL, project_wear
 from edge_service.messages.samples import Floats
 
 from ..table import Table
@@ -136,7 +136,7 @@ def crossing_draws(
     None if it is too early, or if it cannot be told whether the preload falls.
     """
     future = project_wear(time_s, distance_m, percent, sigma_level)
-    if future is None or future.draws.falling_probability() < TrendSettings().certain:
+    if future is None or np.mean(future.draws.slope < 0.0) < CERTAIN:
         return None
     return future.seconds_to(limit_percent)
 
@@ -144,7 +144,6 @@ def crossing_draws(
 def coverage(lives: int, seed: int = 1) -> Coverage:
     """Ask once in each of many lives."""
     rng = np.random.default_rng(seed)
-    settings = TrendSettings()
     inside, widths = 0, []
     for _ in range(lives):
         life = simulate_life(rng)
@@ -157,7 +156,7 @@ def coverage(lives: int, seed: int = 1) -> Coverage:
         )
         if band is None:
             continue
-        tail = 50.0 * (1.0 - settings.level)
+        tail = 50.0 * (1.0 - LEVEL)
         low, high = np.percentile(band, [tail, 100.0 - tail])
         remaining = life.crossing_s - life.time_s[-1]
         inside += bool(low <= remaining <= high)

@@ -12,9 +12,8 @@ from scipy.stats import chi2
 
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.health.alarms import AlarmSettings
-from edge_service.health.axis_monitor import AxisFacts, AxisMonitor
-from edge_service.health.limits import HealthSettings
+from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import AlarmSettings
 from edge_service.health.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import PreloadEstimate
@@ -68,8 +67,8 @@ class Watched:
     def __init__(self, estimator: PreloadEstimator, machine: Machine) -> None:
         self._estimator = estimator
         geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
-        facts = AxisFacts(machine.axis.name, machine.fresh_preload_percent, geometry)
-        self._watch = AxisMonitor(facts, HealthSettings(), AlarmSettings(), START_NS)
+        facts = (machine.axis.name, machine.fresh_preload_percent, geometry)
+        self._watch = AxisMonitor(*facts, AlarmSettings(), START_NS)
         self._sequence, self._now_ns = 0, START_NS
         self._conditions: Counter[str] = Counter()
         self._alarms: Counter[str] = Counter()
