@@ -150,11 +150,6 @@ class ServiceState:
         """All components, those of axes included."""
         return self._components.reports(now_ns)
 
-    def renew(self, axis: str, limits: Limits | None, ratio_m_per_rad: float | None) -> None:
-        """Show an axis by another machine file from now on."""
-        self._axes[axis].limits = limits
-        self._live[axis] = LiveFeatures(ratio_m_per_rad)
-
     def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
         """The axis' last intervals after a time, oldest first."""
         return tuple(self._live[axis].since(since_ns))
