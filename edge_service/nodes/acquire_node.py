@@ -107,7 +107,7 @@ class Acquisition:
                 return
             self._is_renewed = False
             self._driver = make_driver(self._axis)
-            self.component.begin_anew()
+            self.component.to(ComponentStatus.STARTING)
 
     async def _lived(self) -> None:
         retry, misconfigured = Retry(BACKOFF_FIRST_S, BACKOFF_CAP_S), DriverMisconfiguredError

@@ -28,10 +28,8 @@ SHOWN_S, TOLD_AGAIN_S = 5.0, 60.0
 """Time for which the status shows an error in a message, and after which the log repeats it, s."""
 PROVEN_S = 3.0
 """Time for which a task begun anew must work before it counts as mended, s."""
-_EARLY_SHARE = 0.01
-"""Share of a period by which a timer may wake too early, without its turn coming twice."""
-_AT_WORK = (ComponentStatus.STARTING, ComponentStatus.OK, ComponentStatus.RECOVERABLE_ERROR)
 _MENDED_BY_PEOPLE = (ConfigError, AddressError, BusConfigurationError)
+_SHOWN = (ComponentStatus.STARTING, ComponentStatus.OK, ComponentStatus.RECOVERABLE_ERROR)
 
 
 class PartFailedError(Exception):
@@ -45,22 +43,22 @@ class Component:
     begins it anew or `bears` counts it.
 
     Attributes:
+        status, reason: as last entered.
         counters, readings: stated in the report.
         problems: lines on what is wrong although the tasks run.
         is_broken: it does not do its work although its tasks run.
         restarts: times that something was begun anew.
-        status: the status last entered.
     """
 
     def __init__(self, context: NodeContext, name: str, axis: str | None = None) -> None:
         keys, bus = context.config.keys, context.bus
         self.name, self._axis = name, axis
-        self.status, self._reason = ComponentStatus.STARTING, ""
         self._publisher = bus.publisher(keys.component(name, axis, STATUS), STATUS, axis)
         self._events = bus.publisher(keys.component(name, axis, EVENT), EVENT, axis)
         self._store = context.store
         self._group = asyncio.TaskGroup()
         self._tasks: list[asyncio.Task[None]] = []
+        self.status, self.reason = ComponentStatus.STARTING, ""
         self.counters: Callable[[], dict[str, int]] = dict
         self.readings: Callable[[], dict[str, float]] = dict
         self.problems: Callable[[], list[str]] = list
@@ -69,42 +67,35 @@ class Component:
         self._fault, self._mended_s = "", math.inf
         self._failures = 0
         self._last_failure = (-math.inf, "")
-        self._told_s: dict[tuple[str, type[Exception]], float] = {}
-
-    def begin_anew(self) -> None:
-        """Be as at the beginning: what it works on has changed."""
-        self._fault = ""
-        self.to(ComponentStatus.STARTING)
+        self._told_s: dict[str, float] = {}
 
     def to(self, status: ComponentStatus, reason: str = "") -> None:
         """Enter a status (the same one again only renews the reason) and publish."""
-        self.status, self._reason = status, reason
+        self.status, self.reason = status, reason
         self.publish()
 
     def publish(self) -> None:
         """Put the report on the bus."""
-        self._publisher.publish(self._report(), now_ns())
-
-    def _report(self) -> ComponentHealth:
         now_s = time.monotonic()
         if now_s >= self._mended_s:
             self._fault, self._mended_s = "", math.inf
         failed_s, failure = self._last_failure
         faults = [self._fault, failure if now_s - failed_s < SHOWN_S else "", *self.problems()]
         faults = [each for each in faults if each]
-        counts = {"task_restarts": self.restarts, "message_failures": self._failures}
-        down = {"tasks_down": float(bool(self._fault) or self.is_broken())}
-        status, reason = self.status, self._reason
-        if faults and status in _AT_WORK:
+        status, reason = self.status, self.reason
+        if faults and status in _SHOWN:
             status, reason = ComponentStatus.RECOVERABLE_ERROR, "; ".join(faults)
-        return ComponentHealth(
+        own = {"task_restarts": self.restarts, "message_failures": self._failures}
+        down = {"tasks_down": float(bool(self._fault) or self.is_broken())}
+        report = ComponentHealth(
             component=self.name,
             axis=self._axis,
             status=status,
             reason=reason,
-            counters=self.counters() | counts,
+            counters=self.counters() | own,
             readings=self.readings() | down,
         )
+        self._publisher.publish(report, now_ns())
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -158,7 +149,7 @@ class Component:
                 if waited is not None:
                     await waited
                 now_s = asyncio.get_running_loop().time()
-                turn = math.floor(now_s / period_s + _EARLY_SHARE) + 1
+                turn = math.floor(now_s / period_s + 0.01) + 1  # a timer may wake a little early
                 await asyncio.sleep(turn * period_s - now_s)
 
         self.start(repeated())
@@ -175,12 +166,10 @@ class Component:
     def note(self, words: str, error: Exception) -> str:
         """Count an error, and log it at most once a minute; returns what is said of it."""
         self._failures += 1
-        now_s, kind = time.monotonic(), (words[:100], type(error))
-        line = f"{words}: {said(error)}"
-        self._last_failure = (now_s, line)
-        if now_s - self._told_s.get(kind, -math.inf) >= TOLD_AGAIN_S:
-            self._told_s = {} if len(self._told_s) > 100 else self._told_s
-            self._told_s[kind] = now_s
+        now_s, line = time.monotonic(), f"{words}: {said(error)}"
+        self._last_failure = now_s, line
+        if now_s - self._told_s.get(words, -math.inf) >= TOLD_AGAIN_S:
+            self._told_s[words] = now_s
             log.warning("%s: %s", self.name, line)
         return line
 
@@ -231,16 +220,15 @@ class Component:
     def tell(self, kind: str, words: str) -> None:
         """Tell of a change by an event of the component."""
         log.warning("%s: %s", self.name, words)
-        at_ns = now_ns()
         event = Event(
             axis=self._axis or "",
             kind=kind,
             level=AxisCondition.WARNING,
             text=f"{self.name}: {words}",
-            time_ns=at_ns,
+            time_ns=now_ns(),
             data={"component": self.name},
         )
-        self._events.publish(event, at_ns)
+        self._events.publish(event, event.time_ns)
 
 
 def said(error: BaseException) -> str:

@@ -28,7 +28,12 @@ SAVE_PERIOD_S = 60.0
 
 
 class Estimators:
-    """The estimators of all axes, and their states in the store."""
+    """The estimators of all axes, and their states in the store.
+
+    Attributes:
+        damaged: states that were none.
+        problem: reason for which a state cannot be kept now; empty if it can.
+    """
 
     def __init__(self, context: NodeContext) -> None:
         self._context = context
@@ -37,10 +42,7 @@ class Estimators:
         self._identities: dict[str, str] = {}
         for axis in context.machines:
             self.add(axis)
-        self.damaged = 0
-        """States that were none."""
-        self.problem = ""
-        """Reason for which a state cannot be kept now; empty if it can."""
+        self.damaged, self.problem = 0, ""
 
     def add(self, name: str) -> Component:
         """Begin with an axis; returns the part that reports on it."""
@@ -58,34 +60,31 @@ class Estimators:
         self._identities[name] = self._identity(name)
         return part
 
+    def _identity(self, axis: str) -> str:
+        return identity_of(self._context.machines[axis], self._context.config.estimator)
+
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        store = self._context.store
-        for name, axis in self.axes.items() if self._context.keeps_estimates else ():
+        for name in self.axes if self._context.keeps_estimates else ():
             try:
-                kept = self._kept(name)
-                if kept is not None:
-                    axis.load(kept)
+                self._load(name)
             except StateError as error:
                 aside = ""
                 if error.damaged:
                     self.damaged += 1
-                    aside = f", kept as {set_state_aside(store, STATE, name)}"
+                    aside = f", kept as {set_state_aside(self._context.store, STATE, name)}"
                 log.warning("axis %s: its estimate starts over: %s%s", name, error, aside)
 
-    def _identity(self, axis: str) -> str:
-        return identity_of(self._context.machines[axis], self._context.config.estimator)
-
-    def _kept(self, name: str) -> Kept | None:
+    def _load(self, name: str) -> None:
         try:
             document = load_state(self._context.store, STATE, name)
         except DamagedStateError as error:
             raise StateError(f"its state is damaged ({error})", damaged=True) from None
-        if document is None:
-            return None
-        replaced = self._context.events.newest(name, PART_REPLACED)
-        replaced_ns = 0 if replaced is None else replaced.event.time_ns
-        return Kept.of(document, name, self._identities[name]).as_of(now_ns(), replaced_ns)
+        if document is not None:
+            replaced = self._context.events.newest(name, PART_REPLACED)
+            replaced_ns = 0 if replaced is None else replaced.event.time_ns
+            kept = Kept.of(document, name, self._identities[name])
+            self.axes[name].load(kept.as_of(now_ns(), replaced_ns))
 
     def keep(self) -> None:
         """Let the state of every axis that has gone on wait for the disk; never waits itself."""
@@ -97,6 +96,9 @@ class Estimators:
                     self._put(State.of(STATE, name, kept.document(name, self._identities[name])))
                 except ValueError as error:
                     self.problem = f"axis {name}: the state of the estimator is none ({error})"
+
+    def _put(self, state: State) -> None:
+        self._context.dispatcher.put((), lambda _kept, _problem: None, (state,))
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
@@ -115,17 +117,12 @@ class Estimators:
         for axis in self.axes.values():
             axis.move(step_ns)
 
-    def _put(self, state: State) -> None:
-        self._context.dispatcher.put((), lambda _kept, _problem: None, (state,))
-
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    estimators = Estimators(context)
-    axes = estimators.axes
-    publishers = context.publishers(PRELOAD)
-    features, events = context.subscribe(FEAT, depth=1024), context.subscribe(EVENT)
-    component, work = Component(context, "estimate"), Threads("estimate")
+    estimators, component = Estimators(context), Component(context, "estimate")
+    axes, publishers = estimators.axes, context.publishers(PRELOAD)
+    features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
     component.problems = lambda: [estimators.problem] if estimators.problem else []
 
@@ -171,7 +168,7 @@ async def run(context: NodeContext) -> None:
         for axis in context.machines:  # what has changed while all was being prepared
             renew(axis)
         component.follow(features, take_features)
-        component.follow(events, take_event)
+        component.follow(context.subscribe(EVENT), take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:
             with CLOCK.telling(estimators.move):

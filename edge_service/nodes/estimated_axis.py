@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import FiniteFloat, TypeAdapter
 
@@ -19,7 +19,7 @@ from ..models.machine import Machine
 from ..retry import Retry
 
 log = logging.getLogger(__name__)
-SCHEMA: Literal["estimate-state/1"] = "estimate-state/1"
+SCHEMA = "estimate-state/2"
 LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
@@ -57,31 +57,28 @@ class Kept:
         source_time_ns: UNIX time.
     """
 
-    time_s: float
+    time_s: FiniteFloat
     source_time_ns: int
     snapshot: dict[str, Any]
 
     def document(self, axis: str, identity: str) -> dict[str, Any]:
-        """Document of the state of an axis. Raises ValueError where JSON cannot hold it."""
-        state = json.dumps(self.snapshot, allow_nan=False)
-        times = (self.time_s, self.source_time_ns)
-        return asdict(_Document(SCHEMA, axis, identity, *times, _digest(state), state))
+        """Document of the state of an axis."""
+        return {"schema": SCHEMA, "axis": axis, "machine": identity, **asdict(self)}
 
     @classmethod
-    def of(cls, document: object, axis: str, identity: str) -> "Kept":
+    def of(cls, document: Any, axis: str, identity: str) -> "Kept":
         """State of a document. Raises StateError."""
         try:
-            content = _DOCUMENTS.validate_python(document)
-            if content.axis != axis:
-                raise ValueError(f"{SCHEMA} of axis {content.axis}")
-            if _digest(content.state) != content.sha256:
-                raise ValueError("its checksum is wrong")
-            kept = cls(content.time_s, content.source_time_ns, json.loads(content.state))
+            content = dict(document)
+            schema, of, machine = (content.pop(name) for name in ("schema", "axis", "machine"))
+            if (schema, of) != (SCHEMA, axis):
+                raise ValueError(f"{schema} of axis {of}")
+            kept = _KEPT.validate_python(content)
         except DAMAGED as error:
             first, *_ = str(error).splitlines() or [""]
             reason = f"it cannot be read ({type(error).__name__}: {first[:100]})"
             raise StateError(reason, damaged=True) from None
-        if content.machine != identity:
+        if machine != identity:
             raise StateError("it was saved with another machine file or estimator")
         return kept
 
@@ -103,28 +100,12 @@ class Kept:
         return kept
 
 
-@dataclass(frozen=True, slots=True)
-class _Document:
-    """The JSON of the snapshot with its digest, and what it belongs to."""
-
-    schema: Literal["estimate-state/1"]
-    axis: str
-    machine: str
-    time_s: FiniteFloat
-    source_time_ns: int
-    sha256: str
-    state: str
-
-
-_DOCUMENTS = TypeAdapter(_Document)
+_KEPT = TypeAdapter(Kept)
 
 
 def identity_of(machine: Machine, *tables: Table) -> str:
     """Digest of all that the numbers of a state rest on: machine file and choices."""
-    return _digest("\n".join(each.model_dump_json() for each in (machine, *tables)))
-
-
-def _digest(text: str) -> str:
+    text = "\n".join(each.model_dump_json() for each in (machine, *tables))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -155,19 +136,15 @@ class EstimatedAxis:
     ) -> None:
         self._axis, self._make = axis, make
         self._note, self._tell_reset, self._clock = note, tell_reset, clock
-        self._retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-        self._due_s = 0.0
-        self._heard: tuple[float, int] | None = None
+        self._retry, self._due_s = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S), 0.0
         self._sound: Kept | None = None
-        self._is_restored = self._is_changed = False
-        self._since_sound = self._blamed = self.resets = 0
+        self._blamed = self.resets = 0
         self.problem = ""
-        self.forget()
+        self._begin(None)
 
     def forget(self) -> None:
         """Begin anew: the part is another."""
-        self._sound = None
-        self.problem, self._blamed = "", 0
+        self._sound, self.problem, self._blamed = None, "", 0
         self._begin(None)
 
     def load(self, kept: Kept) -> None:
@@ -210,23 +187,20 @@ class EstimatedAxis:
 
     def to_keep(self) -> Kept | None:
         """The state, if something was taken in since it was last asked for and it is sound."""
-        if self.problem or not self._is_changed:
+        if self.problem or not self._is_changed or self._heard is None:
             return None
         self._is_changed = False
         try:
-            return self._now()
+            return Kept(*self._heard, self._estimator.snapshot())
         except Exception as error:
             log.debug("axis %s", self._axis, exc_info=True)
             self._failed(error, None)
             return None
 
-    def _now(self) -> Kept | None:
-        return None if self._heard is None else Kept(*self._heard, self._estimator.snapshot())
-
     def _begin(self, kept: Kept | None) -> None:
         """Begin with another estimator, from a state if there is one."""
         self._estimator = self._make()
-        self._heard = None
+        self._heard: tuple[float, int] | None = None
         self._is_restored, self._is_changed = kept is not None, False
         self._since_sound = 0
         if kept is not None:
@@ -249,7 +223,8 @@ class EstimatedAxis:
         estimate = self._estimator.estimate()
         self._since_sound += 1
         if self._since_sound >= SOUND_PERIOD:
-            self._sound, self._since_sound, self._blamed = self._now(), 0, 0
+            self._sound = Kept(*self._heard, self._estimator.snapshot())
+            self._since_sound, self._blamed = 0, 0
             self._retry.reset()
         return estimate
 
@@ -273,7 +248,7 @@ class EstimatedAxis:
 
 
 def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
-    """True of an interval that lies on the clock that ran before a stop, soon enough after it."""
+    """An interval lies on the clock that ran before a stop, soon enough after it."""
     passed_s = block.time_s - block.duration_s - time_s
     begins_behind = passed_s > -0.5 * block.duration_s
     return begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S

@@ -305,7 +305,7 @@ DAMAGED: dict[str, Callable[[Kept], Any]] = {
     "of other kind": lambda _kept: {"schema": "axis-watch/1", "axis": "X"},
     "a list": lambda _kept: [1, 2],
     "of another axis": lambda kept: kept.document("Y", identity()),
-    "a digit off": lambda kept: kept.document("X", identity()) | {"state": "{}"},
+    "empty": lambda kept: kept.document("X", identity()) | {"snapshot": {}},
     "without time": lambda kept: kept.document("X", identity()) | {"time_s": None},
     "of another estimator": lambda kept: replace(kept, snapshot={"schema": "imm-preload/2"}),
     "not finite": lambda kept: replace(kept, snapshot=not_finite(kept.snapshot)),

@@ -158,7 +158,7 @@ def test_an_estimate_of_any_shape_within_is_refused_or_taken(part: str) -> None:
                 continue
 
 
-@pytest.mark.parametrize("member", ["time_s", "source_time_ns", "sha256", "axis", "schema"])
+@pytest.mark.parametrize("member", ["time_s", "source_time_ns", "snapshot", "axis", "schema"])
 def test_an_estimate_with_any_member_of_another_shape_is_refused(member: str) -> None:
     content = Kept(1.0, NOW_NS, {"a": 1.0}).document("X", "abc")
     for shape in SHAPES:
