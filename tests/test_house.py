@@ -174,7 +174,7 @@ MOST_LINES = {
     "http_api": 2776,
     "messages": 2219,
     "models": 6283,
-    "nodes": 3091,
+    "nodes": 3051,
     "offline": 6380,
     "outputs": 1880,
     "recordings": 3602,
