@@ -1,7 +1,6 @@
-"""Publishing payloads of one key, answering for the last of them, and decoding."""
+"""Publishing payloads of one key, and answering for the last of them."""
 
 import time
-from collections import OrderedDict
 from itertools import count
 from typing import Any, Generic
 
@@ -10,35 +9,11 @@ from zenoh import ext
 
 from ..messages.codec import JSON_ENCODING, Header, T, Topic
 
-MOST_KEPT, LONGEST_KEPT = 64, 16_384
-"""Payloads that are kept decoded, and bytes of the longest of them."""
 _HEARTBEAT_S = 10.0
 """Period in which the number of the last payload is told, by which a reader learns what it missed.
 
 Told once, it would be lost with the router that was to pass it on.
 """
-
-
-class Decoding(Generic[T]):
-    """Decoding of one topic; what is decoded is shared, so its readers must not change it."""
-
-    def __init__(self, topic: Topic[T]) -> None:
-        self._topic = topic
-        self._recent: OrderedDict[bytes, tuple[str, Header, T]] = OrderedDict()
-
-    def decode(self, payload: bytes) -> tuple[str, Header, T]:
-        """Axis, header and payload. Raises CodecError."""
-        decoded = self._recent.get(payload)
-        if decoded is None:
-            decoded = self._topic.decode(payload)
-            self._keep(payload, decoded)
-        return decoded
-
-    def _keep(self, payload: bytes, decoded: tuple[str, Header, T]) -> None:
-        if len(payload) <= LONGEST_KEPT:
-            self._recent[payload] = decoded
-            if len(self._recent) > MOST_KEPT:
-                self._recent.popitem(last=False)
 
 
 class Publisher(Generic[T]):

@@ -21,21 +21,10 @@ A question is the payload, or without one the parameters of the selector.
 
 
 class Answering:
-    """Answers the questions that are put on a key expression.
+    """Answers the questions that are put on a key expression, in JSON."""
 
-    Args:
-        encoding: of the answers.
-    """
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key_expr: str,
-        answer: Answer,
-        encoding: str = JSON_ENCODING,
-    ) -> None:
+    def __init__(self, session: zenoh.Session, key_expr: str, answer: Answer) -> None:
         self._answer, self._key_expr = answer, key_expr
-        self._encoding = zenoh.Encoding(encoding)
         self._loop = asyncio.get_running_loop()
         self._open: set[zenoh.Query] = set()
         self._closed = False
@@ -69,7 +58,7 @@ class Answering:
             if answer is not None:
                 asked = query.key_expr
                 key = self._key_expr if "*" in str(asked) else asked  # many are asked at once
-                query.reply(key, answer, encoding=self._encoding)
+                query.reply(key, answer, encoding=zenoh.Encoding(JSON_ENCODING))
             query.drop()
 
     def close(self) -> None:

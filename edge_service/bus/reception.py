@@ -7,6 +7,7 @@ from enum import StrEnum
 from functools import reduce
 from operator import or_
 from threading import Lock
+from typing import NamedTuple
 
 from ..messages.codec import Header
 
@@ -77,7 +78,7 @@ class Sender:
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
-        self._header: Header | None = None
+        self._last: Header | None = None
         self._heard_s = 0.0
         self.lost = 0
         """Payloads that never arrived, by holes in the sequence."""
@@ -90,34 +91,24 @@ class Sender:
         Args:
             arrival_s: when it came, on a clock that never goes back, s.
         """
-        refusal = self._refusal(header)
-        if refusal is not None and arrival_s - self._heard_s < self._patience_s:
-            return refusal
-        self._count(header, known=refusal is None)
-        self._header, self._heard_s = header, arrival_s
+        if self._last is not None:
+            step = header.sequence - self._last.sequence
+            refusal = None
+            if header.boot_epoch != self._last.boot_epoch or step > MOST_JUMP:
+                refusal = Refusal.RIVAL
+            elif step <= 0:
+                refusal = Refusal.LATE
+            if refusal is None:
+                self.lost += step - 1
+            elif arrival_s - self._heard_s < self._patience_s:
+                return refusal
+            else:
+                self.restarts += 1
+        self._last, self._heard_s = header, arrival_s
         return None
 
-    def _refusal(self, header: Header) -> Refusal | None:
-        last = self._header
-        if last is None:
-            return None
-        if header.boot_epoch != last.boot_epoch:
-            return Refusal.RIVAL
-        if header.sequence <= last.sequence:
-            return Refusal.LATE
-        return Refusal.RIVAL if header.sequence - last.sequence > MOST_JUMP else None
 
-    def _count(self, header: Header, *, known: bool) -> None:
-        if self._header is None:
-            return
-        if known:
-            self.lost += header.sequence - self._header.sequence - 1
-        else:
-            self.restarts += 1
-
-
-@dataclass(frozen=True, slots=True)
-class Arrival:
+class Arrival(NamedTuple):
     """Bytes that came on a key at a time of the steady clock, s."""
 
     key: str
@@ -127,11 +118,7 @@ class Arrival:
 
 @dataclass(slots=True)
 class _Ring:
-    """Arrivals of one key, and how many more it may take now.
-
-    Attributes:
-        credit: payloads that may still come, as of `credited_s`.
-    """
+    """Arrivals of one key, and how many more it may take as of `credited_s`."""
 
     credit: float
     credited_s: float
@@ -144,18 +131,11 @@ class KeyRings:
 
     Args:
         depth: payloads that may wait on each key.
-        most_hz: payloads per second of each key that are taken at all.
-        burst: payloads that may come at once; those of a second unless given.
-        most_keys: keys that may have a ring.
+        most_hz: payloads per second of each key that are taken at all, and at once.
     """
 
-    def __init__(
-        self, depth: int, most_hz: float, burst: float | None = None, most_keys: int = MOST_RINGS
-    ) -> None:
-        self._depth = depth
-        self._most_hz = most_hz
-        self._burst = max(most_hz, 1.0) if burst is None else burst
-        self._most_keys = most_keys
+    def __init__(self, depth: int, most_hz: float) -> None:
+        self._depth, self._most_hz = depth, most_hz
         self._lock = Lock()
         self._rings: dict[str, _Ring] = {}
         self._turn: OrderedDict[str, None] = OrderedDict()
@@ -168,17 +148,16 @@ class KeyRings:
     def admits(self, key: str, now_s: float) -> bool:
         """Count a payload against the rate of its key; False where it came too soon."""
         with self._lock:
-            ring = self._rings.setdefault(key, _Ring(self._burst, now_s))
+            ring = self._rings.setdefault(key, _Ring(self._most_hz, now_s))
             earned = (now_s - ring.credited_s) * self._most_hz
-            ring.credit, ring.credited_s = min(ring.credit + earned, self._burst), now_s
-            if ring.credit < 1.0:
-                return False
-            ring.credit -= 1.0
-            return True
+            ring.credit, ring.credited_s = min(ring.credit + earned, self._most_hz), now_s
+            admitted = ring.credit >= 1.0
+            ring.credit -= admitted
+            return admitted
 
     def knows(self, key: str) -> bool:
         """Return whether a key has a ring, or may have one."""
-        return key in self._rings or len(self._rings) < self._most_keys
+        return key in self._rings or len(self._rings) < MOST_RINGS
 
     def put(self, arrival: Arrival) -> int:
         """Let a payload wait; the oldest of its key make room. Returns how many wait there."""

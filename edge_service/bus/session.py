@@ -14,7 +14,7 @@ from ..exit_status import BadInputError
 from ..messages.addresses import split_endpoint
 from ..messages.codec import T, Topic
 from ..threads import Threads
-from .publisher import Decoding, Publisher
+from .publisher import Publisher
 from .questions import Answer, Answering, ask
 from .reception import Refusals, together
 from .settings import BusConfigurationError, BusSettings, zenoh_config
@@ -35,7 +35,6 @@ class Bus:
         self._session = session
         self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
-        self._decodings: dict[str, Decoding[Any]] = {}
         self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: dict[str, Publisher[Any]] = {}
@@ -85,14 +84,10 @@ class Bus:
         Args:
             keys: payloads of other keys are refused; None hears all that the expression means.
         """
-        decoding = self._decoding_of(topic)
-        subscriber = Subscriber(self._session, key_expr, topic, decoding, depth, keys)
+        subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
         self._refusals.add(subscriber.refusals)
         return subscriber
-
-    def _decoding_of(self, topic: Topic[T]) -> Decoding[T]:
-        return self._decodings.setdefault(topic.name, Decoding(topic))
 
     def refused(self) -> Counter[tuple[str, str]]:
         """Payloads that the subscribers of this process refused, by key and reason."""

@@ -92,40 +92,19 @@ _CACHES = [f"{ROOT}/*/*/*/{topic.name}/@adv/**" for topic in TOPICS.values() if 
 _EVERYTHING = ["**", f"{ROOT}/*/*/{COMPONENT}/**", f"{ROOT}/*/*/@alive", *_CACHES]
 
 
-def _rule(name: str, permission: str, flow: str, messages: list[str], keys: list[str]) -> Any:
-    return {
-        "id": name,
-        "permission": permission,
-        "flows": [flow],
-        "messages": messages,
-        "key_exprs": keys,
-    }
-
-
+_RULE = ("id", "permission", "flows", "messages", "key_exprs")
+_HEARD = ["put", "reply", "liveliness_token", "declare_subscriber", "declare_queryable", "query"]
+_ASKED = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+_RULES = (
+    ("hear", "allow", ["egress"], _HEARD, _EVERYTHING),
+    ("read", "allow", ["ingress"], _ASKED, _EVERYTHING),
+    # The question for an outcome is a command.
+    ("command", "deny", ["ingress"], ["query"], [f"{ROOT}/*/*/*/{OUTCOME.name}"]),
+)
 _READ_ONLY: dict[str, Any] = {
     "enabled": True,
     "default_permission": "deny",
-    "rules": [
-        _rule(
-            *("hear", "allow", "egress"),
-            [
-                "put",
-                "reply",
-                "liveliness_token",
-                "declare_subscriber",
-                "declare_queryable",
-                "query",
-            ],
-            _EVERYTHING,
-        ),
-        _rule(
-            *("read", "allow", "ingress"),
-            ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"],
-            _EVERYTHING,
-        ),
-        # The question for an outcome is a command.
-        _rule("command", "deny", "ingress", ["query"], [f"{ROOT}/*/*/*/{OUTCOME.name}"]),
-    ],
+    "rules": [dict(zip(_RULE, rule, strict=True)) for rule in _RULES],
     "subjects": [{"id": "anybody"}],
     "policies": [{"rules": ["hear", "read", "command"], "subjects": ["anybody"]}],
 }

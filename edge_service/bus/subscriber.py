@@ -16,7 +16,6 @@ import zenoh
 from ..clock import CLOCK
 from ..messages.codec import CodecError, Header, T, Topic
 from ..messages.keys import axis_of
-from .publisher import Decoding
 from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
 
 _PATIENCE_SHARE = 0.25
@@ -34,7 +33,6 @@ class Subscriber(Generic[T]):
     """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed.
 
     Args:
-        decoding: of its payloads, shared with other subscribers of the topic.
         depth: Payloads that may wait on each key.
         keys: The keys that are heard; None hears every key of the expression, up to a number.
     """
@@ -44,12 +42,10 @@ class Subscriber(Generic[T]):
         session: zenoh.Session,
         key_expr: str,
         topic: Topic[T],
-        decoding: Decoding[T],
         depth: int,
         keys: Collection[str] | None = None,
     ) -> None:
         self.refusals = Refusals()
-        self._decoding = decoding
         self._topic = topic
         self._keys = keys
         self._received = 0
@@ -146,7 +142,7 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            axis, header, value = self._decoding.decode(arrival.payload)
+            axis, header, value = self._topic.decode(arrival.payload)
         except CodecError:
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):

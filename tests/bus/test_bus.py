@@ -186,26 +186,6 @@ async def test_no_bus_to_join_is_one_clear_line(router: Bus) -> None:
         await Bus.open(BusSettings(router.endpoint, "client"))
 
 
-async def test_readers_of_one_process_share_what_is_decoded_and_cannot_change_it(
-    router: Bus,
-) -> None:
-    one, other = (router.subscribe(KEYS.all_axes(RAW), RAW) for _ in range(2))
-    router.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, time.time_ns())
-    frames = [(await anext(aiter(each)))[2] for each in (one, other)]
-    assert frames[0] is frames[1]
-    with pytest.raises(ValueError, match="read-only"):
-        frames[0].channels[TORQUE][0] = 1.0
-
-
-async def test_bytes_that_are_refused_are_refused_to_every_reader(router: Bus) -> None:
-    readers = [router.subscribe(KEYS.all_axes(RAW), RAW) for _ in range(2)]
-    for payload in (b"EDB1", b"EDB1", encode(Header(0, 1, 2, 3))):
-        router._session.put(KEYS.key("X", RAW), payload)
-    for reader in readers:
-        await anext(aiter(reader))
-        assert reader.counts()["malformed"] == 2
-
-
 async def test_a_reader_that_rests_is_woken_by_what_comes_later_or_by_too_much(
     router: Bus,
 ) -> None:
