@@ -23,7 +23,6 @@ from edge_service.health.model_watch.consistency import Disagreement
 from edge_service.http_api.words import words_in
 from edge_service.messages.codec import Header
 from edge_service.messages.event import (
-    ENGLISH,
     AxisCondition,
     Code,
     Event,
@@ -68,8 +67,8 @@ def names(text: str) -> set[str]:
 
 def test_each_code_has_german_words_with_the_same_values() -> None:
     for code in Code:
-        values = names(ENGLISH[code]) - ENGLISH_ALONE.get(code, set())
-        assert values == names(words_in("de")[f"said.{code}"]), code
+        values = names(code.value) - ENGLISH_ALONE.get(code, set())
+        assert values == names(words_in("de")[f"said.{code.name.lower()}"]), code
 
 
 def german(said: Statement) -> str:

@@ -1,7 +1,7 @@
 """Statements as a code with its values, and the events that carry one."""
 
 from collections.abc import Mapping
-from enum import StrEnum
+from enum import Enum, StrEnum
 from string import Formatter
 from types import MappingProxyType
 from typing import Annotated, Self
@@ -31,98 +31,58 @@ class AxisCondition(StrEnum):
 _URGENCY = {level: rank for rank, level in enumerate(reversed(AxisCondition))}
 
 
-class Code(StrEnum):
-    """Sentence; the codes never change."""
+class Code(Enum):
+    """Code of a sentence, its name in small letters, which never changes; the value is its text.
 
-    PRELOAD_BACK = "preload_back"
-    PRELOAD_LAST_KNOWN = "preload_last_known"
-    PRELOAD_FALLING = "preload_falling"
-    PRELOAD_FELL_LATELY = "preload_fell_lately"
-    PRELOAD_FELL_SUDDENLY = "preload_fell_suddenly"
-    AXIS_CHANGED = "axis_changed"
-    MODEL_DISAGREES = "model_disagrees"
-    PART_DOWN = "part_down"
-    ALARM_OVER = "alarm_over"
-    ALARM_SHELVED = "alarm_shelved"
-    ALARM_ACKNOWLEDGED = "alarm_acknowledged"
-    ALARM_UNSHELVED = "alarm_unshelved"
-    ALARM_SHELF_OVER = "alarm_shelf_over"
-    CONDITION_CHANGED = "condition_changed"
-    CONDITION_CHANGED_FOR = "condition_changed_for"
-    PRELOAD_ROSE = "preload_rose"
-    AXIS_DIFFERS = "axis_differs"
-    AXIS_AS_LEARNED = "axis_as_learned"
-    DISAGREEMENT_RECORDED = "disagreement_recorded"
-    CLOCK_SET_H = "clock_set_h"
-    CLOCK_SET_S = "clock_set_s"
-    DATA_FAULT = "data_fault"
-    DATA_FAULT_OVER = "data_fault_over"
-    NORMAL = "normal"
-    WARNING = "warning"
-    MAY_BE_WARNING = "may_be_warning"
-    FAULT = "fault"
-    MAY_BE_FAULT = "may_be_fault"
-    STARTING = "starting"
-    LEARNING = "learning"
-    NO_DATA_YET = "no_data_yet"
-    NO_DATA_SINCE = "no_data_since"
-    NOT_MOVED = "not_moved"
-    ONLY_UNDER_LOAD = "only_under_load"
-    SENSOR_FAULTY = "sensor_faulty"
-    MACHINE_FILE_LACKS = "machine_file_lacks"
-    TOO_SLOW = "too_slow"
-    NOT_KNOWN = "not_known"
+    A number has the digits with which it is sent.
+    """
 
-
-ENGLISH = {
-    Code.PRELOAD_BACK: "The preload is back at {value:g} % of fresh.",
-    Code.PRELOAD_LAST_KNOWN: "The preload was {value:g} % of fresh when last known.",
-    Code.PRELOAD_FALLING: "The preload is falling fast: {rate:.3g} % of fresh {per}.",
-    Code.PRELOAD_FELL_LATELY: "The preload fell fast until {time}. No clear trend.",
-    Code.PRELOAD_FELL_SUDDENLY: (
+    PRELOAD_BACK = "The preload is back at {value:g} % of fresh."
+    PRELOAD_LAST_KNOWN = "The preload was {value:g} % of fresh when last known."
+    PRELOAD_FALLING = "The preload is falling fast: {rate:.3g} % of fresh {per}."
+    PRELOAD_FELL_LATELY = "The preload fell fast until {time}. No clear trend."
+    PRELOAD_FELL_SUDDENLY = (
         "The preload dropped from {before:.0f} to {after:.0f} % of fresh at {time}."
-    ),
-    Code.AXIS_CHANGED: "The axis no longer behaves as commissioned: {watched} differs.",
-    Code.MODEL_DISAGREES: "No preload explains the torque: check signals and machine file.",
-    Code.PART_DOWN: "{component} does not work: {reason}.",
-    Code.ALARM_OVER: "The alarm {alarm} held from {since} to {until}.",
-    Code.ALARM_SHELVED: "alarm {alarm} shelved until {time} by {user}",
-    Code.ALARM_ACKNOWLEDGED: "alarm {alarm} acknowledged by {user}",
-    Code.ALARM_UNSHELVED: "alarm {alarm} unshelved by {user}",
-    Code.ALARM_SHELF_OVER: "alarm {alarm} is no longer shelved: its time is over",
-    Code.CONDITION_CHANGED: "The condition is {condition}.",
-    Code.CONDITION_CHANGED_FOR: "The condition is {condition}: {reason}.",
-    Code.PRELOAD_ROSE: (
+    )
+    AXIS_CHANGED = "The axis no longer behaves as commissioned: {watched} differs."
+    MODEL_DISAGREES = "No preload explains the torque: check signals and machine file."
+    PART_DOWN = "{component} does not work: {reason}."
+    ALARM_OVER = "The alarm {alarm} held from {since} to {until}."
+    ALARM_SHELVED = "alarm {alarm} shelved until {time} by {user}"
+    ALARM_ACKNOWLEDGED = "alarm {alarm} acknowledged by {user}"
+    ALARM_UNSHELVED = "alarm {alarm} unshelved by {user}"
+    ALARM_SHELF_OVER = "alarm {alarm} is no longer shelved: its time is over"
+    CONDITION_CHANGED = "The condition is {condition}."
+    CONDITION_CHANGED_FOR = "The condition is {condition}: {reason}."
+    PRELOAD_ROSE = (
         "The preload rose from {before:.3g} to {after:.3g} % of fresh, which wear cannot do. The "
         "trend starts again. If a part was replaced, note it."
-    ),
-    Code.AXIS_DIFFERS: (
+    )
+    AXIS_DIFFERS = (
         "The axis no longer behaves as commissioned: {watched} differs. {recording} is being "
         "recorded."
-    ),
-    Code.AXIS_AS_LEARNED: "The axis behaves as commissioned again: {watched}.",
-    Code.DISAGREEMENT_RECORDED: "{recording} holds the disagreement, ready to diagnose.",
-    Code.CLOCK_SET_H: "The clock of this computer was set {way} by {hours:.3g} h.",
-    Code.CLOCK_SET_S: "The clock of this computer was set {way} by {seconds:.0f} s.",
-    Code.DATA_FAULT: "Data fault: {fault}.",
-    Code.DATA_FAULT_OVER: "Data fault over: {fault}.",
-    Code.NORMAL: "The preload is within its limits: {value:g} % of fresh ({low:g} to {high:g}).",
-    Code.WARNING: "The preload is low: {value:g} % of fresh ({low:g} to {high:g}).",
-    Code.MAY_BE_WARNING: "The preload may be low: {value:g} % of fresh ({low:g} to {high:g}).",
-    Code.FAULT: "The preload is lost: {value:g} % of fresh ({low:g} to {high:g}).",
-    Code.MAY_BE_FAULT: "The preload may be lost: {value:g} % of fresh ({low:g} to {high:g}).",
-    Code.STARTING: "The service is starting.",
-    Code.LEARNING: "The first estimate needs a second of steady motion.",
-    Code.NO_DATA_YET: "No data have come from the drive yet.",
-    Code.NO_DATA_SINCE: "No data from the drive since {time}.",
-    Code.NOT_MOVED: "The axis has not moved enough since {time}.",
-    Code.ONLY_UNDER_LOAD: "It has moved only under load since {time}.",
-    Code.SENSOR_FAULTY: "{sensor} is faulty: {reason}.",
-    Code.MACHINE_FILE_LACKS: "The machine file lacks the {missing}.",
-    Code.TOO_SLOW: "Samples come more slowly than commissioned.",
-    Code.NOT_KNOWN: "The preload is not known at present: {reason}.",
-}
-"""Text of each code; a number has the digits with which it is sent."""
+    )
+    AXIS_AS_LEARNED = "The axis behaves as commissioned again: {watched}."
+    DISAGREEMENT_RECORDED = "{recording} holds the disagreement, ready to diagnose."
+    CLOCK_SET_H = "The clock of this computer was set {way} by {hours:.3g} h."
+    CLOCK_SET_S = "The clock of this computer was set {way} by {seconds:.0f} s."
+    DATA_FAULT = "Data fault: {fault}."
+    DATA_FAULT_OVER = "Data fault over: {fault}."
+    NORMAL = "The preload is within its limits: {value:g} % of fresh ({low:g} to {high:g})."
+    WARNING = "The preload is low: {value:g} % of fresh ({low:g} to {high:g})."
+    MAY_BE_WARNING = "The preload may be low: {value:g} % of fresh ({low:g} to {high:g})."
+    FAULT = "The preload is lost: {value:g} % of fresh ({low:g} to {high:g})."
+    MAY_BE_FAULT = "The preload may be lost: {value:g} % of fresh ({low:g} to {high:g})."
+    STARTING = "The service is starting."
+    LEARNING = "The first estimate needs a second of steady motion."
+    NO_DATA_YET = "No data have come from the drive yet."
+    NO_DATA_SINCE = "No data from the drive since {time}."
+    NOT_MOVED = "The axis has not moved enough since {time}."
+    ONLY_UNDER_LOAD = "It has moved only under load since {time}."
+    SENSOR_FAULTY = "{sensor} is faulty: {reason}."
+    MACHINE_FILE_LACKS = "The machine file lacks the {missing}."
+    TOO_SLOW = "Samples come more slowly than commissioned."
+    NOT_KNOWN = "The preload is not known at present: {reason}."
 
 
 class Statement(Frozen):
@@ -150,13 +110,13 @@ def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: 
     >>> told(Code.PRELOAD_BACK, value=27.0).text
     'The preload is back at 27 % of fresh.'
     """
-    text = ENGLISH[code].format(**{**values, **words})
-    specs = {name: spec for _, name, spec, _ in Formatter().parse(ENGLISH[code]) if name}
+    text = code.value.format(**{**values, **words})
+    specs = {name: spec for _, name, spec, _ in Formatter().parse(code.value) if name}
     sent = {
         name: value if isinstance(value, str) else float(format(value, specs[name] or ""))
         for name, value in values.items()
     }
-    return Statement(code=code.value, text=text, values=sent)
+    return Statement(code=code.name.lower(), text=text, values=sent)
 
 
 def _whole_ms(time_ns: int) -> int:

@@ -24,7 +24,7 @@ def test_a_waveform_goes_over_the_wire() -> None:
     assert decoded.start_s == wave.start_s
     assert decoded.period_s == pytest.approx(1e-4, rel=1e-9)
     np.testing.assert_array_equal(decoded.values, wave.values)
-    with pytest.raises(CodecError, match="without a clock"):
+    with pytest.raises(CodecError, match="without rows"):
         WAVE.decode(WAVE.encode("X", HEADER, Waveform("a", "V", 0.0, 1.0, np.zeros(1))))
 
 
