@@ -22,7 +22,7 @@ from .statistics import (
     summarise,
 )
 
-_SNAPSHOT_SCHEMA = "downsampler/2"
+_SNAPSHOT_SCHEMA = "downsampler/3"
 _SCREEN: Stored[RowScreen | None] = Stored(RowScreen | None)
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}

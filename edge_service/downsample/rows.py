@@ -32,7 +32,7 @@ from ..messages.samples import (
     Floats,
     SampleFrame,
 )
-from ..messages.stored import Since
+from ..messages.stored import Number
 
 DERIVED = (MOTOR_SPEED, TABLE_SPEED)
 """Not kept in a ring: they follow from the positions."""
@@ -87,7 +87,7 @@ class RowScreen:
     """
 
     has_torque: bool
-    newest_s: Since = -np.inf
+    newest_s: Number = -np.inf
     pending: int = 0
 
     @property
@@ -147,7 +147,7 @@ class Gathering:
 
     def __init__(self) -> None:
         self._waiting: list[SampleFrame] = []
-        self._newest_s: Since = -np.inf
+        self._newest_s: Number = -np.inf
 
     def add(self, frame: SampleFrame, due_s: float) -> list[SampleFrame]:
         """Frames that need not wait any longer, in their order.

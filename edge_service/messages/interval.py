@@ -1,22 +1,24 @@
 """A value with its bounds, times as JSON has them, and the base of every JSON payload."""
 
 import math
-import re
 from typing import Annotated
 
 import numpy as np
 from pydantic import (
+    AwareDatetime,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     PlainSerializer,
     SerializationInfo,
+    TypeAdapter,
+    ValidationError,
     WithJsonSchema,
 )
 
 LAST_S = 253402300799.0
 """The end of the year 9999, the last that RFC 3339 can write, in UNIX seconds."""
-_RFC3339 = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)(Z|[+-]\d\d:\d\d)?")
+_MOMENT = TypeAdapter(AwareDatetime)
 _MOST_MORE = 3
 """Decimals that are added at most."""
 
@@ -47,7 +49,7 @@ class Interval(Frozen):
 
 
 def rfc3339(time_ns: int) -> str:
-    """UNIX time in ns as `2026-01-31T12:00:00.000Z`; times out of its years are clipped."""
+    """UNIX time in ns, as `rfc3339_s`."""
     return rfc3339_s(time_ns / 1e9)
 
 
@@ -62,28 +64,16 @@ def parse_moment(text: str) -> float:
     try:
         time_s = float(text)
     except ValueError:
-        time_s = _parse_rfc3339(text)
-    if not (math.isfinite(time_s) and 0.0 <= time_s <= LAST_S):
+        try:
+            time_s = _MOMENT.validate_python(text.strip()).timestamp()
+        except ValidationError:
+            raise ValueError(
+                f"{text!r} is not a time: expected RFC 3339 with its offset from UTC, such as "
+                "2026-01-31T12:00:00Z, or UNIX seconds"
+            ) from None
+    if not 0.0 <= time_s <= LAST_S:
         raise ValueError(f"{text!r} is outside the years 1970 to 9999")
     return time_s
-
-
-def _parse_rfc3339(text: str) -> float:
-    expected = "expected RFC 3339 such as 2026-01-31T12:00:00Z, or UNIX seconds"
-    found = _RFC3339.fullmatch(text.strip().upper())
-    try:
-        moment = np.datetime64(f"{found[1]}T{found[2]}", "us") if found else None
-    except ValueError:
-        moment = None
-    if found is None or moment is None:
-        raise ValueError(f"{text!r} is not a time: {expected}")
-    if found[3] is None:
-        raise ValueError(f"{text!r} has no offset from UTC: {expected}")
-    ahead_s = 0.0
-    if found[3] != "Z":
-        hours, minutes = found[3][1:].split(":")
-        ahead_s = float(f"{found[3][0]}1") * (3600.0 * int(hours) + 60.0 * int(minutes))
-    return int(moment.astype(np.int64)) / 1e6 - ahead_s
 
 
 def _to_ns(value: object) -> object:

@@ -1,37 +1,41 @@
 """Key expressions of the service: `feeddrive/v1/{site}/{machine}/{axis}/{topic}`."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Protocol
 
 from pydantic import AfterValidator
 
-_PART = re.compile(r"[A-Za-z0-9_.\-]{1,100}")
-_COLUMN = re.compile(r"[^\x00-\x1f\x7f/\\]{1,100}")
-_KIND = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _RECORDING = re.compile(r"disagreement_([A-Za-z0-9_.\-]{1,100})_\d{8}T\d{6}Z\.parquet")
 
 
-def check_part(part: str) -> str:
-    """Return `part` if it can stand between two slashes of a key; raise ValueError if not."""
-    if not _PART.fullmatch(part):
-        raise ValueError(f"{_shown(part)} is no key part: use letters, digits, '_', '-' and '.'")
-    return part
+def _check(pattern: str, problem: str) -> Callable[[str], str]:
+    """Check that returns a name that fits a pattern, and raises ValueError for another."""
+    wanted = re.compile(pattern)
+
+    def check(name: str) -> str:
+        if not wanted.fullmatch(name):
+            raise ValueError(f"{name!r:.60} {problem}")
+        return name
+
+    return check
 
 
-def check_column(name: str) -> str:
-    """Return `name` if it can be that of a channel or sensor; raise ValueError if not."""
-    if not _COLUMN.fullmatch(name):
-        raise ValueError(f"{_shown(name)} is no name of a channel")
-    return name
-
-
-def check_kind(kind: str) -> str:
-    """Return `kind` if it can name a kind of event; raise ValueError if not."""
-    if not _KIND.fullmatch(kind):
-        raise ValueError(f"{_shown(kind)} is no kind of event: use a-z, 0-9 and '_'")
-    return kind
+check_part = _check(
+    r"[A-Za-z0-9_.\-]{1,100}", "is no key part: use letters, digits, '_', '-' and '.'"
+)
+"""Of what stands between two slashes of a key."""
+check_component = _check(
+    r"[a-z][a-z0-9_-]{0,40}",
+    "is no part: use a letter, then a-z, digits, _ and -",
+)
+"""Of a part of the service, such as an output."""
+check_column = _check(r"[^\x00-\x1f\x7f/\\]{1,100}", "is no name of a channel")
+"""Of a channel or sensor."""
+_check_kind = _check(r"[a-z][a-z0-9_]{0,63}", "is no kind of event: use a-z, 0-9 and '_'")
+Column = Annotated[str, AfterValidator(check_column)]
+Kind = Annotated[str, AfterValidator(_check_kind)]
 
 
 def check_recording(name: str, axis: str | None = None) -> str:
@@ -42,16 +46,8 @@ def check_recording(name: str, axis: str | None = None) -> str:
     """
     found = _RECORDING.fullmatch(name)
     if found is None or axis not in (None, found[1]):
-        raise ValueError(f"{_shown(name)} is no name of a recording by the service")
+        raise ValueError(f"{name!r:.60} is no name of a recording by the service")
     return name
-
-
-def _shown(name: str) -> str:
-    return repr(name if len(name) <= 40 else name[:40] + "...")
-
-
-Column = Annotated[str, AfterValidator(check_column)]
-Kind = Annotated[str, AfterValidator(check_kind)]
 
 
 NODES = frozenset({"acquire", "downsample", "estimate", "health", "http"})
@@ -62,16 +58,6 @@ COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 `service` is the process in which all nodes run, `..._process` that of one node alone; `history` is
 a part of `http`.
 """
-
-
-_NAME = re.compile(r"[a-z][a-z0-9_-]{0,40}")
-
-
-def check_component(name: str) -> str:
-    """Return `name` if a part of the service, such as an output, may have it; else ValueError."""
-    if not _NAME.fullmatch(name):
-        raise ValueError(f"{name!r:.60}: expected a small letter, then small letters, digits, _, -")
-    return name
 
 
 ROOT = "feeddrive/v1"

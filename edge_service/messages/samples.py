@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -45,28 +45,21 @@ CHANNELS: dict[str, Channel] = {
 
 POSITION_CHANNELS = (ANGLE, TABLE_POSITION)
 
-
-SI: dict[str, tuple[float, str]] = {
-    "m": (1.0, "m"),
-    "mm": (1e-3, "m"),
-    "um": (1e-6, "m"),
-    "m/s": (1.0, "m/s"),
-    "mm/s": (1e-3, "m/s"),
-    "mm/min": (1e-3 / 60.0, "m/s"),
-    "m/min": (1.0 / 60.0, "m/s"),
-    "rad": (1.0, "rad"),
-    "deg": (math.pi / 180.0, "rad"),
-    "rev": (2.0 * math.pi, "rad"),
-    "rad/s": (1.0, "rad/s"),
-    "deg/s": (math.pi / 180.0, "rad/s"),
-    "rev/s": (2.0 * math.pi, "rad/s"),
-    "rev/min": (2.0 * math.pi / 60.0, "rad/s"),
-    "N m": (1.0, "N m"),
-    "mN m": (1e-3, "N m"),
-    "N": (1.0, "N"),
-    "kN": (1e3, "N"),
-    "degC": (1.0, "degC"),
+_FACTORS = {
+    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "mm/min": 1e-3 / 60.0, "m/min": 1.0 / 60.0},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
+    "rad/s": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rev/s": 2.0 * math.pi,
+        "rev/min": 2.0 * math.pi / 60.0,
+    },
+    "N m": {"N m": 1.0, "mN m": 1e-3},
+    "N": {"N": 1.0, "kN": 1e3},
+    "degC": {"degC": 1.0},
 }
+SI = {unit: (factor, si) for si, units in _FACTORS.items() for unit, factor in units.items()}
 """Unit -> factor to SI, SI unit. Degrees Celsius stand for themselves."""
 
 
@@ -85,18 +78,12 @@ def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:
     return None if link is None else factor * link
 
 
+Floats = npt.NDArray[np.float64]
+Booleans = npt.NDArray[np.bool_]
 Qualities = npt.NDArray[np.uint8]
 """One code of `Quality` per sample, shape (n,)."""
 
 _UNCERTAIN_FROM, _BAD_FROM = 64, 128
-
-
-class Level(StrEnum):
-    """Usability of a sample to a reader: use it, use it with doubt, not use it."""
-
-    GOOD = "good"
-    UNCERTAIN = "uncertain"
-    BAD = "bad"
 
 
 class Quality(IntEnum):
@@ -120,19 +107,19 @@ class Quality(IntEnum):
     WRONG_CONSTANT = 136  # a value that never changes reads otherwise: wrong map or word order
 
     @property
-    def level(self) -> Level:
-        """Good, uncertain or bad."""
+    def level(self) -> str:
+        """Use of the sample to a reader: `good`, `uncertain` or `bad`."""
         if self < _UNCERTAIN_FROM:
-            return Level.GOOD
-        return Level.UNCERTAIN if self < _BAD_FROM else Level.BAD
+            return "good"
+        return "uncertain" if self < _BAD_FROM else "bad"
 
 
-def is_bad(codes: Qualities) -> npt.NDArray[np.bool_]:
+def is_bad(codes: Qualities) -> Booleans:
     """Mask of the samples that must not be read, shape (n,)."""
     return np.asarray(codes >= _BAD_FROM)
 
 
-def is_uncertain(codes: Qualities) -> npt.NDArray[np.bool_]:
+def is_uncertain(codes: Qualities) -> Booleans:
     """Mask of the samples that may be read with doubt only, shape (n,)."""
     return np.asarray((codes >= _UNCERTAIN_FROM) & (codes < _BAD_FROM))
 
@@ -153,7 +140,7 @@ class Waveform:
     unit: str
     start_s: float
     period_s: float
-    values: npt.NDArray[np.float64]
+    values: Floats
 
     def __len__(self) -> int:
         return len(self.values)
@@ -164,13 +151,9 @@ class Waveform:
         return self.start_s + len(self) * self.period_s
 
     @property
-    def time_s(self) -> npt.NDArray[np.float64]:
+    def time_s(self) -> Floats:
         """Times of the values, s, shape (n,)."""
         return self.start_s + self.period_s * np.arange(len(self), dtype=np.float64)
-
-
-Floats = npt.NDArray[np.float64]
-Booleans = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

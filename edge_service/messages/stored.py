@@ -1,29 +1,20 @@
 """Stored state: a dataclass as JSON-able values and back, every number bit for bit.
 
-JSON has no NaN and no infinity: a field that may hold one says by its type what stands for it.
+JSON has neither NaN nor infinity: null and the texts `inf` and `-inf` stand for them.
 """
 
 import math
 from base64 import b64decode, b64encode
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from functools import partial
-from typing import Annotated, Any, Generic, TypeVar, get_type_hints
+from collections.abc import Mapping
+from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import (
-    BeforeValidator,
-    GetCoreSchemaHandler,
-    PlainSerializer,
-    PlainValidator,
-    TypeAdapter,
-    ValidationError,
-)
-from pydantic_core import core_schema
+from pydantic import BeforeValidator, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from .samples import Floats
 
+T = TypeVar("T")
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -42,21 +33,32 @@ def finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _to_floats(value: Any) -> Floats:
+def _plain(value: Any) -> Any:
+    """A number, or nested lists of them, as JSON has them."""
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return str(value) if math.isinf(value) else finite_or_none(value)
+
+
+def _to_floats(values: Any) -> Floats:
     try:
-        return np.array(value, np.float64)
+        return np.array([*values], np.float64)
     except TypeError as error:
         raise ValueError(str(error)) from None
 
 
+Number = Annotated[
+    float,
+    BeforeValidator(lambda value: math.nan if value is None else value),
+    PlainSerializer(_plain),
+]
+"""Number of a stored dataclass that need not be finite."""
 StoredFloats = Annotated[
-    Floats, PlainValidator(_to_floats), PlainSerializer(lambda array: array.tolist())
+    Floats,
+    PlainValidator(_to_floats),
+    PlainSerializer(lambda array: _plain(array.tolist())),
 ]
 """Array of a stored dataclass, as nested lists."""
-
-
-T = TypeVar("T")
-_PLAIN = (float, int, bool)
 
 
 class Stored(Generic[T]):
@@ -82,85 +84,17 @@ class Stored(Generic[T]):
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"]))
             raise ValueError(f"a damaged snapshot: {place}: {first['msg']}") from None
-        if isinstance(values, Mapping) and (missing := set(self.dump(state)) - set(values)):
-            raise ValueError(f"a damaged snapshot: {', '.join(sorted(missing))} missing")
+        if isinstance(values, Mapping) and (missing := _missing(self.dump(state), values)):
+            raise ValueError(f"a damaged snapshot: {missing} missing")
         return state
 
 
-class Packed:
-    """Mark of a dataclass of numbers, also nested, that is stored as the bits of one array."""
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            partial(_unpacked, source),
-            serialization=core_schema.plain_serializer_function_ser_schema(_packed),
-        )
-
-
-def _packed(record: Any) -> str:
-    return encoded(np.array(list(_numbers(record)), dtype=np.float64))
-
-
-def _numbers(record: Any) -> Iterator[float]:
-    for field in fields(record):
-        value = getattr(record, field.name)
-        yield from _numbers(value) if is_dataclass(value) else (value,)
-
-
-def _unpacked(of: type[Any], text: object) -> Any:
-    if not isinstance(text, str):
-        raise ValueError("expected text")
-    numbers = iter(decoded(text, np.float64).tolist())
-    record = _record(of, numbers)
-    if next(numbers, None) is not None:
-        raise ValueError(f"more numbers than a {of.__name__} has")
-    return record
-
-
-def _record(of: type[Any], numbers: Iterator[float]) -> Any:
-    try:
-        values = (
-            kind(next(numbers)) if kind in _PLAIN else _record(kind, numbers)
-            for kind in get_type_hints(of).values()
-        )
-        return of(*values)
-    except RuntimeError:  # StopIteration within the generator
-        raise ValueError(f"fewer numbers than a {of.__name__} has") from None
-
-
-def _logs(array: Floats) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in array]
-
-
-def _logarithms(values: object) -> Floats:
-    if not isinstance(values, list):
-        raise ValueError("expected a list")
-    return _array([-np.inf if value is None else value for value in values])
-
-
-def _array(values: Any) -> Floats:
-    return np.array(values, dtype=np.float64)
-
-
-Number = Annotated[
-    float,
-    BeforeValidator(lambda value: math.nan if value is None else value),
-    PlainSerializer(lambda value: None if math.isnan(value) else value),
-]
-"""NaN as None."""
-Since = Annotated[
-    float,
-    BeforeValidator(lambda value: -math.inf if value is None else value),
-    PlainSerializer(lambda value: None if value == -math.inf else value),
-]
-"""Time of the last event, minus infinity, before the first one, as None."""
-Decimals = Annotated[Floats, PlainValidator(_array), PlainSerializer(lambda array: array.tolist())]
-"""Array of finite numbers as nested lists."""
-Logarithms = Annotated[
-    Floats,
-    PlainValidator(_logarithms),
-    PlainSerializer(_logs),
-]
-"""Array (n,) of logarithms, that of zero as None."""
+def _missing(whole: Any, values: Any, place: str = "") -> str:
+    """First key that one of the tables should have and has not; empty without one."""
+    if isinstance(whole, Mapping):
+        for key, value in whole.items():
+            if key not in values:
+                return f"{place}{key}"
+            if found := _missing(value, values[key], f"{place}{key}."):
+                return found
+    return ""

@@ -5,14 +5,14 @@ the screw for a while, and its level counts as new then.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from ...messages.features import FAULT_WORDS, Fault
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
-from ...messages.stored import Packed, Stored
+from ...messages.stored import Number, Stored
 from .channel_limits import ChannelLimits
 from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, AgreementState, pieces_of
 from .repeats import EncoderResolution, OpenRun, followed, standing
@@ -76,7 +76,7 @@ class _Trial:
     agreed_s: float = 0.0
     way_m: float = 0.0
     last_s: float = TRIAL_S  # needed by the last trial
-    since_s: float = np.inf  # motion since it was passed
+    since_s: Number = np.inf  # motion since it was passed
     missing_s: float = 0.0  # without a value
     elsewhere: bool = False  # agrees, at another level
     returned: bool = False  # passed, and not reported yet
@@ -116,9 +116,9 @@ class _Runs:
 class _Torque:
     """Least and most torque of the interval before, and the value at which it is stuck, N m."""
 
-    least: float = np.nan
-    most: float = np.nan
-    stuck: float = np.nan
+    least: Number = np.nan
+    most: Number = np.nan
+    stuck: Number = np.nan
 
 
 @dataclass(slots=True)
@@ -127,10 +127,10 @@ class _State:
 
     agreement: AgreementState
     level: AgreementState
-    manners: Annotated[EncoderResolution, Packed()]
-    trial: Annotated[_Trial, Packed()]
-    runs: Annotated[_Runs, Packed()]
-    torque: Annotated[_Torque, Packed()]
+    manners: EncoderResolution
+    trial: _Trial
+    runs: _Runs
+    torque: _Torque
 
 
 _STORED: Stored[_State] = Stored(_State)

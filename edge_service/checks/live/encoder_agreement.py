@@ -4,13 +4,12 @@ Compared piece by piece, as machine code.
 """
 
 from dataclasses import astuple, dataclass, field
-from typing import Annotated
 
 import numpy as np
 
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
-from ...messages.stored import Packed
+from ...messages.stored import Number
 from ...models.compiled import compiled
 from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH, ChannelLimits
 
@@ -48,11 +47,11 @@ class Chunk:
         way_m: of the screw.
     """
 
-    time_s: float
-    parted_m: float
-    way_m: float
-    speed_m_s: float
-    torque_nm: float
+    time_s: Number
+    parted_m: Number
+    way_m: Number
+    speed_m_s: Number
+    torque_nm: Number
 
 
 @dataclass(slots=True)
@@ -63,10 +62,10 @@ class Contact:
         pushed_from_m: way of the screw at which it began to push; NaN while it does not.
     """
 
-    direction: float = 0.0
-    speed_m_s: float = np.nan
-    time_s: float = np.nan
-    pushed_from_m: float = np.nan
+    direction: Number = 0.0
+    speed_m_s: Number = np.nan
+    time_s: Number = np.nan
+    pushed_from_m: Number = np.nan
 
 
 @dataclass(slots=True)
@@ -79,9 +78,9 @@ class AgreementState:
         anchors: earlier pieces by name.
     """
 
-    contact: Annotated[Contact, Packed()] = field(default_factory=Contact)
+    contact: Contact = field(default_factory=Contact)
     closed: bool = False
-    anchors: dict[str, Annotated[Chunk, Packed()]] = field(default_factory=dict)
+    anchors: dict[str, Chunk] = field(default_factory=dict)
 
 
 class Agreement:

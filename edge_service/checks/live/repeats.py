@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import Floats
+from ...messages.stored import Number
 from ...models.compiled import compiled
 
 LEAST_ROWS = 4
@@ -28,10 +29,10 @@ class OpenRun:
         low_m, high_m: reach of the other channel meanwhile.
     """
 
-    value: float = np.nan
+    value: Number = np.nan
     rows: int = 0
-    low_m: float = np.inf
-    high_m: float = -np.inf
+    low_m: Number = np.inf
+    high_m: Number = -np.inf
 
 
 def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, float]:
@@ -94,8 +95,8 @@ class ChannelResolution:
         hold_s: least usual time between two steps of the moving axis.
     """
 
-    step_m: float = math.nan
-    hold_s: float = math.nan
+    step_m: Number = math.nan
+    hold_s: Number = math.nan
 
     def learn(self, way_m: Floats, moved_s: float) -> None:
         """Take a channel (n,) of an interval with motion in one direction for `moved_s`."""
@@ -119,7 +120,7 @@ class EncoderResolution:
 
     table: ChannelResolution
     angle: ChannelResolution
-    noise_m: float = 0.0
+    noise_m: Number = 0.0
 
     @classmethod
     def unknown(cls) -> "EncoderResolution":

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...messages.samples import Floats
-from ...messages.stored import Decimals, Logarithms, Stored
+from ...messages.stored import Stored, StoredFloats
 from . import kernel
 
 KALMAN: Floats = np.zeros(0)
@@ -70,9 +70,9 @@ class BankOutput:
 class _State:
     """States (r, 2), covariances (r, 2, 2), log mu_j (r,)."""
 
-    states: Decimals
-    covariances: Decimals
-    log_mode_probability: Logarithms
+    states: StoredFloats
+    covariances: StoredFloats
+    log_mode_probability: StoredFloats
 
 
 _STORED: Stored[_State] = Stored(_State)

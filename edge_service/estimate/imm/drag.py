@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...messages.features import FeatureBlock
-from ...messages.stored import Decimals, Number, Stored
+from ...messages.stored import Number, Stored, StoredFloats
 from ...models.machine import Machine
 
 _STATES = 5
@@ -43,8 +43,8 @@ SURPRISE_NIS, SURPRISES_OF_A_JUMP = 16.0, 3
 class _State:
     """Everything on which the next update depends; see DragFilter."""
 
-    state: Decimals
-    covariance: Decimals
+    state: StoredFloats
+    covariance: StoredFloats
     noise_var: float = 0.0
     greatest_nm: float = 0.0
     last_innovation: float = 0.0

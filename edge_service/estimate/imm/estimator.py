@@ -16,7 +16,7 @@ from ...messages.estimate import EstimateStatus, PreloadEstimate
 from ...messages.features import FeatureBlock
 from ...messages.interval import Interval
 from ...messages.samples import Floats
-from ...messages.stored import Decimals, Number, Stored
+from ...messages.stored import Number, Stored, StoredFloats
 from ...models.machine import Machine
 from ..interface import EstimatorOptions
 from ..validity import SURPRISE_HIGH, Validity
@@ -71,8 +71,8 @@ class _State:
         nis: normalised innovation squared of the last step.
     """
 
-    probability: Decimals
-    recent: list[tuple[float, Decimals]] = field(default_factory=list)
+    probability: StoredFloats
+    recent: list[tuple[float, StoredFloats]] = field(default_factory=list)
     last_end_s: float | None = None
     stopped_s: float = 0.0
     nis: Number = float("nan")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...messages.samples import Floats
-from ...messages.stored import Decimals, Stored
+from ...messages.stored import Stored, StoredFloats
 from .bank import (
     NO_STATE,
     BankOutput,
@@ -28,9 +28,9 @@ from .bank import (
 class _State:
     """States (r, 2), covariances (r, 2, 2) and mu_j (r,)."""
 
-    states: Decimals
-    covariances: Decimals
-    mode_probability: Decimals
+    states: StoredFloats
+    covariances: StoredFloats
+    mode_probability: StoredFloats
 
 
 _STORED: Stored[_State] = Stored(_State)
