@@ -161,7 +161,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 1016,
+    "bus": 929,
     "checks": 3793,
     "cli": 1386,
     "config": 696,
@@ -172,7 +172,7 @@ MOST_LINES = {
     "fingerprint": 3065,
     "health": 5145,
     "http_api": 2776,
-    "messages": 2219,
+    "messages": 2072,
     "models": 6283,
     "nodes": 3051,
     "offline": 6380,
@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3602,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51357,
+    "tests": 51286,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 404
