@@ -42,7 +42,6 @@ def read_recording(machine: Machine, path: Path, *, keep_all: bool = False) -> S
 def controller_axis(
     machine: Machine,
     number: int | None = None,
-    torque_constant_nm_per_a: float | None = None,
     *,
     interpolate_positions: bool = False,
 ) -> ControllerAxis:
@@ -50,6 +49,5 @@ def controller_axis(
     return ControllerAxis(
         machine.axis.number if number is None else number,
         machine.axis.lead_m,
-        torque_constant_nm_per_a,
         interpolate_positions,
     )

@@ -11,13 +11,14 @@ import pytest
 
 from edge_service.models.machine import Machine
 from edge_service.offline.convert import ConvertSummary, convert
-from edge_service.offline.recordings import controller_axis
+from edge_service.offline.recordings import read_recording
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace, read_trace
 
 LEAD_M = 0.01
 SPEED_MM_S = 5.0
 ROWS = 4000
+CURRENT: dict[str, object] = {"torque_command_nm": {"column": "ActCurr", "scale": 0.8}}
 
 
 def _machine(columns: dict[str, object] | None = None) -> Machine:
@@ -62,8 +63,7 @@ def _xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:
 def _convert(folder: Path, out: str, text: str | None = None, **options: bool) -> ConvertSummary:
     source = folder / "trace.xml"
     source.write_text(text or _xml())
-    axis = controller_axis(_machine(), torque_constant_nm_per_a=0.8)
-    return convert(source, folder / out, _machine(), axis, **options)
+    return convert(source, folder / out, _machine(CURRENT), **options)
 
 
 @pytest.mark.parametrize("out", ["out.csv", "out.parquet"])
@@ -89,9 +89,8 @@ def test_a_trace_becomes_si_rows(tmp_path: Path, out: str) -> None:
 
 def test_the_converted_file_equals_the_source_to_the_last_bit(tmp_path: Path) -> None:
     _convert(tmp_path, "out.parquet")
-    axis = controller_axis(_machine(), torque_constant_nm_per_a=0.8)
     direct, converted = (
-        read_trace(tmp_path / "trace.xml", axis=axis),
+        read_recording(_machine(CURRENT), tmp_path / "trace.xml"),
         read_trace(tmp_path / "out.parquet"),
     )
     np.testing.assert_array_equal(direct.time_s, converted.time_s)
@@ -149,8 +148,7 @@ def test_mcap_holds_every_row(tmp_path: Path) -> None:
         messages = [message for _, _, message in reader.make_reader(file).iter_messages()]
     rows = [json.loads(message.data) for message in messages]
     assert [message.log_time for message in messages] == [row * 2_000_000 for row in range(ROWS)]
-    axis = controller_axis(_machine(), torque_constant_nm_per_a=0.8)
-    direct = read_trace(tmp_path / "trace.xml", axis=axis)
+    direct = read_recording(_machine(CURRENT), tmp_path / "trace.xml")
     for name, values in direct.channels.items():
         assert [row[name] for row in rows] == values.tolist()
 

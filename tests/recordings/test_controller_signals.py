@@ -72,11 +72,9 @@ def test_the_machine_file_comes_first_and_may_use_short_names(tmp_path: Path) ->
     assert not any(remark.startswith("torque_command_nm") for remark in reader.remarks)
 
 
-def test_a_current_is_a_torque_with_a_torque_constant_only(tmp_path: Path) -> None:
+def test_a_current_is_no_torque_without_a_scale(tmp_path: Path) -> None:
     path = _write(tmp_path, ".csv", EDGE.replace("TORQUE|1", "POWER|1"))
     with open_trace(path, axis=AXIS) as reader:
         assert "torque_command_nm" not in reader.channels
         wish = "torque_command_nm could be CURRENT, lacking: the torque constant in N m/A"
         assert wish in reader.remarks
-    axis = ControllerAxis(1, lead_m=0.01, torque_constant_nm_per_a=0.5)
-    assert read_trace(path, axis=axis).channels["torque_command_nm"].tolist() == [1.0, 1.25]

@@ -11,7 +11,6 @@ measured), following error, load and status. `ActVelMotorSide` (veloRot) is left
 source gives its unit, and one recording shows 18 rev/min as 0.005.
 """
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,11 +25,9 @@ from ...messages.samples import (
     TABLE_POSITION,
     TABLE_SPEED,
     TORQUE,
+    factor_to,
 )
 from ..columns import AxisError, ColumnLike, ColumnMap
-
-_SI = SI | {"A": (1.0, "A")}
-"""Unit of a controller -> factor to SI, SI unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,47 +38,22 @@ class ControllerAxis:
         number: the controller's number of the axis; None takes the only one there.
         lead_m: table travel per revolution of the screw, m. Controllers give the rotary encoder in
             mm of table travel, so without it there is no motor angle.
-        torque_constant_nm_per_a: N m per A of torque-producing current; without it a current is
-            no torque.
         interpolate_positions: draw positions of a slower clock as straight lines between their
             samples instead of holding them.
     """
 
     number: int | None = None
     lead_m: float | None = None
-    torque_constant_nm_per_a: float | None = None
     interpolate_positions: bool = False
 
-    def scale(self, channel: str, unit: str) -> float | None:
+    def scale(self, channel: str, unit: str | None) -> float | None:
         """Factor from `unit` to the unit of `channel`; None where this axis cannot tell it."""
-        factor, si_unit = _SI[unit]
+        factor, si_unit = SI.get(unit or "", (1.0, ""))
         wanted = CHANNELS[channel].unit
         if si_unit == wanted:
             return factor
-        link = self._links().get((si_unit, wanted))
-        return None if link is None else factor * link
-
-    def link(self, channel: str, unit: str) -> str:
-        """Basis of `scale` beside the unit, in words; empty where there is none."""
-        link = (_SI[unit][1], CHANNELS[channel].unit)
-        if link == ("A", "N m"):
-            return f"a torque constant of {self.torque_constant_nm_per_a} N m/A"
-        return f"a lead of {self.lead_m} m" if link in self._links() else ""
-
-    def missing(self, channel: str, unit: str) -> str:
-        """Information that `scale` lacks, in words."""
-        link = (_SI[unit][1], CHANNELS[channel].unit)
-        if link == ("A", "N m"):
-            return "the torque constant in N m/A"
-        return "the lead of the screw" if link in self._links() else f"{unit} is no unit of it"
-
-    def _links(self) -> dict[tuple[str, str], float | None]:
-        rad_per_m = None if self.lead_m is None else 2.0 * math.pi / self.lead_m
-        return {
-            ("m", "rad"): rad_per_m,
-            ("m/s", "rad/s"): rad_per_m,
-            ("A", "N m"): self.torque_constant_nm_per_a,
-        }
+        known = si_unit and self.lead_m is not None
+        return factor_to(unit, wanted, self.lead_m) if known else None
 
 
 SINUMERIK_UNITS = {"posn": "mm", "velo": "mm/min", "veloRot": "rev/min", "current": "A"}
@@ -113,6 +85,8 @@ EDGE_CYCLE = "CYCLE"
 EDGE_ACTIVE_ENCODER = "ENC_POS"
 """Position of the encoder that the controller uses, whichever that is."""
 
+_LACKING = {None: "its unit", "A": "the torque constant in N m/A"}
+"""Unit of a signal -> what is lacking to read it as any channel."""
 _SINUMERIK_NAME = re.compile(r"(?:.*/)?(?P<short>[^/\[\s]+)\s*\[.*[,;]\s*(?P<axis>\d+)\s*\]\s*")
 _SERVO_DATA = re.compile(r"nckServoData(?P<short>.+?)(?:32|64)?")
 _EDGE_NAME = re.compile(r"(?P<short>[A-Z][A-Z0-9_]*)\|(?P<axis>\d+)")
@@ -153,28 +127,21 @@ class ControllerColumns:
 
     def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnLike]:
         """A machine file's columns with short names written out."""
-
-        def written_out(name: str) -> str:
-            return self.aliases.get(name, name)
-
         return {
             channel: ColumnMap(
-                written_out(column.column),
-                column.scale,
-                column.offset,
-                written_out(column.minus),
-                written_out(column.direction),
+                self.aliases.get(each.column, each.column),
+                each.scale,
+                each.offset,
+                self.aliases.get(each.minus, each.minus),
+                self.aliases.get(each.direction, each.direction),
             )
-            for channel, column in columns.items()
+            for channel, each in columns.items()
         }
 
     def remarks(self, chosen: Mapping[str, ColumnMap]) -> tuple[str, ...]:
         """One line on each channel that is read by its name, or could be if more were known."""
-        used = [
-            line for channel, line in self.used.items() if chosen[channel] == self.columns[channel]
-        ]
-        lacking = [line for channel, line in self.lacking.items() if channel not in chosen]
-        return (*used, *lacking)
+        used = [line for name, line in self.used.items() if chosen[name] == self.columns[name]]
+        return (*used, *(line for name, line in self.lacking.items() if name not in chosen))
 
 
 def sinumerik_signal(column: str, units_type: str) -> ControllerSignal | None:
@@ -193,11 +160,10 @@ def sinumerik_signal(column: str, units_type: str) -> ControllerSignal | None:
 
 def edge_signals(names: Sequence[str]) -> list[ControllerSignal]:
     """Signals of columns such as `ENC1_POS|1`; none if no known one is among them."""
-    found = [(name, _EDGE_NAME.fullmatch(name)) for name in names]
     signals = [
         ControllerSignal(name, match["short"], int(match["axis"]), EDGE_UNITS.get(match["short"]))
-        for name, match in found
-        if match
+        for name in names
+        if (match := _EDGE_NAME.fullmatch(name))
     ]
     return signals if any(signal.unit for signal in signals) else []
 
@@ -240,42 +206,30 @@ def map_signals(
     named = {column.column for column in columns.values()}
     meant = {signal.axis for signal in signals if signal.column in named}
     wanted = meant.pop() if axis.number is None and len(meant) == 1 else axis.number
-    number = _axis_number(path, signals, wanted, axis_names or {})
+    numbers = sorted({signal.axis for signal in signals})
+    names = axis_names or {}
+    shown = ", ".join(f"{n} ({names[n]})" if n in names else str(n) for n in numbers) or "none"
+    if wanted is None and len(numbers) != 1:
+        raise AxisError(
+            f"{path}: axes there are: {shown}; expected the number of the one wanted "
+            "(--axis-number, or number under [axis] of the machine file)"
+        )
+    number = numbers[0] if wanted is None else wanted
+    if number not in numbers:
+        raise AxisError(f"{path}: no signal of axis {number}; axes there are: {shown}")
     of_axis = {s.short.lower(): s for s in reversed(signals) if s.axis == number}
     found = ControllerColumns(aliases={each.short: each.column for each in of_axis.values()})
-    for channel, names in meanings.items():
-        for signal in (of_axis[name.lower()] for name in names if name.lower() in of_axis):
-            scale = None if signal.unit is None else axis.scale(channel, signal.unit)
-            if signal.unit is None or scale is None:
-                what = "its unit" if signal.unit is None else axis.missing(channel, signal.unit)
-                found.lacking[channel] = f"{channel} could be {signal.short}, lacking: {what}"
+    for channel, shorts in meanings.items():
+        for signal in (of_axis[short.lower()] for short in shorts if short.lower() in of_axis):
+            scale = axis.scale(channel, signal.unit)
+            if scale is None:
+                lacks = _LACKING.get(signal.unit, "the lead of the screw")
+                found.lacking[channel] = f"{channel} could be {signal.short}, lacking: {lacks}"
                 continue
+            basis = str(signal.unit)
+            if SI[basis][1] != CHANNELS[channel].unit:
+                basis += f", with a lead of {axis.lead_m} m"
             found.columns[channel] = ColumnMap(signal.column, scale)
-            link = axis.link(channel, signal.unit)
-            basis = f"{signal.unit}, with {link}" if link else signal.unit
             found.used[channel] = f"{channel} = {scale:.6g} * {signal.short} ({basis})"
             break
     return found
-
-
-def _axis_number(
-    path: Path,
-    signals: Sequence[ControllerSignal],
-    wanted: int | None,
-    axis_names: Mapping[int, str],
-) -> int:
-    numbers = sorted({signal.axis for signal in signals})
-    named = (
-        f"{each} ({axis_names[each]})" if each in axis_names else str(each) for each in numbers
-    )
-    shown = ", ".join(named) or "none"
-    if wanted is not None:
-        if wanted not in numbers:
-            raise AxisError(f"{path}: no signal of axis {wanted}; axes there are: {shown}")
-        return wanted
-    if len(numbers) == 1:
-        return numbers[0]
-    raise AxisError(
-        f"{path}: axes there are: {shown}; expected the number of the one wanted "
-        "(--axis-number, or number under [axis] of the machine file)"
-    )
