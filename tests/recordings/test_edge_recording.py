@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from edge_service.cli.entry import main
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace
-from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock, block_number
+from edge_service.recordings.sinumerik.edge import RESTART_GAP_S, CycleClock
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from .form_files import edge_json
@@ -114,7 +115,7 @@ def test_tool_and_block_stand_beside_each_sample(tmp_path: Path) -> None:
     path = _csv(tmp_path / "T_hfdata.csv", [100, 101, 102, 103, 104, 105])
     (tmp_path / "T_hfblockevent.csv").write_text(EVENTS)
     (frame,), reader = _read(path, keep_all=True)
-    first, second = block_number("G1 X1, Y2"), block_number("G1 X3")
+    first, second = crc32(b"G1 X1, Y2"), crc32(b"G1 X3")
     expected = [math.nan, math.nan, first, first, second, second]
     np.testing.assert_array_equal(frame.channels[BLOCK], expected)
     np.testing.assert_array_equal(frame.channels[TOOL][2:], 6.0)
@@ -146,7 +147,7 @@ def test_json_is_read_with_its_own_period_axes_and_blocks(tmp_path: Path) -> Non
     np.testing.assert_allclose(
         frame.channels["motor_angle_rad"], 2 * math.pi / 10 * np.arange(10, 14)
     )
-    first, second = block_number("G1 X1"), block_number("G1 X2")
+    first, second = crc32(b"G1 X1"), crc32(b"G1 X2")
     np.testing.assert_array_equal(frame.channels[BLOCK], [first, first, second, second])
     assert "time_s = 0.004 s * CYCLE" in reader.remarks
 

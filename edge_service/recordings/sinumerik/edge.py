@@ -14,11 +14,13 @@ Process Monitoring and Anomaly Detection in Industrial CNC Milling" (KIT, 2025).
 import csv
 import itertools
 import math
+import os
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -36,7 +38,8 @@ WIDE = 1.5
 HEADER, PAYLOAD, SAMPLES, EVENT = "Header", "Payload", "HFData", "HFBlockEvent"
 SHORTEST_S, LONGEST_S = 1e-5, 10.0
 MOST_EVENTS = 2_000_000
-_EVENT_NUMBERS, _GCODE = ("ActiveTool", "SelectedTool", "SeekOffset"), "GCode"
+_NUMBERS, _GCODE = ("ActiveTool", "SelectedTool", "SeekOffset"), "GCode"
+EVENT_COLUMNS = tuple(f"{EVENT}.{name}" for name in (*_NUMBERS, _GCODE))
 _COUNTERS = ("HFProbeCounter", "HfProbeCounter")
 _LARGEST_FILE, _LONGEST_HEADER, _MOST_AXES = 1 << 28, 1 << 20, 1000
 _BESIDE = {
@@ -59,14 +62,12 @@ class CycleClock:
 
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
-        self.restarts = self.gaps = 0
-        self.lost = 0.0
+        self.restarts = self.gaps = self._rows = 0
+        self.lost = self._origin = 0.0
+        self._offset = 0.0  # of the run, in counts: the same sums however a recording is parted
         self._restart_rows: list[int] = []
-        self._rows = 0
         self._usual: float | None = None
         self._last: float | None = None
-        self._origin = 0.0
-        self._offset = 0.0  # of the run, in counts: the same sums however a recording is parted
 
     @property
     def step_s(self) -> float | None:
@@ -83,7 +84,13 @@ class CycleClock:
                 self._origin = self._last = float(counts[0])
             before = np.concatenate(([self._last], counts[:-1]))
             steps = counts - before
-            self._count_gaps(steps)
+            forward = steps[steps > 0.0]
+            if self._usual is None and len(forward):
+                self._usual = float(np.median(forward))
+            if self._usual is not None:
+                wide = steps[steps > WIDE * self._usual]
+                self.gaps += len(wide)
+                self.lost += float(np.sum(wide / self._usual - 1.0))
             ends = sorted({0, *np.flatnonzero(steps < 0.0).tolist(), len(counts)})
             for start, stop in itertools.pairwise(ends):
                 if steps[start] < 0.0:
@@ -97,15 +104,6 @@ class CycleClock:
             self._last = float(counts[-1])
         self._rows += len(cycle)
         return time_s, run
-
-    def _count_gaps(self, steps: Floats) -> None:
-        forward = steps[steps > 0.0]
-        if self._usual is None and len(forward):
-            self._usual = float(np.median(forward))
-        if self._usual is not None:
-            wide = steps[steps > WIDE * self._usual]
-            self.gaps += len(wide)
-            self.lost += float(np.sum(wide / self._usual - 1.0))
 
     def remarks(self) -> list[str]:
         """One line each on the period, on gaps and on restarts."""
@@ -124,90 +122,25 @@ class CycleClock:
         return lines
 
 
-class BlockEvents:
-    """Events in the order of the recording; a count that falls begins the next run."""
-
-    names = tuple(f"{EVENT}.{name}" for name in (*_EVENT_NUMBERS, _GCODE))
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._runs: list[tuple[list[float], list[list[float]]]] = [([], [])]
-
-    def add(self, event: Mapping[str, Any]) -> None:
-        """Keep an event; one without a count says nothing."""
-        counter = next((_number(event[name]) for name in _COUNTERS if name in event), math.nan)
-        if not math.isfinite(counter) or self.count >= MOST_EVENTS:
-            return
-        if self._runs[-1][0] and counter < self._runs[-1][0][-1]:
-            self._runs.append(([], []))
-        block = str(event.get(_GCODE) or "").strip()
-        numbers = [_number(event.get(name)) for name in _EVENT_NUMBERS]
-        self._runs[-1][0].append(counter)
-        self._runs[-1][1].append([*numbers, block_number(block) if block else math.nan])
-        self.count += 1
-
-    def at(self, cycle: Floats, run: Floats) -> dict[str, Floats]:
-        """Columns of the events in force; NaN before the first, shape (n,) each.
-
-        Args:
-            cycle: count of each sample, (n,).
-            run: how often the count has begun anew before it, (n,).
-        """
-        values = np.full((len(cycle), len(self.names)), np.nan)
-        for number in np.unique(run).astype(int):
-            counters, found = self._runs[min(number, len(self._runs) - 1)]
-            newest = np.searchsorted(counters, cycle, side="right") - 1
-            here = (run == number) & (newest >= 0) & np.isfinite(cycle)
-            if here.any():
-                values[here] = np.array(found)[newest[here]]
-        return dict(zip(self.names, values.T, strict=True))
-
-
-def block_number(block: str) -> float:
-    """A number that equal blocks share, whatever the day: CRC-32 of the text."""
-    return float(zlib.crc32(block.encode()))
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
-
-
 @dataclass(slots=True)
 class EdgeContext:
-    """Context beside the samples.
+    """Context beside the samples; tool and block may still come while the samples are read.
 
     Attributes:
         period_s: of the count; None where nothing says it.
         axis_names: number of an axis -> its name.
-        events: tool and block; they may still come while the samples are read.
+        events: of each run, counts and [tool, next tool, place, block] from them on, in order.
+        event_count: of all runs.
         has_events: whether there may be some.
         remarks: one line each.
     """
 
     period_s: float | None = None
     axis_names: dict[int, str] = field(default_factory=dict)
-    events: BlockEvents = field(default_factory=BlockEvents)
+    events: list[tuple[list[float], list[list[float]]]] = field(default_factory=lambda: [([], [])])
+    event_count: int = 0
     has_events: bool = False
     remarks: list[str] = field(default_factory=list)
-
-    @classmethod
-    def beside(cls, path: Path) -> "EdgeContext":
-        """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
-        context = cls()
-        place = path.name.lower().rfind("hfdata")
-        for kind, read in (("header", context.read_header), ("hfblockevent", context.read_events)):
-            beside = path.with_name(path.name[:place] + kind + path.name[place + len("hfdata") :])
-            if place < 0 or not beside.is_file():
-                continue
-            try:
-                read(beside)
-            except (OSError, ValueError, csv.Error) as error:
-                why = " ".join(str(error).split())[:80]
-                context.remarks.append(f"{beside.name}: not used ({why})")
-        return context
 
     def name_axis(self, address: str, name: str) -> None:
         """Note the name of the axis that a signal belongs to."""
@@ -215,28 +148,84 @@ class EdgeContext:
         if name.strip() and number.isdecimal() and len(self.axis_names) < _MOST_AXES:
             self.axis_names.setdefault(int(number), name.strip()[:20])
 
-    def read_header(self, path: Path) -> None:
-        """Names of axes in a list of signals. Raises OSError and csv.Error."""
-        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-            for row in csv.DictReader(file.read(_LONGEST_HEADER).splitlines()):
-                self.name_axis(row.get("Address") or "", row.get("Axis") or "")
+    def add_event(self, event: Mapping[str, Any]) -> None:
+        """Keep an event; one without a count says nothing, one that falls begins the next run."""
+        counter = next((_number(event[name]) for name in _COUNTERS if name in event), math.nan)
+        if not math.isfinite(counter) or self.event_count >= MOST_EVENTS:
+            return
+        if self.events[-1][0] and counter < self.events[-1][0][-1]:
+            self.events.append(([], []))
+        block = str(event.get(_GCODE) or "").strip()
+        # CRC-32 of the text: a number that equal blocks share, whatever the day
+        number = float(zlib.crc32(block.encode())) if block else math.nan
+        self.events[-1][0].append(counter)
+        self.events[-1][1].append([*(_number(event.get(name)) for name in _NUMBERS), number])
+        self.event_count += 1
 
-    def read_events(self, path: Path) -> None:
-        """Events of a recording. Raises OSError, ValueError and csv.Error."""
-        if path.stat().st_size > _LARGEST_FILE:
-            raise ValueError(f"more than {_LARGEST_FILE >> 20} MB")
-        events = BlockEvents()
-        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-            first = file.readline(_LONGEST_HEADER)
-            delimiter = ";" if ";" in first.split(_GCODE)[0] else ","
-            file.seek(0)
-            reader = csv.DictReader(file, delimiter=delimiter)
-            if not set(_COUNTERS) & set(reader.fieldnames or ()):
-                raise ValueError(f"no column {_COUNTERS[0]}")
-            for row in reader:
-                events.add(row)
-        self.events, self.has_events = events, True
-        self.remarks.append(f"{path.name}: {events.count} blocks of the NC program")
+    def events_at(self, cycle: Floats, run: Floats) -> dict[str, Floats]:
+        """Columns of the events in force; NaN before the first, shape (n,) each.
+
+        Args:
+            cycle: count of each sample, (n,).
+            run: how often the count has begun anew before it, (n,).
+        """
+        values = np.full((len(cycle), len(EVENT_COLUMNS)), np.nan)
+        for number in np.unique(run).astype(int):
+            counters, found = self.events[min(number, len(self.events) - 1)]
+            newest = np.searchsorted(counters, cycle, side="right") - 1
+            here = (run == number) & (newest >= 0) & np.isfinite(cycle)
+            if here.any():
+                values[here] = np.array(found)[newest[here]]
+        return dict(zip(EVENT_COLUMNS, values.T, strict=True))
+
+
+def _number(value: Any) -> float:
+    with suppress(TypeError, ValueError, OverflowError):
+        return float(value)
+    return math.nan
+
+
+def _context_beside(path: Path) -> EdgeContext:
+    """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
+    context = EdgeContext()
+    place = path.name.lower().rfind("hfdata")
+    for kind, read in (("header", _read_header), ("hfblockevent", _read_events)):
+        beside = path.with_name(path.name[:place] + kind + path.name[place + len("hfdata") :])
+        if place < 0 or not beside.is_file():
+            continue
+        try:
+            with beside.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+                read(file, context)
+        except (OSError, ValueError, csv.Error) as error:
+            why = " ".join(str(error).split())[:80]
+            context.remarks.append(f"{beside.name}: not used ({why})")
+            continue
+        if context.has_events:
+            context.remarks.append(f"{beside.name}: {context.event_count} blocks of the NC program")
+    return context
+
+
+def _read_header(file: TextIO, context: EdgeContext) -> None:
+    for row in csv.DictReader(file.read(_LONGEST_HEADER).splitlines()):
+        context.name_axis(row.get("Address") or "", row.get("Axis") or "")
+
+
+def _read_events(file: TextIO, context: EdgeContext) -> None:
+    if os.fstat(file.fileno()).st_size > _LARGEST_FILE:
+        raise ValueError(f"more than {_LARGEST_FILE >> 20} MB")
+    delimiter = ";" if ";" in file.readline(_LONGEST_HEADER).split(_GCODE)[0] else ","
+    file.seek(0)
+    reader = csv.DictReader(file, delimiter=delimiter)
+    if not set(_COUNTERS) & set(reader.fieldnames or ()):
+        raise ValueError(f"no column {_COUNTERS[0]}")
+    events = EdgeContext()
+    for row in reader:
+        events.add_event(row)
+    context.events, context.event_count, context.has_events = (
+        events.events,
+        events.event_count,
+        True,
+    )
 
 
 class EdgeRows:
@@ -291,14 +280,11 @@ class EdgeRows:
         return text
 
     def _cell(self, name: str, value: Any) -> float:
-        if value is None:
-            return math.nan
-        try:
-            return float(value)
-        except (TypeError, ValueError, OverflowError):
-            before = self._text.get(name, Text(0, str(value)[:40]))
-            self._text[name] = Text(before.count + 1, before.first)
-            return math.nan
+        with suppress(TypeError, ValueError, OverflowError):
+            return math.nan if value is None else float(value)
+        before = self._text.get(name, Text(0, str(value)[:40]))
+        self._text[name] = Text(before.count + 1, before.first)
+        return math.nan
 
 
 class EdgeSource(Source):
@@ -317,9 +303,10 @@ class EdgeSource(Source):
             "" if told_s else "; the usual period of Industrial Edge, as no header says it"
         )
         self._counted = EDGE_CYCLE in inner.names
-        own = (TIME,) if sets_time and TIME not in inner.names else ()
-        events = BlockEvents.names if self._counted and context.has_events else ()
-        self.names = (*own, *inner.names, *events)
+        self._own = ((TIME,) if sets_time else ()) + EVENT_COLUMNS
+        time = (TIME,) if sets_time and TIME not in inner.names else ()
+        events = EVENT_COLUMNS if self._counted and context.has_events else ()
+        self.names = (*time, *inner.names, *events)
 
     @property
     def fraction_read(self) -> float:
@@ -346,29 +333,22 @@ class EdgeSource(Source):
         """Read these columns only."""
         self.wanted = names
         inner = [name for name in names if name in self._inner.names]
-        if self._counted and self._derived() and EDGE_CYCLE not in inner:
+        if self._counted and set(names) & set(self._own) and EDGE_CYCLE not in inner:
             inner.append(EDGE_CYCLE)
         self._inner.want(inner)
-
-    def _derived(self) -> set[str]:
-        """Wanted columns that are not the file's own."""
-        time = {TIME} if self.sets_time else set()
-        return set(self.wanted) & (time | set(BlockEvents.names))
 
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
         block = self._inner.read_block()
         self.ragged_rows = self._inner.ragged_rows
-        derived = self._derived()
+        derived = set(self.wanted) & set(self._own)
         if block is None or not derived:
             return block
+        values = {TIME: block.row_number * self.clock.period_s}
         if self._counted:
             cycle = np.asarray(block.values[EDGE_CYCLE], dtype=np.float64)
             time_s, run = self.clock.times(cycle)
-            events = self.context.events.at(cycle, run) if derived - {TIME} else {}
-            values = {TIME: time_s} | events
-        else:
-            values = {TIME: block.row_number * self.clock.period_s}
+            values = {TIME: time_s} | self.context.events_at(cycle, run)
         kept = {name: values[name] for name in derived}
         return Block(block.values | kept, block.row_number, block.text)
 
@@ -405,4 +385,4 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]
     period_s = mapped.scale if mapped is not None and by_count else None
     sets_time = by_count or (mapped is None and TIME not in source.names)
     context: EdgeContext | None = getattr(source, "context", None)
-    return EdgeSource(source, context or EdgeContext.beside(path), period_s, sets_time=sets_time)
+    return EdgeSource(source, context or _context_beside(path), period_s, sets_time=sets_time)

@@ -155,7 +155,7 @@ class EdgeJsonSource(Source):
             if isinstance(samples, list):
                 self._waiting += samples
             if isinstance(event, dict):
-                self.context.events.add(event)
+                self.context.add_event(event)
 
 
 def recognises(head: bytes, _path: Path) -> bool:
