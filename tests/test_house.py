@@ -175,12 +175,12 @@ MOST_LINES = {
     "messages": 2072,
     "models": 6283,
     "nodes": 3051,
-    "offline": 6380,
+    "offline": 6378,
     "outputs": 1880,
-    "recordings": 3602,
+    "recordings": 3469,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51286,
+    "tests": 51283,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 404
