@@ -10,8 +10,7 @@ import numpy as np
 from ..atomic import replaced_bytes
 from ..checks.positions import speed_doubts
 from ..command_answer import Answer
-from ..health.store.history import History
-from ..health.store.history_file import HistoryForm, write_history
+from ..health.store.history import History, HistoryForm, write_history
 from ..health.store.store import Store, StoreFailedError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine

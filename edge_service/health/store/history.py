@@ -1,8 +1,8 @@
-"""History of the axes in three resolutions: estimates, minutes and hours.
+"""History of the axes in three resolutions: seconds, minutes and hours.
 
-New estimates are kept as they come, in the table of the open hour. When an hour is over, they
-become one compressed chunk of single estimates, and rows in the chunks of the day's minutes and of
-the month's hours, all in one transaction.
+Estimates are kept within a second of their coming, in the table of the open hour. When an hour is
+over, they become a compressed chunk of its seconds, and rows in the chunks of the day's minutes and
+of the month's hours, all in one transaction.
 """
 
 import logging
@@ -11,19 +11,20 @@ import sqlite3
 import threading
 import zlib
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from typing import IO, Any
 from zlib import crc32
 
 import numpy as np
-import numpy.typing as npt
 
 from ...clock import FUTURE_S
 from ...messages.estimate import PreloadEstimate
 from .rows import (
     NAN,
     NO_ROWS,
-    SINGLE,
-    SPAN,
+    QUANTITIES,
+    STATUSES,
     Bucket,
     Rows,
     aggregate,
@@ -44,23 +45,22 @@ CREATE TABLE IF NOT EXISTS history (
     axis TEXT NOT NULL, step_s INTEGER NOT NULL, start_s INTEGER NOT NULL, rows BLOB NOT NULL,
     digest INTEGER NOT NULL, PRIMARY KEY (axis, step_s, start_s)
 );
-CREATE TABLE IF NOT EXISTS open_history (
+CREATE TABLE IF NOT EXISTS open_hour (
     id INTEGER PRIMARY KEY, axis TEXT NOT NULL, hour_s INTEGER NOT NULL, rows BLOB NOT NULL,
     digest INTEGER NOT NULL
 );
-CREATE INDEX IF NOT EXISTS open_history_by_axis ON open_history (axis, hour_s);
+CREATE INDEX IF NOT EXISTS open_hour_by_axis ON open_hour (axis, hour_s);
 """
 HOUR_S = 3600
 DAY_S = 24 * HOUR_S
-CHUNKS_S = {0: HOUR_S, 60: DAY_S, HOUR_S: 30 * DAY_S}
-"""Length of what is kept as one, s, by the step of its rows, s; 0: single estimates."""
+CHUNKS_S = {1: HOUR_S, 60: DAY_S, HOUR_S: 30 * DAY_S}
+"""Length of what is kept as one, s, by the step of its rows, s."""
 MOST_WAITING = 36_000
 """Estimates of an axis, an hour of them, that wait for a disk that takes nothing."""
 MEMORY_MB = 64.0
 """Budget where the store lives in memory."""
 _GREATEST = 2**62
-_HOUR_US = HOUR_S * 1_000_000
-_OVER = "SELECT axis, hour_s FROM open_history WHERE hour_s <> ? LIMIT 1"
+_OVER = "SELECT axis, hour_s FROM open_hour WHERE hour_s <> ? LIMIT 1"
 _OLDEST = """SELECT axis, step_s, start_s FROM history WHERE step_s < ?
 ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
 
@@ -71,7 +71,7 @@ class History:
     `append` never waits and may be called from an event loop; all else is for any thread.
 
     Args:
-        budget_mb: greatest size of the file; the oldest estimates make room first, then minutes.
+        budget_mb: greatest size of the file; the oldest seconds make room first, then minutes.
     """
 
     def __init__(self, store: Store, budget_mb: float = MEMORY_MB) -> None:
@@ -118,13 +118,13 @@ class History:
                 self._is_new = False
 
     def rows(self, axis: str, start_s: float, end_s: float, finest_step_s: float) -> Rows:
-        """Rows of [start_s, end_s) whose own steps are no longer than `finest_step_s`, by time.
+        """Rows that begin in [start_s, end_s), of steps no longer than `finest_step_s`, by time.
 
         Where the finer rows have made room already, or were damaged, coarser ones stand in; those
-        of the open hour are single estimates. Raises StoreFailedError.
+        of the open hour are seconds. Raises StoreFailedError.
         """
         fine = [step_s for step_s in CHUNKS_S if step_s <= finest_step_s]
-        steps_s = [step_s for step_s in CHUNKS_S if step_s >= max(fine, default=0)]
+        steps_s = [step_s for step_s in CHUNKS_S if step_s >= max(fine, default=1)]
         start_s, end_s = max(start_s, -_GREATEST), min(end_s, _GREATEST)
 
         def work(file: sqlite3.Connection) -> tuple[list[Rows], bytes]:
@@ -133,77 +133,69 @@ class History:
 
         with self._lock:
             waiting = b"".join(self._waiting.get(axis, ()))
-        tiers, open_records = self._store.read(work)
-        known = filled(tiers, steps_s)
-        fresh = between(rows_of(open_records + waiting), start_s, end_s)
-        if steps_s[0] == 0:
-            fresh = _without(fresh, known)
-        return joined(known, fresh)
+        tiers, records = self._store.read(work)
+        fresh = between(aggregate(rows_of(records + waiting), 1.0), start_s, end_s)
+        return joined(filled(tiers, steps_s), fresh)
 
     def buckets(self, axis: str, start_s: float, end_s: float, step_s: float) -> tuple[Bucket, ...]:
         """Buckets of [start_s, end_s) that hold estimates, oldest first; empty ones are left out.
 
         Args:
             start_s, end_s: UNIX times, s.
-            step_s: Length of a bucket, s. From a minute on, buckets are made of whole minutes, and
-                from an hour on of whole hours: each belongs to the bucket in which it begins.
+            step_s: Length of a bucket, s. Buckets are made of whole seconds, from a minute on of
+                whole minutes, and from an hour on of whole hours: each belongs to the bucket in
+                which it begins.
 
         Raises StoreFailedError.
         """
-        return buckets(aggregate(self.rows(axis, start_s, end_s, step_s), start_s, step_s))
+        return buckets(aggregate(self.rows(axis, start_s, end_s, step_s), step_s, start_s))
 
     def axes(self) -> list[str]:
         """Axes of which anything is kept. Raises StoreFailedError."""
-        kept = "SELECT axis FROM history UNION SELECT axis FROM open_history ORDER BY axis"
+        kept = "SELECT axis FROM history UNION SELECT axis FROM open_hour ORDER BY axis"
         rows = self._store.read(lambda file: file.execute(kept).fetchall())
         return [axis for (axis,) in rows]
 
     def spans(
         self, axis: str, start_s: float = -math.inf, end_s: float = math.inf
     ) -> Iterator[Rows]:
-        """All rows of [start_s, end_s) as fine as they are kept, by time, an hour or a day at once.
+        """All rows of [start_s, end_s) as fine as they are kept, by time, an hour at once.
 
         Raises StoreFailedError.
         """
         chunks = "SELECT step_s, start_s FROM history WHERE axis = :axis"
-        hours = "SELECT DISTINCT 0, hour_s FROM open_history WHERE axis = :axis"
-        found = f"{chunks} UNION {hours}"
+        found = f"{chunks} UNION SELECT 1, hour_s FROM open_hour WHERE axis = :axis"
         starts = self._store.read(lambda file: file.execute(found, {"axis": axis}).fetchall())
         with self._lock:
-            waiting = np.frombuffer(b"".join(self._waiting.get(axis, ())), SINGLE)
-        hours_s = np.unique(waiting["time_us"] // _HOUR_US) * HOUR_S
-        starts += [(0, hour_s) for hour_s in hours_s.tolist()]
-        fine = {start_s for step_s, start_s in starts if step_s == 0}
-        days = {
-            at_s // DAY_S * DAY_S
+            waiting = rows_of(b"".join(self._waiting.get(axis, ())))
+        starts += [(1, int(each) // 1_000_000) for each in waiting["time_us"]]
+        hours = {
+            at_s // HOUR_S * HOUR_S
             for step_s, first_s in starts
-            for at_s in range(first_s, first_s + CHUNKS_S[step_s], HOUR_S)
+            for at_s in range(first_s, first_s + CHUNKS_S.get(step_s, 0), HOUR_S)
         }
-        for day_s in sorted(days):
-            is_fine = any(hour_s in fine for hour_s in range(day_s, day_s + DAY_S, HOUR_S))
-            step_s = HOUR_S if is_fine else DAY_S
-            for first_s in range(day_s, day_s + DAY_S, step_s):
-                first, last = max(first_s, start_s), min(first_s + step_s, end_s)
-                rows = self.rows(axis, first, last, 0.0) if first < last else NO_ROWS
-                if rows.size:
-                    yield rows
+        for hour_s in sorted(hours):
+            first, last = max(hour_s, start_s), min(hour_s + HOUR_S, end_s)
+            rows = self.rows(axis, first, last, 1.0) if first < last else NO_ROWS
+            if rows.size:
+                yield rows
 
     def _compact(self, file: sqlite3.Connection, axis: str, hour_s: int) -> None:
         """Make chunks of an hour of the open table, beside what is known of that hour already."""
         end_s = hour_s + HOUR_S
-        single = self._chunks(file, axis, 0, hour_s, end_s)
+        seconds = self._chunks(file, axis, 1, hour_s, end_s)
         minutes = self._chunks(file, axis, 60, hour_s, end_s)
-        fresh = _without(rows_of(self._open_records(file, axis, hour_s)), single)
-        rows = joined(single, fresh)
-        has_all = single.size >= int(minutes["samples"].sum())
-        minutes = aggregate(rows if has_all else joined(minutes, fresh), hour_s, 60.0)
-        hours = aggregate(minutes, hour_s, HOUR_S)
+        fresh = rows_of(self._open_records(file, axis, hour_s))
+        rows = aggregate(joined(seconds, fresh), 1.0)
+        has_all = seconds["samples"].sum() >= minutes["samples"].sum()
+        minutes = aggregate(rows if has_all else joined(minutes, fresh), 60.0)
+        hours = aggregate(minutes, HOUR_S)
         for step_s, made in zip(CHUNKS_S, (rows, minutes, hours), strict=True):
             chunk_s = hour_s // CHUNKS_S[step_s] * CHUNKS_S[step_s]
             known = self._chunks(file, axis, step_s, chunk_s, chunk_s + CHUNKS_S[step_s])
             before, after = between(known, -math.inf, hour_s), between(known, end_s, math.inf)
             put_chunk(file, axis, step_s, chunk_s, joined(before, made, after))
-        file.execute("DELETE FROM open_history WHERE axis = ? AND hour_s = ?", (axis, hour_s))
+        file.execute("DELETE FROM open_hour WHERE axis = ? AND hour_s = ?", (axis, hour_s))
 
     def _chunks(
         self, file: sqlite3.Connection, axis: str, step_s: int, start_s: float, end_s: float
@@ -217,7 +209,7 @@ class History:
             try:
                 if digest != _digest(content, *place):
                     raise ValueError("its checksum is wrong")
-                parts.append(unpacked(content, _record(step_s)))
+                parts.append(unpacked(content))
             except (ValueError, zlib.error) as error:
                 self._note_damage(f"history of axis {axis}, from {place[2]} s on: {error}")
         return between(joined(*parts), start_s, end_s)
@@ -225,17 +217,14 @@ class History:
     def _open_records(
         self, file: sqlite3.Connection, axis: str, hour_s: int | None = None
     ) -> bytes:
-        """Records of the open table, of one hour or all, without damaged ones."""
-        found = "SELECT hour_s, rows, digest FROM open_history WHERE axis = ?"
-        wanted: tuple[object, ...] = (axis,)
-        if hour_s is not None:
-            found, wanted = f"{found} AND hour_s = ?", (axis, hour_s)
+        """Rows of the open table, of one hour or all, without damaged ones."""
+        found = "SELECT hour_s, rows, digest FROM open_hour WHERE axis = ? ORDER BY id"
         good = []
-        for hour, content, digest in file.execute(f"{found} ORDER BY id", wanted):
-            if digest == _digest(content, axis, hour):
-                good.append(content)
-            else:
+        for hour, content, digest in file.execute(found, (axis,)):
+            if digest != _digest(content, axis, hour):
                 self._note_damage(f"history of axis {axis}: estimates of a second are damaged")
+            elif hour_s in (None, hour):
+                good.append(content)
         return b"".join(good)
 
     def _note_damage(self, words: str) -> None:
@@ -244,7 +233,7 @@ class History:
             self._store.damages.append(words)
 
     def _make_room(self, now_s: float) -> None:
-        """Remove the oldest estimates, then minutes, until the file is within its budget."""
+        """Remove the oldest seconds, then minutes, until the file is within its budget."""
 
         def remove(file: sqlite3.Connection) -> bool:
             oldest = file.execute(_OLDEST, (HOUR_S, now_s + FUTURE_S)).fetchone()
@@ -260,27 +249,19 @@ class History:
 
 def put_chunk(file: sqlite3.Connection, axis: str, step_s: int, chunk_s: int, rows: Rows) -> None:
     """Write all rows of a chunk, which begins at UNIX time `chunk_s`, in the place of an older."""
-    content, place = packed(rows, _record(step_s)), (axis, step_s, chunk_s)
+    content, place = packed(rows), (axis, step_s, chunk_s)
     row = (*place, content, _digest(content, *place))
     file.execute("INSERT OR REPLACE INTO history VALUES (?, ?, ?, ?, ?)", row)
 
 
-def _record(step_s: int) -> npt.DTypeLike:
-    return SINGLE if step_s == 0 else SPAN
-
-
-def _without(rows: Rows, known: Rows) -> Rows:
-    return rows[~np.isin(rows["time_us"], known["time_us"])]
-
-
 def _put_open(file: sqlite3.Connection, taken: dict[str, tuple[bytes, ...]]) -> None:
     for axis, each in taken.items():
-        records = np.frombuffer(b"".join(each), SINGLE)
-        hours = records["time_us"] // _HOUR_US * HOUR_S
+        rows = aggregate(rows_of(b"".join(each)), 1.0)
+        hours = rows["time_us"] // (HOUR_S * 1_000_000) * HOUR_S
         for hour_s in np.unique(hours).tolist():
-            content = records[hours == hour_s].tobytes()
+            content = rows[hours == hour_s].tobytes()
             row = (axis, hour_s, content, _digest(content, axis, hour_s))
-            insert = "INSERT INTO open_history (axis, hour_s, rows, digest) VALUES (?, ?, ?, ?)"
+            insert = "INSERT INTO open_hour (axis, hour_s, rows, digest) VALUES (?, ?, ?, ?)"
             file.execute(insert, row)
 
 
@@ -293,3 +274,61 @@ def _used_bytes(file: sqlite3.Connection) -> int:
 
 def _digest(content: bytes, *place: object) -> int:
     return crc32(content, crc32(" ".join(map(str, place)).encode()))
+
+
+class HistoryForm(StrEnum):
+    """Form of a file."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+def write_history(
+    sink: IO[bytes],
+    form: HistoryForm,
+    history: History,
+    axes: Iterable[str],
+    start_s: float = -np.inf,
+    end_s: float = np.inf,
+) -> int:
+    """Write all rows of axes in [start_s, end_s), oldest first; returns their number.
+
+    Columns: axis, time, status, samples (estimates of a second, minute or hour), low, high, and of
+    each quantity the mean; empty where there was none. Raises StoreFailedError.
+    """
+    from pyarrow import csv, parquet  # 40 MB that only who asks for files needs
+
+    count, empty = 0, _table("", NO_ROWS, form)
+    writer: Any = (
+        parquet.ParquetWriter(sink, empty.schema, compression="zstd")
+        if form is HistoryForm.PARQUET
+        else csv.CSVWriter(sink, empty.schema)
+    )
+    with writer:
+        for axis in axes:
+            for rows in history.spans(axis, start_s, end_s):
+                writer.write_table(_table(axis, rows, form))
+                count += rows.size
+    return count
+
+
+def _table(axis: str, rows: Rows, form: HistoryForm) -> Any:
+    """Rows as an Arrow table, NaN as null; times of CSV as RFC 3339."""
+    import pyarrow as pa
+    from pyarrow import compute
+
+    names = np.array([each.value for each in STATUSES], object)
+    time = pa.array(rows["time_us"], pa.timestamp("us", "UTC"))
+    if form is HistoryForm.CSV:
+        time = compute.strftime(time, "%Y-%m-%dT%H:%M:%SZ")
+    columns = {
+        "axis": pa.array([axis] * rows.size, pa.string()),
+        "time": time,
+        "status": pa.array(names[rows["status"]], pa.string()),
+        "samples": pa.array(rows["samples"], pa.int64()),
+        "low": pa.array(rows["bounds"][:, 0], pa.float64(), from_pandas=True),
+        "high": pa.array(rows["bounds"][:, 1], pa.float64(), from_pandas=True),
+    }
+    for name, values in zip(QUANTITIES, rows["values"][:, 1].T, strict=True):
+        columns[name] = pa.array(values, pa.float64(), from_pandas=True)
+    return pa.table(columns)

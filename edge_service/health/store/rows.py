@@ -16,11 +16,7 @@ STATUSES = tuple(EstimateStatus)
 QUANTITIES = ("preload_percent", "drag_torque_nm", "nis", "stiffness_n_per_m", "temperature_c")
 NAN = float("nan")
 _N = len(QUANTITIES)
-SINGLE = np.dtype(
-    [("time_us", "<i8"), ("status", "i1"), ("bounds", "<f8", (2,)), ("values", "<f8", (_N,))]
-)
-"""One estimate."""
-SPAN = np.dtype(
+ROW = np.dtype(
     [
         *(("time_us", "<i8"), ("status", "i1"), ("bounds", "<f8", (2,)), ("samples", "<i8")),
         *(("count", "<i8", (_N,)), ("values", "<f8", (3, _N))),
@@ -30,12 +26,12 @@ SPAN = np.dtype(
 STATUSES), lowest and highest bound, and of each quantity the number, least, mean and most of its
 values. NaN stands where there is none; a single estimate is a span with one value."""
 Rows = npt.NDArray[Any]
-"""Records SPAN, (n,)."""
-NO_ROWS: Rows = np.zeros(0, SPAN)
+"""Records ROW, (n,)."""
+NO_ROWS: Rows = np.zeros(0, ROW)
 
 
 def record_of(time_ns: int, estimate: PreloadEstimate, temperature_c: float) -> bytes:
-    """Record SINGLE of an estimate and of the temperature heard with it.
+    """Row of an estimate and of the temperature heard with it, as bytes.
 
     Its numbers are NaN unless the status is `estimated`.
     """
@@ -45,42 +41,28 @@ def record_of(time_ns: int, estimate: PreloadEstimate, temperature_c: float) -> 
             value = getattr(estimate, name, None)
             value = value.value if isinstance(value, Interval) else value
             numbers[place] = NAN if value is None else float(value)
-    record = np.zeros((), SINGLE)
-    record["time_us"], record["status"] = time_ns // 1000, STATUSES.index(estimate.status)
-    record["bounds"], record["values"] = numbers[:2], [*numbers[2:], temperature_c]
-    return record.tobytes()
+    row = np.zeros((), ROW)
+    row["time_us"], row["status"] = time_ns // 1000, STATUSES.index(estimate.status)
+    row["bounds"], row["values"] = numbers[:2], [*numbers[2:], temperature_c]
+    row["samples"], row["count"] = 1, np.isfinite(row["values"][0])
+    return row.tobytes()
 
 
 def rows_of(content: bytes) -> Rows:
-    """Rows of records SINGLE, by time; of two of one microsecond the later counts."""
-    records = np.frombuffer(content, SINGLE)[::-1]
-    _, last = np.unique(records["time_us"], return_index=True)
-    records = records[last]
-    rows = np.zeros(records.size, SPAN)
-    for name in ("time_us", "status", "bounds"):
-        rows[name] = records[name]
-    rows["samples"], rows["count"] = 1, np.isfinite(records["values"])
-    rows["values"] = records["values"][:, np.newaxis]
-    return rows
+    """Rows of bytes, by time."""
+    return joined(np.frombuffer(content, ROW))
 
 
-def packed(rows: Rows, dtype: npt.DTypeLike) -> bytes:
-    """Rows as compressed records SINGLE or SPAN, the bytes of one place in all of them together."""
-    records = rows
-    if dtype == SINGLE:
-        records = np.zeros(rows.size, SINGLE)
-        for name in ("time_us", "status", "bounds"):
-            records[name] = rows[name]
-        records["values"] = rows["values"][:, 1]
-    places = np.ascontiguousarray(records).view(np.uint8).reshape(rows.size, -1)
+def packed(rows: Rows) -> bytes:
+    """Rows compressed, the bytes of one place in all of them together."""
+    places = np.ascontiguousarray(rows).view(np.uint8).reshape(rows.size, -1)
     return zlib.compress(np.ascontiguousarray(places.T).tobytes(), 1)
 
 
-def unpacked(content: bytes, dtype: npt.DTypeLike) -> Rows:
+def unpacked(content: bytes) -> Rows:
     """Rows of `packed`. Raises ValueError, zlib.error if the content is none."""
     places = np.frombuffer(zlib.decompress(content), np.uint8)
-    records = np.ascontiguousarray(places.reshape(np.dtype(dtype).itemsize, -1).T).tobytes()
-    return rows_of(records) if dtype == SINGLE else np.frombuffer(records, SPAN)
+    return np.frombuffer(np.ascontiguousarray(places.reshape(ROW.itemsize, -1).T).tobytes(), ROW)
 
 
 def between(rows: Rows, start_s: float, end_s: float) -> Rows:
@@ -95,13 +77,13 @@ def joined(*parts: Rows) -> Rows:
     return rows[np.argsort(rows["time_us"], kind="stable")]
 
 
-def aggregate(rows: Rows, start_s: float, step_s: float) -> Rows:
+def aggregate(rows: Rows, step_s: float, start_s: float = 0.0) -> Rows:
     """One row per step that holds rows; steps are counted from `start_s`, empty ones left out."""
     if rows.size == 0:
         return rows
     step = np.floor((rows["time_us"] / 1e6 - start_s) / step_s + 1e-9).astype(np.int64)
     number, first = np.unique(step, return_index=True)
-    made = np.zeros(number.size, SPAN)
+    made = np.zeros(number.size, ROW)
     made["time_us"] = np.round((start_s + number * step_s) * 1e6)
     made["status"] = rows["status"][np.append(first[1:], rows.size) - 1]
     made["samples"] = np.add.reduceat(rows["samples"], first)

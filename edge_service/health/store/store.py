@@ -21,7 +21,7 @@ Given = ParamSpec("Given")
 FILE_NAME = "edge-service.sqlite"
 APPLICATION_ID = 0x65645376
 """Mark in the header of the file."""
-_BUSY, _LOCKED, _CORRUPT, _FULL, _NO_ACCESS, _FOREIGN = 5, 6, 11, 13, 14, 26
+_CORRUPT, _NO_ACCESS, _FOREIGN = 11, 14, 26
 _BUSY_S = 2.0
 _WAL_BYTES = 4_000_000
 _FAILED = (sqlite3.Error, UnicodeDecodeError)
@@ -55,30 +55,27 @@ class Store:
         self._name = "the store" if path is None else str(path)
         self._threads = Threads("store", 2)
         self._schemas: list[str] = []
-        self._writing, self._reading = threading.RLock(), threading.RLock()
+        self._lock = threading.RLock()
         self._writer: sqlite3.Connection | None = None
-        self._reader: sqlite3.Connection | None = None
-        self._opened, self._opened_by_reader = 0, 0
         self._check = "quick_check"
         self._device = self._inode = -1
 
     def define(self, schema: str) -> None:
         """Add statements that make the tables of one owner; they run before the next use."""
-        with self._writing:
+        with self._lock:
             if schema not in self._schemas:
                 self._schemas.append(schema)
                 if self._writer is not None and self.path is None:
                     self._writer.executescript(schema)
                 else:
-                    self._close_writer()
-                    self._opened += 1
+                    self.close()
 
     def write(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Result of work in one transaction, on the disk when it returns. Raises StoreFailedError.
 
         An error of the work itself undoes it and is raised as it is.
         """
-        with self._writing:
+        with self._lock:
             file = self._open_writer()
             try:
                 file.execute("BEGIN IMMEDIATE")
@@ -94,17 +91,18 @@ class Store:
     def read(self, work: Callable[[sqlite3.Connection], T]) -> T:
         """Result of work that sees one state of the file. Raises StoreFailedError."""
         if self.path is None:
-            with self._writing:
+            with self._lock:
                 return work(self._open_writer())
-        with self._reading:
-            file = self._open_reader(self.path)
-            try:
+        if self._writer is None or self._check or self._is_another():
+            with self._lock:
+                self._open_writer()
+        try:
+            with closing(_connected(self.path)) as file:
+                file.execute("PRAGMA query_only = ON")
                 file.execute("BEGIN")
                 return work(file)
-            except _FAILED as error:
-                raise self._translated(error) from None
-            finally:
-                _roll_back(file)
+        except _FAILED as error:
+            raise self._translated(error) from None
 
     async def run(self, work: Callable[Given, T], *args: Given.args, **kwargs: Given.kwargs) -> T:
         """Result of work in a thread of the store: a disk that hangs holds up nothing else."""
@@ -112,7 +110,7 @@ class Store:
 
     def copy_to(self, path: Path) -> None:
         """Write a copy of the file as it is now. Raises StoreFailedError."""
-        with self._writing:
+        with self._lock:
             try:
                 self._open_writer().execute("VACUUM INTO ?", (str(path),))
             except _FAILED as error:
@@ -120,11 +118,11 @@ class Store:
 
     def close(self) -> None:
         """Close the file; safe twice, and the next use opens it again."""
-        with self._reading, self._writing:
-            self._close_writer()
-            if self._reader is not None:
-                self._reader.close()
-            self._reader = None
+        with self._lock:
+            if self._writer is not None and self.path is not None:
+                with suppress(sqlite3.Error):
+                    self._writer.close()
+                self._writer = None
 
     def __del__(self) -> None:
         self.close()
@@ -136,14 +134,10 @@ class Store:
         elif isinstance(error, UnicodeDecodeError):
             reason = f"{self._name}: damaged text"
             self._check = "integrity_check"
-            self._opened += 1
         elif type(error) in (sqlite3.DatabaseError, sqlite3.OperationalError):
             reason = f"{self._name}: {error}"
-            code = _code(error)
-            if code in (_CORRUPT, _FOREIGN):
+            if _code(error) in (_CORRUPT, _FOREIGN):
                 self._check = "integrity_check"
-            if code not in (_FULL, _BUSY, _LOCKED):
-                self._opened += 1
         else:
             return error
         self.problem = reason
@@ -152,42 +146,19 @@ class Store:
     def _open_writer(self) -> sqlite3.Connection:
         try:
             if self._writer is not None and (self._check or self._is_another()):
-                self._close_writer()
+                self.close()
             if self._writer is None:
                 self._writer = self._open()
-                self._opened += 1
         except (*_FAILED, OSError) as error:
             raise self._translated(error) from None
         return self._writer
-
-    def _open_reader(self, path: Path) -> sqlite3.Connection:
-        if self._reader is None or self._opened_by_reader != self._opened or self._is_another():
-            if self._reader is not None:
-                self._reader.close()
-                self._reader = None
-            with self._writing:
-                self._open_writer()
-                try:
-                    self._reader = _connected(path)
-                    self._reader.execute("PRAGMA query_only = ON")
-                except _FAILED as error:
-                    raise self._translated(error) from None
-                self._opened_by_reader = self._opened
-        return self._reader
 
     def _is_another(self) -> bool:
         """True when the file was replaced or removed meanwhile; in memory it never is."""
         try:
             return self.path is not None and self.path.stat().st_ino != self._inode
-        except FileNotFoundError:
+        except OSError:
             return True
-
-    def _close_writer(self) -> None:
-        if self._writer is not None:
-            with suppress(sqlite3.Error):
-                self._writer.close()
-        if self.path is not None:
-            self._writer = None
 
     def _open(self) -> sqlite3.Connection:
         if self.path is None:

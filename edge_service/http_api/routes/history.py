@@ -13,7 +13,7 @@ from fastapi.responses import Response, StreamingResponse
 from pydantic import Field
 
 from ...health.service_state import ServiceState
-from ...health.store.history_file import HistoryForm, write_history
+from ...health.store.history import HistoryForm, write_history
 from ...health.store.rows import Bucket
 from ...health.store.store import StoreFailedError
 from ...messages.interval import parse_moment

@@ -20,11 +20,10 @@ from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.health.store.history import CHUNKS_S, HOUR_S, History, put_chunk
 from edge_service.health.store.rows import (
     QUANTITIES,
-    SINGLE,
+    ROW,
     STATUSES,
     aggregate,
     between,
-    rows_of,
 )
 from edge_service.health.store.store import Store
 from edge_service.messages.estimate import EstimateStatus
@@ -180,13 +179,13 @@ def history_us(repeats: int) -> tuple[float, float]:
     """
     time_s = np.arange(_BEGIN_S, _BEGIN_S + YEAR_S, 600.0)
     values = np.random.default_rng(1).uniform(4.0, 6.0, (len(QUANTITIES), time_s.size))
-    single = np.zeros(time_s.size, SINGLE)
-    single["time_us"], single["status"] = time_s * 1e6, STATUSES.index(EstimateStatus.ESTIMATED)
-    single["bounds"] = np.stack([values[0] - 1.0, values[0] + 1.0], axis=1)
-    single["values"] = values.T
+    rows = np.zeros(time_s.size, ROW)
+    rows["time_us"], rows["status"] = time_s * 1e6, STATUSES.index(EstimateStatus.ESTIMATED)
+    rows["bounds"] = np.stack([values[0] - 1.0, values[0] + 1.0], axis=1)
+    rows["values"], rows["samples"], rows["count"] = values.T[:, np.newaxis], 1, 1
     with tempfile.TemporaryDirectory() as folder:
         path, file = Path(folder) / "edge-service.sqlite", Path(folder) / "bare.parquet"
-        hours = aggregate(rows_of(single.tobytes()), _BEGIN_S, 3600.0)
+        hours = aggregate(rows, 3600.0, _BEGIN_S)
         means = hours["values"][:, 1].T
         pq.write_table(pa.table({str(n): each for n, each in enumerate(means)}), file)
         store = Store(path)

@@ -11,8 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from edge_service.health.store.history import HOUR_S, History
-from edge_service.health.store.history_file import HistoryForm, write_history
+from edge_service.health.store.history import HOUR_S, History, HistoryForm, write_history
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 
@@ -53,6 +52,18 @@ def fill(history: History, hours: float, step_s: float = 30.0, axis: str = "X") 
 
 def times_of(rows: np.ndarray) -> list[float]:
     return (rows["time_us"] / 1e6).tolist()
+
+
+def test_the_estimates_of_a_second_are_one_row(store: Store) -> None:
+    history = History(store)
+    for number in range(25):
+        history.append("X", START_S * NS + number * NS // 10, estimate(float(number)))
+        if number == 4:
+            history.flush(START_S + 0.5)
+    rows = history.rows("X", START_S, START_S + 60, 0.1)
+    assert times_of(rows) == [START_S, START_S + 1, START_S + 2]
+    assert rows["samples"].tolist() == [10, 10, 5]
+    assert rows["values"][:, :, 0].tolist() == [[0, 4.5, 9], [10, 14.5, 19], [20, 22, 24]]
 
 
 def test_every_estimate_is_there_before_and_after_its_hour_is_over(store: Store) -> None:
@@ -141,7 +152,7 @@ def test_estimates_make_room_first_and_minutes_stand_in(tmp_path: Path) -> None:
 def test_a_damaged_chunk_is_left_out_said_once_and_stood_in_for(store: Store) -> None:
     history = History(store)
     count = len(fill(history, 2.0))
-    spoil = "UPDATE history SET rows = zeroblob(50) WHERE step_s = 0 AND start_s = ?"
+    spoil = "UPDATE history SET rows = zeroblob(50) WHERE step_s = 1 AND start_s = ?"
     store.write(lambda file: file.execute(spoil, (START_S,)))
     for _ in range(2):
         rows = history.rows("X", START_S, START_S + 2 * HOUR_S, 0.1)
