@@ -81,8 +81,8 @@ class Estimators:
         except DamagedStateError as error:
             raise StateError(f"its state is damaged ({error})", damaged=True) from None
         if document is not None:
-            replaced = self._context.events.newest(name, PART_REPLACED)
-            replaced_ns = 0 if replaced is None else replaced.event.time_ns
+            replaced = self._context.events.page(1, name, (PART_REPLACED,))
+            replaced_ns = replaced[0].event.time_ns if replaced else 0
             kept = Kept.of(document, name, self._identities[name])
             self.axes[name].load(kept.as_of(now_ns(), replaced_ns))
 

@@ -4,7 +4,7 @@ import logging
 import sqlite3
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from zlib import crc32
@@ -60,8 +60,6 @@ _LATEST_US = 2**52
 _GREATEST = 2**63 - 1
 _MOST_WAITING = 20_000
 _PRUNE_EVERY = 500
-_IN_MEMORY = 20
-"""By so much fewer events are kept where the store lives in memory."""
 _SURPLUS = """DELETE FROM events WHERE id IN (
     SELECT id FROM events WHERE kind = ? AND axis = ? ORDER BY id DESC LIMIT -1 OFFSET ?
 ) RETURNING id"""
@@ -91,7 +89,6 @@ class EventLog:
         self._waiting: dict[tuple[int, str, str, str], StoredEvent] = {}
         self._states: dict[tuple[str, str], State] = {}
         self._since_pruned: Counter[tuple[str, str]] = Counter()
-        self._room_share = _IN_MEMORY if store.path is None else 1
         self._last_id = 0
         self._damaged_ids: set[int] = set()
         self.lost = self.set_aside = 0
@@ -154,8 +151,8 @@ class EventLog:
 
     def after(self, last_id: int, most: int) -> list[StoredEvent]:
         """First `most` events with a higher number, oldest first. Raises StoreFailedError."""
-        found = self._found("id > ? ORDER BY id LIMIT ?", min(last_id, _GREATEST), most)
-        return self._with_waiting(found, lambda each: each.id > last_id)[:most]
+        condition, values = "id > ? ORDER BY id LIMIT ?", (min(last_id, _GREATEST), most)
+        return self._found(condition, values, lambda each: each.id > last_id)[:most]
 
     def page(
         self,
@@ -173,36 +170,20 @@ class EventLog:
             kinds: wanted kinds; empty: all.
             before_id: events with lower numbers are wanted.
         """
-        wanted = frozenset(kinds)
-        values = [*sorted(wanted), *([] if axis is None else [axis])]
-        kind_marks = ", ".join("?" * len(wanted))
-        condition = (
-            "time_ns >= ? AND time_ns < ? AND id < ?"
-            + (f" AND kind IN ({kind_marks})" if wanted else "")
-            + ("" if axis is None else " AND axis IN ('', ?)")
-        )
-        limits = [min(each, _GREATEST) for each in (max(start_ns, 0), end_ns, before_id)]
-        found = self._found(f"{condition} ORDER BY id DESC LIMIT ?", *limits, *values, most)
+        wanted, axes = frozenset(kinds), () if axis is None else ("", axis)
 
         def fits(each: StoredEvent) -> bool:
             event = each.event
-            return (
-                (axis is None or event.axis in ("", axis))
-                and (not wanted or event.kind in wanted)
-                and start_ns <= event.time_ns < end_ns
-                and each.id < before_id
-            )
+            is_wanted = (not wanted or event.kind in wanted) and (not axes or event.axis in axes)
+            return is_wanted and start_ns <= event.time_ns < end_ns and each.id < before_id
 
-        return self._with_waiting(found, fits)[::-1][:most]
-
-    def newest(self, axis: str, kind: str) -> StoredEvent | None:
-        """Newest event of a kind; None before the first. Raises StoreFailedError."""
-        found = self._found("axis = ? AND kind = ? ORDER BY id DESC LIMIT 1", axis, kind)
-
-        def fits(each: StoredEvent) -> bool:
-            return (each.event.axis, each.event.kind) == (axis, kind)
-
-        return next(reversed(self._with_waiting(found, fits)), None)
+        condition = "time_ns >= ? AND time_ns < ? AND id < ?"
+        for column, among in (("kind", wanted), ("axis", axes)):
+            if among:
+                condition += f" AND {column} IN ({', '.join('?' * len(among))})"
+        limits = [min(each, _GREATEST) for each in (max(start_ns, 0), end_ns, before_id)]
+        values = (*limits, *wanted, *axes, most)
+        return self._found(f"{condition} ORDER BY id DESC LIMIT ?", values, fits)[::-1][:most]
 
     def holds_all_after(self, last_id: int) -> bool:
         """True where no event with a higher number had to make room. Raises StoreFailedError."""
@@ -265,32 +246,27 @@ class EventLog:
         for room, axis in full:
             most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
             try:
-                self.store.write(partial(_prune_room, room, axis, most // self._room_share))
+                self.store.write(partial(_prune_room, room, axis, most))
             except StoreFailedError:
                 return
             del self._since_pruned[room, axis]
 
-    def _found(self, condition: str, *values: object) -> list[StoredEvent]:
+    def _found(
+        self, condition: str, values: Sequence[object], fits: Callable[[StoredEvent], bool]
+    ) -> list[StoredEvent]:
+        """Events of the file and fitting ones that wait for it, by number."""
         statement = f"SELECT id, body, digest FROM events WHERE {condition}"
         rows = self.store.read(lambda file: file.execute(statement, values).fetchall())
-        found = []
+        with self._lock:
+            found = {each.id: each for each in self._waiting.values() if fits(each)}
         for row in rows:
             stored = stored_event(*row)
             if stored is not None:
-                found.append(stored)
+                found[stored.id] = stored
             elif row[0] not in self._damaged_ids:
                 self._damaged_ids.add(row[0])
                 self.store.damages.append(f"event {row[0]} is damaged and left out")
-        return found
-
-    def _with_waiting(
-        self, found: Iterable[StoredEvent], fits: Callable[[StoredEvent], bool]
-    ) -> list[StoredEvent]:
-        """Events of the file and fitting ones that wait for it, by number."""
-        with self._lock:
-            waiting = [each for each in self._waiting.values() if fits(each)]
-        together = {each.id: each for each in (*waiting, *found)}
-        return [together[number] for number in sorted(together)]
+        return [found[number] for number in sorted(found)]
 
 
 def room_of(kind: str) -> str:

@@ -6,7 +6,7 @@ Everything here runs in the thread of one event loop.
 import asyncio
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from ...messages.event import Event
@@ -40,52 +40,25 @@ class Subscription:
     the newest value. Events are kept each, up to a number; then the oldest are dropped and counted.
     """
 
-    def __init__(self, capacity: int, axis: str | None = None) -> None:
+    def __init__(self, capacity: int, axis: str | None) -> None:
         self.axis = axis
-        self._events: deque[StoredEvent] = deque(maxlen=capacity)
-        self._changed: dict[tuple[str, str], None] = {}
-        self._lost = 0
-        self._wake = asyncio.Event()
+        self.events: deque[StoredEvent] = deque(maxlen=capacity)
+        self.changed: dict[tuple[str, str], None] = {}
+        self.lost = 0
+        self.wake = asyncio.Event()
         self.closed = False
-
-    def put_event(self, stored: StoredEvent) -> None:
-        """Hand over an event; those of other axes than the reader's are skipped."""
-        if not concerns(stored.event, self.axis):
-            return
-        if len(self._events) == self._events.maxlen:
-            self._lost += 1
-        self._events.append(stored)
-        self._wake.set()
-
-    def mark(self, topic: str, axis: str) -> None:
-        """Say that there is a newer value."""
-        if self.axis in (None, axis):
-            self._changed[topic, axis] = None
-            self._wake.set()
-
-    def close(self) -> None:
-        """Wake the reader for the last time."""
-        self.closed = True
-        self._wake.set()
-
-    @property
-    def backlog(self) -> int:
-        """Entries waiting for the reader."""
-        return len(self._events) + len(self._changed)
 
     async def next(self, timeout_s: float) -> Batch:
         """Wait for news, at most `timeout_s`, and hand out all of them."""
-        try:
+        with suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
-                await self._wake.wait()
-        except TimeoutError:
-            pass
-        batch = Batch(self._lost, tuple(self._events), tuple(self._changed))
-        self._lost = 0
-        self._events.clear()
-        self._changed.clear()
+                await self.wake.wait()
+        batch = Batch(self.lost, tuple(self.events), tuple(self.changed))
+        self.lost = 0
+        self.events.clear()
+        self.changed.clear()
         if not self.closed:
-            self._wake.clear()
+            self.wake.clear()
         return batch
 
 
@@ -104,23 +77,28 @@ class FanOut:
     def subscribe(self, axis: str | None = None) -> Iterator[Subscription]:
         """A reader's subscription for as long as the context lasts."""
         subscription = Subscription(self._capacity, axis)
-        if self._closed:
-            subscription.close()
         self._subscriptions.add(subscription)
+        if self._closed:
+            self.close()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
 
     def put_event(self, stored: StoredEvent) -> None:
-        """Hand an event to every reader."""
-        for subscription in self._subscriptions:
-            subscription.put_event(stored)
+        """Hand an event to every reader that it concerns."""
+        for each in self._subscriptions:
+            if concerns(stored.event, each.axis):
+                each.lost += len(each.events) == each.events.maxlen
+                each.events.append(stored)
+                each.wake.set()
 
     def mark(self, topic: str, axis: str) -> None:
         """Tell every reader that there is a newer value."""
-        for subscription in self._subscriptions:
-            subscription.mark(topic, axis)
+        for each in self._subscriptions:
+            if each.axis in (None, axis):
+                each.changed[topic, axis] = None
+                each.wake.set()
 
     def open(self) -> None:
         """Let streams begin again."""
@@ -129,5 +107,6 @@ class FanOut:
     def close(self) -> None:
         """End all streams, now and until `open`."""
         self._closed = True
-        for subscription in self._subscriptions:
-            subscription.close()
+        for each in self._subscriptions:
+            each.closed = True
+            each.wake.set()
