@@ -128,9 +128,9 @@ FAULTS = (
     ),
     Fault(
         "config",
-        'if each["type"] == "extra_forbidden" and key in GONE_SETTINGS:',
-        'if each["type"] != "extra_forbidden" and key in GONE_SETTINGS:',
-        ("tests/test_gone.py",),
+        "if config is None or mistakes:",
+        "if config is None and mistakes:",
+        ("tests/test_configuration.py",),
     ),
     Fault(
         "cli",

@@ -1,14 +1,12 @@
 """What is gone answers with one line that names what to do instead."""
 
 import json
-import re
 from pathlib import Path
 
 import pytest
 
-from drivers.registry import load_driver
 from edge_service.cli import entry
-from edge_service.config import ConfigError, check_settings, gone, load_config
+from edge_service.config import ConfigError, gone, load_config
 
 CALLS = [
     (["weigh", "x.toml"], "weigh"),
@@ -46,23 +44,3 @@ def test_a_gone_key_names_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(gone.GONE, "axes.settings.ledger", "gone; leave it out")
     with pytest.raises(ConfigError, match=r"edge\.toml: axes\.settings\.ledger: gone; leave it"):
         load_config(path)
-
-
-@pytest.mark.parametrize(
-    ("driver", "settings", "said"),
-    [
-        ("modbus", {"host": "mill"}, "axes.X.settings.host: gone; url = "),
-        ("simulated", {"life_h": 1.0}, "axes.X.settings.life_h: now life_s"),
-        ("folder", {"folder": ".", "ledger": "a"}, "axes.X.settings.ledger: gone; what was read"),
-        (
-            "mqtt",
-            {"signals": [{"channel": "torque_command_nm", "member": "a", "inverted": True}]},
-            "axes.X.settings.signals.inverted: now a negative scale",
-        ),
-    ],
-)
-def test_a_gone_key_of_a_driver_names_what_to_do(
-    driver: str, settings: dict[str, object], said: str
-) -> None:
-    with pytest.raises(ConfigError, match=re.escape(said)):
-        check_settings(load_driver(driver).config_model, settings, "axes.X.settings")

@@ -35,33 +35,6 @@ GONE: dict[str, str] = {
     "vibration.keep_after_s": "gone with keep_folder",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
-GONE_SETTINGS: dict[str, str] = {
-    "ledger": "gone; what was read is written into the service's state folder",
-    "settle_s": "gone; a file that has rested for 2 s is complete",
-    "poll_s": "gone; the folder is looked into every second",
-    "axis_number": "gone; state number under [axis] of the machine file",
-    "life_h": "now life_s, of axis time",
-    "acceleration": "gone; life_s is axis time",
-    "run_in_loss": "gone; the loss is a straight line",
-    "frame_s": "gone; a frame is 0.1 s long",
-    "guide_force_n": "gone; state it in a machine file of the simulated axis, and that as truth",
-    "bearing_drag_nm": "gone; state it in a machine file of the simulated axis, and that as truth",
-    "ball_pass_order": "gone; state ball_diameter_m and ball_circle_m in the machine file",
-    "effects_from_s": 'now "NAME:from_s=60" in effects',
-    "torque_noise_nm": "now noise, times the usual one",
-    "angle_noise_rad": "now noise, times the usual one",
-    "table_noise_m": "now noise, times the usual one",
-    "accelerometer_rate_hz": "now accelerometer_hz",
-    "host": 'gone; url = "modbus://HOST:PORT/UNIT" or "mqtt://USER@HOST:PORT"',
-    "lost_after_s": "gone; deadlines follow the poll period",
-    "stale_after_s": "gone; deadlines follow the poll period",
-    "registers.inverted": "now a negative scale",
-    "signals.inverted": "now a negative scale",
-    "security_policy": "now security; messages are signed and encrypted",
-    "publishing_s": "now sampling_s",
-    "keep_session": "gone; the broker always keeps what comes while we are away",
-}
-"""Key of a driver's settings that its model does not know -> what to do."""
 
 
 def gone_keys(content: object) -> list[str]:

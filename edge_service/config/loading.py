@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from .. import DEFAULTS
 from ..models.machine import Machine
 from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
-from .gone import GONE_SETTINGS, gone_keys
+from .gone import gone_keys
 from .mistakes import ConfigError, explain
 from .service import AxisConfig, AxisFile, EdgeConfig
 
@@ -200,14 +200,8 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
     except SecretError as error:
         raise ConfigError(f"{where}.{error}") from None
     except ValidationError as error:
-        mistakes: list[str] = []
-        for each, said in zip(error.errors(), explain(error, model), strict=True):
-            key = ".".join(part for part in each["loc"] if isinstance(part, str))
-            if each["type"] == "extra_forbidden" and key in GONE_SETTINGS:
-                mistakes.insert(0, f"{where}.{key}: {GONE_SETTINGS[key]}")
-            else:
-                mistakes.append(f"{where}.{said}")
-        raise ConfigError(*mistakes) from None
+        mistakes = explain(error, model)
+        raise ConfigError(*(f"{where}.{each}" for each in mistakes)) from None
 
 
 def _placed(table: _Model, folder: Path, key: str) -> _Model:
