@@ -163,8 +163,8 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 MOST_LINES = {
     "bus": 929,
     "checks": 3793,
-    "cli": 1386,
-    "config": 696,
+    "cli": 1353,
+    "config": 663,
     "diagnose": 5203,
     "downsample": 1313,
     "drivers": 3882,
@@ -180,7 +180,7 @@ MOST_LINES = {
     "recordings": 3469,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51290,
+    "tests": 51268,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 403
