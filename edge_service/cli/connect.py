@@ -42,27 +42,20 @@ def init(
 ) -> Answer:
     """Write a first configuration for a device or a recording.
 
-    SOURCE is the device (modbus://HOST:PORT, opc.tcp://HOST:PORT, mqtt://HOST:PORT/TOPIC, or a
-    HOST, which is asked what it is) or a recording of the axis, which `adopt` then reads. Without
-    SOURCE this computer is searched. At a terminal it asks for what is missing. Ends with status 1
-    if the device does not fit its signals yet.
+    SOURCE is the device (modbus://HOST:PORT, opc.tcp://HOST:PORT or mqtt://HOST:PORT/TOPIC) or a
+    recording of the axis, which `adopt` then reads. At a terminal it asks for what is missing. Ends
+    with status 1 if the device does not fit its signals yet.
     """
-    from ..offline.init import Request, devices_here, no_device, source_of
+    from ..offline.init import EXPECTED, Request, source_of
     from ..offline.init import init as run
     from ..offline.machine_text import stated
 
     known = stated(screw, lead, keys)
+    if source is None and not at_terminal():
+        raise BadInputError(f"SOURCE: {EXPECTED}")
+    found = source_of(source or click.prompt("Device or recording"))
     progress("looking for the source")
-    if source is None:
-        found = devices_here()
-        if at_terminal():
-            click.echo(f"devices on this computer: {', '.join(found) or 'none'}")
-            source = click.prompt("Device or recording", default=found[0] if found else None)
-        elif len(found) == 1:
-            source = found[0]
-        else:
-            raise BadInputError(no_device(found))
-    request = Request(source_of(source), out, machine, axis, known, force)
+    request = Request(found, out, machine, axis, known, force)
     return run(request, ask_number if at_terminal() else None, progress)
 
 

@@ -1,10 +1,7 @@
 """`edge-service init`: a first configuration, written whole, checked before it takes its place."""
 
-import asyncio
-import struct
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -20,32 +17,16 @@ from ..exit_status import DONE, INTERNAL_FAILURE
 from .adopt import Request as Recordings
 from .adopt import adopt
 from .configuration import check_configuration
-from .document import Document
 from .machine_text import Ask, Sheet, asked, stated_text
 from .recordings import Progress, silent
 
 EXAMPLES = DEFAULT_CONFIG.parent / "drivers"
-EXPECTED = "expected a recording, a host, or modbus://, opc.tcp:// or mqtt:// with host and port"
+EXPECTED = "expected a recording, or modbus://, opc.tcp:// or mqtt:// with host and port"
 MACHINE = "machine.toml"
 NEEDED = ("axis.lead_m", "model.inertia_kg_m2")
 """Keys without which a machine file is none."""
 ASKED = ("lead_m", "inertia_kg_m2", "dynamic_load_rating_n", "preload_n", "preload_drag_nm")
-WAIT_S = 1.0
-"""For a connection, and for the answer."""
 _PORTS = {"modbus": 502, "mqtt": 1883, "mqtts": 8883}
-_URL = b"opc.tcp://localhost:4840"
-_HELLO = struct.pack("<6I", 0, 65_536, 65_536, 0, 0, len(_URL)) + _URL
-_HELLO = b"HELF" + struct.pack("<I", 8 + len(_HELLO)) + _HELLO
-GREETINGS: dict[str, tuple[tuple[int, ...], bytes, tuple[bytes, ...]]] = {
-    "modbus": ((502, 5020), bytes.fromhex("000100000006010300000001"), (b"\0\1\0\0",)),
-    "opc.tcp": ((4840,), _HELLO, (b"ACKF", b"ERRF")),
-    "mqtt": ((1883,), b"\x10\x0c\0\4MQTT\4\2\0\x0a\0\0", (b"\x20\2",)),
-}
-"""Protocol -> its usual ports, its first request, and how answers begin.
-
-Sources: MODBUS Messaging on TCP/IP V1.0b (MBAP header); OPC UA part 6, 7.1.2 (Hello); MQTT 3.1.1,
-3.1 (CONNECT).
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +56,6 @@ class Request:
     force: bool = False
 
 
-class FirstConfiguration(Document):
-    """Files of a first configuration; where it is not right yet, `found` says why."""
-
-    found: list[str]
-    is_right: bool
-    written: list[str]
-    next_steps: list[str]
-
-
 def init(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
     """Write configuration and machine file; returns what to do next.
 
@@ -108,14 +80,11 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
                     file.write((Path(folder) / path.name).read_text("utf-8"))
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written ({error.strerror})") from None
-    first = FirstConfiguration(
-        found=lines,
-        is_right=status == DONE,
-        written=list(map(str, wanted)),
-        next_steps=list(_next_steps(request, status)),
-    )
+    steps = list(_next_steps(request, status))
+    document = {"found": lines, "is_right": status == DONE}
+    document |= {"written": list(map(str, wanted)), "next_steps": steps}
     words = [*lines, *(f"{path}: written" for path in wanted), "next:"]
-    return Answer("\n".join([*words, *(f"  {each}" for each in first.next_steps)]), first, status)
+    return Answer("\n".join([*words, *(f"  {each}" for each in steps)]), document, status)
 
 
 def _drafted(
@@ -188,80 +157,22 @@ def _next_steps(request: Request, status: int) -> Iterator[str]:
 
 
 def source_of(given: str) -> Source:
-    """The source that a person names; a host alone is asked what it is. Raises ConfigError."""
+    """The source that a person names. Raises ConfigError."""
     if Path(given).is_file():
         path = Path(given).resolve()
         return Source("replay", {"path": str(path)}, path)
-    address = given if "://" in given else f"//{given}"
     try:
-        parts = urlsplit(address)
+        parts = urlsplit(given)
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
-    if not host or port == 0:
+    if not host or port == 0 or parts.scheme not in (*_PORTS, "opc.tcp"):
         raise ConfigError(f"{given}: {EXPECTED}")
-    if "://" not in given:
-        found = asyncio.run(find_devices(host, port))
-        if not found:
-            tried = "" if port else f" (tried {_usual_ports()})"
-            raise ConfigError(f"{given}: neither a file, nor does a device answer there{tried}")
-        if len(found) > 1:
-            raise ConfigError(f"{given}: several answer there, choose one: {', '.join(found)}")
-        return source_of(found[0])
     if parts.scheme == "opc.tcp":
         return Source("opcua", {"url": given})
-    if parts.scheme not in _PORTS:
-        raise ConfigError(f"{given}: {EXPECTED}")
     url, rest = f"{parts.scheme}://{parts.netloc}", parts.path.strip("/")
     if port is None:
         url += f":{_PORTS[parts.scheme]}"
     if parts.scheme == "modbus":
         return Source("modbus", {"url": f"{url}/{rest or 1}"})
     return Source("mqtt", {"url": url, "topic": rest} if rest else {"url": url})
-
-
-def devices_here() -> list[str]:
-    """Addresses of devices on this computer."""
-    return asyncio.run(find_devices("127.0.0.1"))
-
-
-def no_device(found: Sequence[str]) -> str:
-    """Mistake of a call without SOURCE where not a single device is on this computer."""
-    several = f"{len(found)} devices on this computer ({', '.join(found)})"
-    return f"SOURCE: {several if found else 'no device on this computer'}; {EXPECTED}"
-
-
-async def find_devices(host: str, port: int | None = None) -> list[str]:
-    """Addresses `protocol://host:port` at which a device of a known protocol answers.
-
-    Args:
-        port: is greeted in every protocol; without it every protocol on its usual ports.
-    """
-    tried = [
-        (protocol, each)
-        for protocol, (ports, _, _) in GREETINGS.items()
-        for each in (ports if port is None else (port,))
-    ]
-    answers = await asyncio.gather(*(_answers(host, each, protocol) for protocol, each in tried))
-    shown = f"[{host}]" if ":" in host else host
-    found = zip(tried, answers, strict=True)
-    return [f"{protocol}://{shown}:{each}" for (protocol, each), yes in found if yes]
-
-
-def _usual_ports() -> str:
-    return ", ".join(f"{name} {' or '.join(map(str, each[0]))}" for name, each in GREETINGS.items())
-
-
-async def _answers(host: str, port: int, protocol: str) -> bool:
-    """Presence of a device that answers as the protocol has it."""
-    _, request, beginnings = GREETINGS[protocol]
-    with suppress(OSError, TimeoutError):
-        async with asyncio.timeout(WAIT_S):
-            reader, writer = await asyncio.open_connection(host, port)
-        try:
-            writer.write(request)
-            async with asyncio.timeout(WAIT_S):
-                return (await reader.read(16)).startswith(beginnings)
-        finally:
-            writer.close()
-    return False

@@ -74,7 +74,7 @@ def reproduce_wear(path: Path, out: Path) -> Answer:
     lines = [f"{'h':>6} {'drag %':>7}  " + "".join(f"{limit:<26g}" for limit in LIMITS).rstrip()]
     lines += [_line(stage, found.crossings_h) for stage in found.stages]
     for limit, came_h in found.crossings_h.items():
-        said = f"first below at {came_h:.0f} h" if math.isfinite(came_h) else "not reached"
+        said = f"first reading below at {came_h:.0f} h" if math.isfinite(came_h) else "not reached"
         lines.append(f"{limit:g} % of fresh: {said}")
     verdict = f"{found.held} of {found.stated} {LEVEL:.0%} bands held what came."
     text, title = "\n".join(lines), "Dates of a screw that wore out"
