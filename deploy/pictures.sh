@@ -15,7 +15,6 @@ rough="--effect torque_ripple:amplitude_nm=0.02 --effect once_per_rev_friction:a
 cold="--effect warmup:excess_nm=0.08,time_constant_s=600"
 again="--motion warmup:duration_s=300 --motion friction"
 
-edge-service motion --machine m.toml --out motions.png
 # shellcheck disable=SC2086
 edge-service simulate --machine m.toml --motion friction --motion signature --motion acceleration \
     --motion reversals --motion multisine $thin $rough --out healthy
@@ -47,4 +46,4 @@ if [ -f "$wear" ]; then
     edge-service reproduce wear "$wear" --out "$scratch/wear"
     cp "$scratch/wear/wear.png" deploy/pictures/wear.png
 fi
-cp "$scratch/runs/friction_runs.png" "$scratch/motions.png" "$scratch/puzzle/puzzle.png" deploy/pictures/
+cp "$scratch/runs/friction_runs.png" "$scratch/puzzle/puzzle.png" deploy/pictures/

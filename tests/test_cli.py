@@ -73,9 +73,9 @@ CASES: dict[str, tuple[Case, str]] = {
         lambda p: [*TWO_MOTIONS, "--out", write(p, "file", "")],
         "no folder for recordings",
     ),
-    "motions drawn as a table": (
+    "a motion without a name": (
         lambda p: ["motion", "--out", str(p / "motions.csv")],
-        "expected a name that ends in .png",
+        "motion: --out goes with the NAME of a motion",
     ),
     "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
     "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "is not valid TOML"),

@@ -148,9 +148,7 @@ def motion(
     duration: Annotated[float | None, Option("Length of the whole motion, s.", kind=POSITIVE)],
     clip: Annotated[bool, Option("Leave out, and list, what is beyond the axis' limits.")],
     effects: Effects,
-    out: Annotated[
-        Path | None, Option("Setpoints as .csv, an NC program as .mpf; a .png of the list.")
-    ],
+    out: Annotated[Path | None, Option("Setpoints as .csv, an NC program as .mpf.")],
     rate: Annotated[float, Option("Setpoints written per second.", kind=POSITIVE)] = 1000.0,
     seed: Seed = 1,
 ) -> Answer:
@@ -166,7 +164,9 @@ def motion(
 
     axis = load_machine(machine)
     if name is None:
-        return motion_file.list_motions(axis, out)
+        if out is not None:
+            raise BadInputError("motion: --out goes with the NAME of a motion")
+        return motion_file.list_motions(axis)
     settings = motion_file.MotionFileSettings(duration, rate, seed or 0, clip)
     if name == "next":
         if (file is not None) + bool(effects) != 1:

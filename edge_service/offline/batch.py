@@ -3,9 +3,8 @@
 import json
 import logging
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,17 +14,12 @@ from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 from .. import exit_status
-from ..atomic import replaced_bytes
+from ..atomic import made_folder, replaced_bytes
 from ..command_answer import Answer
 from ..config import ConfigError
-from ..fingerprint.result import FingerprintError
-from ..recordings.columns import TraceError
 from ..recordings.forms import is_recording
-from .diagnosis.sessions import BadDataError, DiagnosisError
-from .document import Document
 from .recordings import Progress, silent
 
 log = logging.getLogger(__name__)
@@ -33,24 +27,6 @@ TABLE = "table.parquet"
 CONNECT_S = 10.0
 Work = Callable[[Sequence[Path], Path], Answer]
 """Work on the recordings of a case, which writes into a folder."""
-
-
-class FailedCase(Document):
-    """A case without an answer, and why."""
-
-    case: str
-    status: int
-    error: str
-
-
-class BatchDocument(Document):
-    """Outcome of a batch."""
-
-    command: str
-    cases: int
-    answered: int
-    table: str
-    failed: list[FailedCase]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,19 +39,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Exit status, mistake in one line, document and files (by path) that a command left."""
+    """Exit status, mistake in one line, and document that a command left."""
 
     case: Case
     status: int
     error: str = ""
     document: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, bytes] = field(default_factory=dict)
 
 
 def run_batch(
     command: str,
     work: Work,
-    written: Iterable[str],
+    written: Sequence[str],
     given: Sequence[Path],
     out: Path,
     jobs: int = 1,
@@ -90,52 +65,42 @@ def run_batch(
         written: files of `work`; those of an earlier run that it leaves no more are removed.
         given: recordings, and folders with those of one session each.
         jobs: processes of this computer.
-        cluster: tls://HOST:PORT of a Dask scheduler, or with `insecure` tcp://HOST:PORT.
+        cluster: tls://HOST:PORT of a Dask scheduler, or with `insecure` tcp://HOST:PORT; its
+            workers see the same files.
 
     Raises:
         ConfigError: a path or a cluster is not there, or nothing can be written.
     """
-    cases = cases_of(given)
-    rows, failed = [], []
+    cases, rows, failed = cases_of(given), [], []
+    each_done = partial(done, work, written, out.resolve())
     if cluster is not None:
-        found = on_cluster(work, cases, cluster, insecure=insecure)
+        found = on_cluster(each_done, cases, cluster, insecure=insecure)
     else:
-        found = map(partial(done, work), cases) if jobs == 1 else in_processes(work, cases, jobs)
+        found = map(each_done, cases) if jobs == 1 else in_processes(each_done, cases, jobs)
     for number, outcome in enumerate(found, 1):
-        name = outcome.case.name
-        try:
-            for path in set(written) - outcome.files.keys():
-                (out / name / path).unlink(missing_ok=True)
-            for path, content in outcome.files.items():
-                (out / name / path).parent.mkdir(parents=True, exist_ok=True)
-                with replaced_bytes(out / name / path) as file:
-                    file.write(content)
-        except OSError as error:
-            raise ConfigError(f"--out {out / name}: cannot be written ({error.strerror})") from None
+        name, document = outcome.case.name, outcome.document
         if outcome.error:
-            failed.append(FailedCase(case=name, status=outcome.status, error=outcome.error))
+            failed.append({"case": name, "status": outcome.status, "error": outcome.error})
         row = {"case": name, "command": command, "status": float(outcome.status)}
         row |= {"traces": json.dumps([str(path) for path in outcome.case.traces])}
         row |= {"error": outcome.error or None}
-        row |= {f"answer_{key}": value for key, value in _plain(outcome.document)}
-        rows.append(row | {"document": json.dumps(outcome.document) if outcome.document else None})
+        row |= {f"answer_{key}": value for key, value in _plain(document)}
+        rows.append(row | {"document": json.dumps(document) if document else None})
         progress(f"{number} of {len(cases)}: {name}, {len(failed)} without an answer")
-    write_table(out / TABLE, rows)
-    failed.sort(key=lambda each: each.case)
+    try:
+        write_table(out / TABLE, rows)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written ({error.strerror})") from None
+    failed.sort(key=lambda each: str(each["case"]))
     answered = len(cases) - len(failed)
     words = [f"{out / TABLE}: {answered} of {len(cases)} cases answered"]
-    words += [f"{each.case}: {each.error}" for each in failed[:10]]
+    words += [f"{each['case']}: {each['error']}" for each in failed[:10]]
     words += [f"and {len(failed) - 10} more without an answer"] if len(failed) > 10 else []
     worst = (exit_status.INTERNAL_FAILURE, exit_status.BAD_INPUT, exit_status.BAD_DATA)
-    statuses = {each.status for each in failed}
+    statuses = {each["status"] for each in failed}
     status = next((each for each in worst if each in statuses), exit_status.DONE)
-    document = BatchDocument(
-        command=command,
-        cases=len(cases),
-        answered=answered,
-        table=str(out / TABLE),
-        failed=failed,
-    )
+    document = {"command": command, "cases": len(cases), "answered": answered}
+    document |= {"table": str(out / TABLE), "failed": failed}
     return Answer("\n".join(words), document, status)
 
 
@@ -155,11 +120,39 @@ def cases_of(given: Sequence[Path]) -> list[Case]:
     return list(cases.values())
 
 
-def in_processes(work: Work, cases: Sequence[Case], jobs: int) -> Iterator[Outcome]:
+def done(work: Work, written: Sequence[str], out: Path, case: Case) -> Outcome:
+    """Work on a case into its folder; what is wrong with it is no error here."""
+    folder = out / case.name
+    try:
+        made_folder(folder)
+        for name in written:
+            (folder / name).unlink(missing_ok=True)
+        answer = work(case.traces, folder)
+        document = json.loads(answer.as_json().replace(f"{out}{os.sep}", ""))
+        return Outcome(case, answer.status, document=document)
+    except exit_status.BadInputError as refused:
+        return Outcome(case, refused.status, str(refused).replace(f"{out}{os.sep}", ""))
+    except OSError as refused:
+        error = f"{refused.filename or case.name}: {refused.strerror or refused}"
+        return Outcome(case, exit_status.BAD_INPUT, error)
+    except Exception as failure:
+        log.exception("%s", case.name)
+        return _failed(case, failure)
+
+
+def _failed(case: Case, error: BaseException) -> Outcome:
+    words = " ".join(str(error).split())[:200]
+    said = f"{case.name}: internal failure: {type(error).__name__}: {words}"
+    return Outcome(case, exit_status.INTERNAL_FAILURE, said)
+
+
+def in_processes(
+    each_done: Callable[[Case], Outcome], cases: Sequence[Case], jobs: int
+) -> Iterator[Outcome]:
     """Outcomes as they come; a case whose process dies, and takes the pool along, runs again."""
     broken = []
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        futures = {pool.submit(done, work, case): case for case in cases}
+        futures = {pool.submit(each_done, case): case for case in cases}
         try:
             for future in as_completed(futures):
                 if isinstance(future.exception(), BrokenProcessPool):
@@ -170,51 +163,21 @@ def in_processes(work: Work, cases: Sequence[Case], jobs: int) -> Iterator[Outco
             pool.shutdown(cancel_futures=True)
     for case in broken:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-            yield _outcome(pool.submit(done, work, case), case)
+            yield _outcome(pool.submit(each_done, case), case)
 
 
-def done(work: Work, case: Case) -> Outcome:
-    """Work on a case in a folder of its own; what is wrong with it is no error here."""
-    document: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as base:
-        folder = Path(base) / case.name
-        folder.mkdir()
-        try:
-            answer = work(case.traces, folder)
-            status, error = answer.status, ""
-            document = json.loads(answer.as_json().replace(f"{base}{os.sep}", ""))
-        except BadDataError as refused:
-            status, error = exit_status.BAD_DATA, str(refused).replace(f"{base}{os.sep}", "")
-        except (ConfigError, TraceError, DiagnosisError, FingerprintError) as refused:
-            status, error = exit_status.BAD_INPUT, str(refused)
-        except OSError as refused:
-            status, error = exit_status.BAD_INPUT, f"{case.name}: {refused.strerror or refused}"
-        except Exception as failure:
-            log.exception("%s", case.name)
-            status, error = exit_status.INTERNAL_FAILURE, _failure(case, failure)
-        files = {
-            str(path.relative_to(folder)): path.read_bytes()
-            for path in sorted(folder.rglob("*"))
-            if path.is_file()
-        }
-    return Outcome(case, status, error, document, files)
-
-
-def _failure(case: Case, error: BaseException) -> str:
-    words = " ".join(str(error).split())[:200]
-    return f"{case.name}: internal failure: {type(error).__name__}: {words}"
-
-
-def _outcome(future: Any, case: Case) -> Outcome:
+def _outcome(future: Future[Outcome], case: Case) -> Outcome:
     """Outcome of a future here or on a cluster; a case that ends its process has none."""
-    if (error := future.exception()) is not None:
-        return Outcome(case, exit_status.INTERNAL_FAILURE, _failure(case, error))
-    outcome: Outcome = future.result()
-    return outcome
+    error = future.exception()
+    return future.result() if error is None else _failed(case, error)
 
 
 def on_cluster(
-    work: Work, cases: Sequence[Case], address: str, *, insecure: bool = False
+    each_done: Callable[[Case], Outcome],
+    cases: Sequence[Case],
+    address: str,
+    *,
+    insecure: bool = False,
 ) -> Iterator[Outcome]:
     """Outcomes as they come, of workers that see the same files. Raises ConfigError."""
     if not address.startswith(("tcp://", "tls://")):
@@ -241,14 +204,11 @@ def on_cluster(
                 raise ConfigError(
                     f"--cluster {address}: worker {worker} has version {installed}, expected {here}"
                 )
-        # a scheduler gives everybody who asks for a known key its result: each key is new
-        futures = {
-            client.submit(done, work, case, key=f"{case.name}-{uuid4().hex}"): case
-            for case in cases
-        }
-        for future in distributed.as_completed(futures):
+        # a scheduler gives everybody who asks for a known key its result: none is known
+        pool = client.get_executor(pure=False)
+        futures = {pool.submit(each_done, case): case for case in cases}
+        for future in as_completed(futures):
             yield _outcome(future, futures[future])
-            future.release()
 
 
 def _plain(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

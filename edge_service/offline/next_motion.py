@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +22,8 @@ from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
 from .diagnosis.sessions import DiagnosisError, read_runs
 from .document import Document
-from .motion_file import MotionFile, MotionFileSettings, write_motion
+from .motion_file import MotionFileSettings, write_motion
+from .recordings import Progress, silent
 
 LONGEST_S = 300.0
 _SHOWN = 4
@@ -46,29 +47,11 @@ class ProposedMotion(Document):
     def as_text(self) -> str:
         """The command that writes it, and how sure its answer would be."""
         given = f" --duration {self.given_s:g}" if self.given_s else ""
+        odds = f"{math.exp(min(self.log_evidence, math.log(1000.0))):.0f} to 1"
         return (
-            f"edge-service motion {self.motion}{given}, {self.duration_s:.0f} s, "
-            f"expected evidence {self.log_evidence:.1f} (odds {_odds(self.log_evidence)})"
+            f"edge-service motion {self.motion}{given}, {self.duration_s:.0f} s, expected evidence "
+            f"{self.log_evidence:.1f} (odds {'over ' if odds == '1000 to 1' else ''}{odds})"
         )
-
-
-class NextMotion(Document):
-    """Motions to record next, the best first; only one where it decides."""
-
-    decides: bool
-    hardest_pair: list[str]
-    proposals: list[ProposedMotion]
-    file: MotionFile | None
-
-    def as_text(self) -> str:
-        """A line on each, and what was written."""
-        best, *others = self.proposals
-        undecided = (
-            f"none of {LONGEST_S:g} s or less decides between {' and '.join(self.hardest_pair)}"
-        )
-        head = "the shortest that decides" if self.decides else f"{undecided}; best"
-        lines = [f"{head}: {best.as_text()}", *(f"  or {each.as_text()}" for each in others)]
-        return "\n".join(lines if self.file is None else [*lines, self.file.as_text()])
 
 
 def tied_effects(diagnosis: Path) -> dict[str, Values]:
@@ -99,7 +82,7 @@ def next_motion(
     tied: Mapping[str, Values],
     out: Path | None,
     settings: MotionFileSettings,
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = silent,
 ) -> Answer:
     """Propose the shortest motion that decides, write it to `out` if given, and say why.
 
@@ -118,31 +101,27 @@ def next_motion(
     if not proposals:
         raise DiagnosisError("motion next: the axis allows none of the known motions")
     best = proposals[0]
-    shown = proposals[: 1 if best.decides else _SHOWN]
-    written = None
+    worst = min(best.separations, key=lambda each: each.evidence)
+    pair = [worst.effect, worst.rival or "a healthy axis"]
+    shown = [
+        ProposedMotion(
+            motion=each.candidate.motion,
+            duration_s=each.candidate.duration_s,
+            given_s=each.candidate.given_s,
+            log_evidence=each.evidence,
+        )
+        for each in proposals[: 1 if best.decides else _SHOWN]
+    ]
+    undecided = f"none of {LONGEST_S:g} s or less decides between {' and '.join(pair)}; best"
+    head = "the shortest that decides" if best.decides else undecided
+    lines = [f"{head}: {shown[0].as_text()}", *(f"  or {each.as_text()}" for each in shown[1:])]
+    document = {"decides": best.decides, "hardest_pair": pair, "proposals": shown, "file": None}
     if out is not None:
         chosen = replace(settings, duration_s=settings.duration_s or best.candidate.given_s)
         written = write_motion(best.candidate.motion, machine, out, chosen, progress)
-    worst = min(best.separations, key=lambda each: each.evidence)
-    found = NextMotion(
-        decides=best.decides,
-        hardest_pair=[worst.effect, worst.rival or "a healthy axis"],
-        proposals=[
-            ProposedMotion(
-                motion=each.candidate.motion,
-                duration_s=each.candidate.duration_s,
-                given_s=each.candidate.given_s,
-                log_evidence=each.evidence,
-            )
-            for each in shown
-        ],
-        file=written,
-    )
-    return Answer(found.as_text(), found)
-
-
-def _odds(evidence: float) -> str:
-    return "over 1000 to 1" if evidence > math.log(1000.0) else f"{math.exp(evidence):.0f} to 1"
+        document |= {"file": written}
+        lines.append(written.as_text())
+    return Answer("\n".join(lines), document)
 
 
 class Strength(Document):
@@ -151,10 +130,6 @@ class Strength(Document):
     parameter: str
     value: float
     unit: str
-
-    def as_text(self) -> str:
-        """Parameter, amount and unit."""
-        return f"{self.parameter} {self.value:.2g} {self.unit}"
 
 
 class IsolableEffect(Document):
@@ -166,19 +141,10 @@ class IsolableEffect(Document):
     rivals: list[str]
 
 
-class Isolability(Document):
-    """Effects that a motion can tell apart; the effects of one class are taken for one another."""
-
-    subject: str
-    channels: list[str]
-    effects: list[IsolableEffect]
-    classes: list[list[str]]
-
-
 def isolability(
     machine: Machine,
     subject: str,
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = silent,
 ) -> Answer:
     """A table: each effect, the strength from which it shows, and what it may be taken for.
 
@@ -197,42 +163,37 @@ def isolability(
         raise DiagnosisError(f"no motion or recording {subject!r}; there are {', '.join(MOTIONS)}")
     progress("what each effect would leave to each other one")
     found = separations(session, machine, effect_names())
-    shown = Isolability(
-        subject=subject,
-        channels=list(session.channels),
-        effects=_effects(found),
-        classes=_classes(found),
+    isolable, classes = (
+        [_isolable(each, found) for each in found if not each.rival],
+        _classes(found),
     )
-    return Answer("\n".join(_lines(shown)), shown)
-
-
-def _lines(found: Isolability) -> list[str]:
     rows = [("effect", "shows from", "a typical fault could be taken for")]
-    for each in found.effects:
+    for each in isolable:
         tied = ", ".join(each.rivals) or "nothing else"
-        shows = "never" if each.shows_from is None else each.shows_from.as_text()
+        least = each.shows_from
+        shows = "never" if least is None else f"{least.parameter} {least.value:.2g} {least.unit}"
         rows.append((each.effect, shows, "a healthy axis" if each.looks_healthy else tied))
     widths = [max(len(row[k]) for row in rows) for k in (0, 1)]
-    table = [f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
-    head = f"{found.subject}: {', '.join(found.channels)}"
-    return [head, *table, *(f"one class: {', '.join(each)}" for each in found.classes)]
+    channels = list(session.channels)
+    lines = [f"{subject}: {', '.join(channels)}"]
+    lines += [f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
+    lines += [f"one class: {', '.join(each)}" for each in classes]
+    document = {"subject": subject, "channels": channels}
+    return Answer("\n".join(lines), document | {"effects": isolable, "classes": classes})
 
 
-def _effects(found: Sequence[Separation]) -> list[IsolableEffect]:
-    return [
-        IsolableEffect(
-            effect=alone.effect,
-            shows_from=_strength(alone) if least_strength(alone) < _NEVER else None,
-            looks_healthy=alone.evidence < DECISIVE,
-            rivals=[
-                each.rival
-                for each in found
-                if each.effect == alone.effect and each.evidence < DECISIVE and each.rival
-            ],
-        )
-        for alone in found
-        if alone.rival is None
+def _isolable(alone: Separation, found: Sequence[Separation]) -> IsolableEffect:
+    rivals = [
+        each.rival
+        for each in found
+        if each.effect == alone.effect and each.evidence < DECISIVE and each.rival
     ]
+    return IsolableEffect(
+        effect=alone.effect,
+        shows_from=_strength(alone) if least_strength(alone) < _NEVER else None,
+        looks_healthy=alone.evidence < DECISIVE,
+        rivals=rivals,
+    )
 
 
 def _strength(alone: Separation) -> Strength:

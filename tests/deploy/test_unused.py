@@ -28,7 +28,7 @@ motion = ["simulate", "--motion", "production", "--duration", "5"]
 assert main([*motion, "--out", "trace.parquet"]) == 0
 assert main(["convert", "trace.parquet", "--out", "trace.csv"]) == 0
 assert main(["convert", "trace.csv", "--out", "again.parquet"]) == 0
-assert main(["motion", "--out", "motions.png"]) == 0
+assert main(["adopt", "trace.csv", "--out", "m.toml", "--plot", "channels.png"]) == 0
 assert main(["estimate", "trace.csv", "--out", "estimates.csv"]) == 0
 for module in list(sys.modules.values()):
     print(getattr(module, "__file__", None) or "")

@@ -18,10 +18,9 @@ import pytest
 
 from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE, ConfigError, EstimatorConfig, load_machine
-from edge_service.models.motions.registry import MotionError
 from edge_service.offline.batch import (
-    FailedCase,
     cases_of,
+    done,
     in_processes,
     on_cluster,
     run_batch,
@@ -109,7 +108,7 @@ def test_processes_answer_as_one_does_although_one_dies(
         for place in ("one", "two")
     ]
     assert documents[0] == documents[1]
-    work = partial(dying, recordings[0])
+    work = partial(done, partial(dying, recordings[0]), (), tmp_path)
     found = {each.case.name: each for each in in_processes(work, cases_of(recordings[:3]), 2)}
     assert found["day_0"].status == 1
     assert [found[name].status for name in ("day_1", "day_2")] == [0, 0]
@@ -118,7 +117,7 @@ def test_processes_answer_as_one_does_although_one_dies(
 def dying(deadly: Path, traces: Sequence[Path], _out: Path) -> Answer:
     if traces[0] == deadly.resolve():
         os._exit(9)
-    return Answer("", FailedCase(case=traces[0].stem, status=0, error=""))
+    return Answer("", {"case": traces[0].stem})
 
 
 @pytest.mark.parametrize(
@@ -131,7 +130,7 @@ def dying(deadly: Path, traces: Sequence[Path], _out: Path) -> Answer:
 )
 def test_a_cluster_that_is_none_is_one_clear_line(address: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        list(on_cluster(ESTIMATE, [], address))
+        list(on_cluster(partial(done, ESTIMATE, (), Path()), [], address))
 
 
 def test_names_of_cases_never_meet(tmp_path: Path) -> None:
@@ -154,7 +153,7 @@ def test_a_path_without_a_recording_is_one_clear_line(given: str, tmp_path: Path
 
 def test_a_mistake_of_ours_is_told_with_the_case(recordings: list[Path], tmp_path: Path) -> None:
     def broken(*_: object) -> Answer:
-        raise MotionError("cannot be")
+        raise RuntimeError("cannot be")
 
     answer = run_batch("estimate", broken, (), recordings[:2], tmp_path)
     assert answer.status == 1
