@@ -163,7 +163,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 MOST_LINES = {
     "bus": 929,
     "checks": 3793,
-    "cli": 1353,
+    "cli": 1346,
     "config": 663,
     "diagnose": 5203,
     "downsample": 1313,
@@ -175,12 +175,12 @@ MOST_LINES = {
     "messages": 2072,
     "models": 6283,
     "nodes": 3051,
-    "offline": 6377,
+    "offline": 6111,
     "outputs": 1880,
     "recordings": 3469,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51268,
+    "tests": 51168,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 403
