@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from drivers.registry import driver_names, load_driver
 from edge_service.config import EdgeConfig, load_config
 from edge_service.estimate.mixture import state
-from edge_service.estimate.mixture.model import CLEARANCE_M, MixtureSettings
+from edge_service.estimate.mixture.model import CLEARANCE_M
 from edge_service.estimate.mixture.step import FORCED, OUTLIER
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect
@@ -284,7 +284,7 @@ def test_every_state_and_hypothesis_of_the_estimator_stands_in_the_readme() -> N
 
 
 def test_the_readme_tells_what_the_estimator_assumes() -> None:
-    said, text = MixtureSettings(), " ".join(document("edge_service/estimate/README.md").split())
+    said, text = state.ASSUMED, " ".join(document("edge_service/estimate/README.md").split())
     shares = f"by {said.together:.0%} all alike, {said.apart:.0%} each apart"
     assert shares.replace("%", " %") in text
     assert f"Ornstein-Uhlenbeck, {said.friction_s:g} s" in text

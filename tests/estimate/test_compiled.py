@@ -2,7 +2,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,16 +13,6 @@ from edge_service.models.screw.nut_law import nut_stiffness
 assert nut_stiffness(1.6e8, 10.0) == nut_stiffness.py_func(1.6e8, 10.0)
 print(numba.config.CACHE_DIR, sum(nut_stiffness.stats.cache_hits.values()))
 """
-
-
-def double(x: float) -> float:
-    return 2.0 * x
-
-
-def test_compiles_and_keeps_the_python_function() -> None:
-    fast: Any = compiled(double)
-    assert fast(1.5) == 3.0
-    assert fast.py_func is double
 
 
 def test_division_by_zero_is_as_in_numpy() -> None:

@@ -39,10 +39,6 @@ def cruise(speed_rad_s: float, table_m: float = 0.4, acceleration: float = 0.0) 
     return Phase(0.1, 0.5, acceleration, speed_rad_s, table_m / RATIO, table_m)
 
 
-def test_without_effects_there_is_nothing_to_take_off() -> None:
-    assert EffectCompensation.of_machine(AXIS.nominal()) is None
-
-
 @pytest.mark.parametrize("direction", [-1.0, 1.0])
 def test_a_rough_place_is_taken_off_where_it_is(direction: float) -> None:
     rough = known("position_friction:excess_nm=0.1,centre_m=0.4,width_m=0.2")
@@ -50,11 +46,6 @@ def test_a_rough_place_is_taken_off_where_it_is(direction: float) -> None:
     assert at_it.torque_nm == pytest.approx(0.5 - direction * 0.1, abs=1e-3)
     beside = rough.compensated(cruise(5.0 * direction, 0.0), direction, 1.0)
     assert beside.torque_nm == pytest.approx(0.5, abs=1e-3)
-
-
-def test_a_torque_constant_scales_the_command() -> None:
-    compensated = known("torque_gain_error:excess_share=0.25").compensated(cruise(5.0), 1.0, 1.0)
-    assert compensated.torque_nm == pytest.approx(0.4)
 
 
 def test_a_ripple_is_averaged_over_the_phase() -> None:

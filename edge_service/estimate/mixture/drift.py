@@ -34,45 +34,45 @@ def drift(
 ) -> None:
     """Predict a hypothesis over the time since the phase before, in place."""
     x, p = bank.mean[k], bank.covariance[k]
-    keep = math.exp(-elapsed_s / process.friction_keep_s)
+    keep = math.exp(-elapsed_s / process.assumed.friction_s)
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         _fade(x, p, i, keep)
-    spread = process.together * (1.0 - keep * keep) / 2.0 * process.friction_keep_s
+    spread = process.together * (1.0 - keep * keep) / 2.0 * process.assumed.friction_s
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         for j in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
             p[i, j] += spread
     if x.shape[0] > TORQUE_STATES:
         _fade(x, p, REVERSAL, keep)
-    keep = math.exp(-r.steady_s / process.torque_wander_s)
+    keep = math.exp(-r.steady_s / process.assumed.wander_s)
     _fade(x, p, TORQUE_WANDER, keep)
     p[TORQUE_WANDER, TORQUE_WANDER] += process.torque_wander_nm**2 * (1.0 - keep * keep)
     if model.edge_rad2_s2 > 0.0:
         _pass_on(x, p, model.edge_rad2_s2, r.follows)
     if x.shape[0] > TORQUE_STATES:
         way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
-        keep = math.exp(-way_m / process.stretch_wander_way_m)
+        keep = math.exp(-way_m / process.assumed.wander_m)
         _fade(x, p, STRETCH_WANDER, keep)
-        uneven_m = process.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
+        uneven_m = process.assumed.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
         unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
         wander_m2 = process.stretch_wander_m**2 + uneven_m**2 + unknown_m**2
         p[STRETCH_WANDER, STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
-        keep = math.exp(-elapsed_s / process.growth_s)
-        grown_s = process.growth_s * (1.0 - keep)
+        keep = math.exp(-elapsed_s / process.assumed.growth_s)
+        grown_s = process.assumed.growth_s * (1.0 - keep)
         _grow(x, p, ENCODER_OFFSET, OFFSET_RATE, grown_s)
         _grow(x, p, ENCODER_SLOPE, SLOPE_RATE, grown_s)
         _fade(x, p, OFFSET_RATE, keep)
         _fade(x, p, SLOPE_RATE, keep)
-    back_s = _settled_s(process.friction_keep_s, elapsed_s)
+    back_s = _settled_s(process.assumed.friction_s, elapsed_s)
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         p[i, i] += process.walk[i] * back_s
     p[TORQUE_OFFSET, TORQUE_OFFSET] += process.walk[TORQUE_OFFSET] * back_s
     if x.shape[0] > TORQUE_STATES:
-        warm_s = _settled_s(process.growth_s, elapsed_s)
+        warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
         for i in range(TORQUE_STATES, x.shape[0]):
             p[i, i] += process.walk[i] * (back_s if i == REVERSAL else warm_s)
     if p[WEAR_RATE, WEAR_RATE] > 0.0:
         _grow(x, p, PRELOAD, WEAR_RATE, r.steady_s)
-        p[WEAR_RATE, WEAR_RATE] += process.rate_walk * r.steady_s
+        p[WEAR_RATE, WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s
     p[PRELOAD, PRELOAD] += process.moving_walk[k] * r.steady_s
 
 

@@ -15,9 +15,10 @@ from ..interface import EstimatorOptions, UnsuitableMachineError
 from ..validity import Validity
 from .gathering import Gathering, SteadyInterval
 from .hypotheses import continue_after_stop, initial_bank, leader_of
-from .model import MixtureSettings, axis_model, process_of, start_of
+from .model import axis_model, process_of, start_of
 from .posterior import fault_limits, posterior_of
 from .state import (
+    ASSUMED,
     ENCODER_OFFSET,
     FORCED_S,
     GUIDE_VISCOUS,
@@ -26,6 +27,7 @@ from .state import (
     NUT_FRICTION,
     PAYLOAD,
     TORQUE_STATES,
+    MixtureSettings,
     Reading,
     bank_snapshot,
     restored_bank,
@@ -68,14 +70,14 @@ _STORED: Stored[_Last] = Stored(_Last)
 class MixturePreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
-    def __init__(self, machine: Machine, settings: MixtureSettings | None = None) -> None:
+    def __init__(self, machine: Machine, settings: MixtureSettings = ASSUMED) -> None:
         if machine.commissioned is None:
             raise ValueError("the mixture estimator needs a commissioned machine file")
-        self._settings = settings or MixtureSettings()
+        self._settings = settings
         self._machine = machine
-        self._model = axis_model(machine, self._settings)
+        self._model = axis_model(machine)
         self._start = start_of(machine, self._model, self._settings)
-        self._process = process_of(machine, self._model, self._start, self._settings)
+        self.process = process_of(machine, self._model, self._start, self._settings)
         self._limits = fault_limits(machine, self._model, self._settings)
         self._known = EffectCompensation.of_machine(machine)
         known_s = machine.commissioned.sample_period_s or 0.0
@@ -138,7 +140,7 @@ class MixturePreloadEstimator:
             continue_after_stop(self._bank, self._start, elapsed_s)
             elapsed_s = interval.duration_s
         self._last.last_s = interval.time_s
-        nis = step(self._bank, self._model, self._process, reading, max(elapsed_s, 0.0))
+        nis = step(self._bank, self._model, self.process, reading, max(elapsed_s, 0.0))
         if not math.isnan(nis):
             self._last.nis = nis
         return nis

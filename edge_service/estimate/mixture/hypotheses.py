@@ -8,7 +8,7 @@ answer is contested for as long as it stands.
 import math
 
 from ...models.compiled import compiled
-from .model import MixtureSettings, Start
+from .model import Start
 from .state import (
     BEFORE,
     CHALLENGERS,
@@ -31,6 +31,7 @@ from .state import (
     WEAR_RATE,
     WEARING,
     Bank,
+    MixtureSettings,
     Process,
     Reading,
     empty_bank,
@@ -100,7 +101,7 @@ def adapt_hypotheses(
                 bank.directions[k] |= side
             oldest = max(oldest, bank.age_s[k])
     if moments[LEARNING] > 0.0:
-        if oldest >= process.learn_s:
+        if oldest >= process.assumed.learn_s:
             _end_initialisation(bank, process)
         return
     leader = leader_of(bank)
@@ -108,7 +109,7 @@ def adapt_hypotheses(
     if _is_confirmed(bank, process, leader, base, calm):
         _promote(bank, process, leader, base)
         leader = base = STEADY
-    log_spawn = math.log(process.spawn_s)
+    log_spawn = math.log(process.assumed.spawn_s)
     if moments[STOPPED_S] > 0.0:
         log_time = math.log(moments[STOPPED_S])
         moments[STOPPED_S] = 0.0
@@ -118,7 +119,7 @@ def adapt_hypotheses(
             _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
     since = moments[SINCE_SPAWN_S]
     surprised = moments[SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
-    if since >= process.spawn_s or surprised:
+    if since >= process.assumed.spawn_s or surprised:
         moments[SINCE_SPAWN_S] = 0.0
         _restart(bank, STEADY, WEARING)
         _restart(bank, WEARING, STEADY)
@@ -148,8 +149,8 @@ def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bo
     """Return whether a challenger has led for long enough, in both directions, by a margin."""
     if leader in (STEADY, WEARING) or not calm:
         return False
-    seen = bank.age_s[leader] >= process.confirm_s and bank.directions[leader] == _BOTH
-    return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.margin)
+    seen = bank.age_s[leader] >= process.assumed.confirm_s and bank.directions[leader] == _BOTH
+    return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.assumed.margin)
 
 
 @compiled
@@ -174,17 +175,17 @@ def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
     """
     mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
     force, force_n = bank.force[base], bank.force_n[base]
-    weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.floor)
+    weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.assumed.floor)
     copy_to(bank, STEADY, leader, weight)
     unlock_wear(bank, process, STEADY)
-    copy_to(bank, WEARING, STEADY, weight + process.wearing_log_weight)
+    copy_to(bank, WEARING, STEADY, weight + math.log(process.assumed.wearing))
     for k in CHALLENGERS:
-        if k == leader or bank.log_weight[k] < weight - process.margin:
+        if k == leader or bank.log_weight[k] < weight - process.assumed.margin:
             bank.alive[k] = 0
     bank.mean[BEFORE], bank.covariance[BEFORE] = mean, covariance
     bank.force[BEFORE], bank.force_n[BEFORE] = force, force_n
     copy_to(bank, BEFORE, BEFORE, left)
-    bank.moments[SINCE_SPAWN_S] = process.spawn_s
+    bank.moments[SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
@@ -203,11 +204,11 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
         copy_to(bank, STEADY, best, top)
         copy_to(bank, BEFORE, second, weight)
     unlock_wear(bank, process, STEADY)
-    copy_to(bank, WEARING, STEADY, top + process.wearing_log_weight)
+    copy_to(bank, WEARING, STEADY, top + math.log(process.assumed.wearing))
     for k in CHALLENGERS:
         bank.alive[k] = 0
     bank.moments[LEARNING] = 0.0
-    bank.moments[SINCE_SPAWN_S] = process.spawn_s
+    bank.moments[SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
@@ -216,7 +217,7 @@ def unlock_wear(bank: Bank, process: Process, slot: int) -> None:
     bank.mean[slot, WEAR_RATE] = 0.0
     bank.covariance[slot, WEAR_RATE, :] = 0.0
     bank.covariance[slot, :, WEAR_RATE] = 0.0
-    bank.covariance[slot, WEAR_RATE, WEAR_RATE] = process.wear_rate_per_s**2
+    bank.covariance[slot, WEAR_RATE, WEAR_RATE] = process.assumed.wear_rate**2
 
 
 @compiled
@@ -242,7 +243,7 @@ def _spawn_unless_running(
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED
     if slot in (LOSS, TOTAL_LOSS):
-        gains = gains and bank.age_s[slot] < process.spawn_s
+        gains = gains and bank.age_s[slot] < process.assumed.spawn_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains or explains)
     if not running and prior > -math.inf:
@@ -256,7 +257,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
     bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
     if slot == TOTAL_LOSS:
-        _replace(bank, slot, PRELOAD, process.lost_log_percent, process.lost_sigma)
+        _replace(bank, slot, PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
         return
     if slot == LOAD:
         _replace(bank, slot, PAYLOAD, 0.0, 0.0)

@@ -39,6 +39,7 @@ from .state import (
     WEAR_RATE,
     WEARING,
     AxisModel,
+    MixtureSettings,
     Process,
 )
 
@@ -48,86 +49,7 @@ CLEARANCE_M = 1.5e-6
 SHORT_PHASE_S = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class MixtureSettings:
-    """Assumed changes of an axis; shares are of the commissioned value, steps standard deviations.
-
-    None of it is tied to one machine: forces and torques follow from the friction that
-    commissioning found, lengths from its noise and compliance.
-
-    Attributes:
-        together, apart: standard deviation by which lubrication and temperature move all frictions
-            alike, and each on its own.
-        warmth: share of its friction that an axis with one encoder may have lost by warming up (it
-            often loses 30 %); any share up to this is equally likely.
-        friction_s: its time constant, s; more than 0.
-        start_share: factor on it at the start of a session, another day's.
-        wander, wander_s, wander_m: friction that wanders along the way, over the Coulomb friction;
-            for how long, and over which way it is alike.
-        axial: axial friction that differs from phase to phase, the same.
-        preload_walk, wear_walk: of ln(preload) per sqrt(s) of motion: steady, and wearing fast.
-        wear_rate, rate_walk: of ln(preload) per s of motion, and how soon it changes, per sqrt(s).
-        wearing: probability that the axis wears fast at the start.
-        start: of ln(preload) at the start; half of it is lost with probability `half`, all with
-            `none`; the load is another with `loaded`.
-        loss, lubricated, lubricated_apart, load, loosened: sizes of the steps.
-        hazard: per second of motion, of each step that an axis may undergo.
-        stop_hazard: per second of a stop after which lubrication, or load, is another.
-        without: hypotheses that the axis cannot have.
-        reversal: change of the stretch at a reversal, as the frictions change.
-        looseness: of the compliance beside the nut, at the start.
-        twist: of the mass behind the commissioned compliance, give or take as much: a screw twists
-            by its own inertia.
-        uneven_m: uneven growth of a screw that is warm at the start, m; finer waves are smaller.
-        uneven_share: finer unevenness over the growth along the stroke.
-        evidence: share of a phase's log-likelihood that counts: errors of a model outlast a phase.
-        most_nats: bound on a phase's evidence against a hypothesis: any may be spoiled.
-        force: process forces over the dynamic load rating; `force_error` of their compliance;
-            `force_share` and `rapid_share` of phases, slow and fast, in which one begins;
-            `force_stay` to last.
-    """
-
-    together: float = 0.10
-    apart: float = 0.07
-    warmth: float = 0.35
-    friction_s: float = 600.0
-    start_share: float = 1.25
-    wander: float = 0.02
-    wander_s: float = 1.0
-    wander_m: float = 0.03
-    axial: float = 0.03
-    preload_walk: float = 0.005
-    wear_walk: float = 0.06
-    wear_rate: float = 1e-3
-    rate_walk: float = 1e-4
-    wearing: float = 0.1
-    start: float = 0.3
-    half: float = 0.2
-    none: float = 0.1
-    loaded: float = 0.2
-    loss: float = 0.5
-    lubricated: float = 0.15
-    lubricated_apart: float = 0.08
-    load: float = 0.4
-    loosened: float = 0.15
-    hazard: float = 1e-4
-    stop_hazard: float = 1e-3
-    without: tuple[int, ...] = ()
-    reversal: float = 0.1
-    looseness: float = 0.001
-    twist: float = 0.07
-    uneven_m: float = 3e-6
-    uneven_share: float = 0.01
-    evidence: float = 0.5
-    most_nats: float = 10.0
-    force: float = 0.125
-    force_error: float = 0.1
-    force_share: float = 0.03
-    rapid_share: float = 0.005
-    force_stay: float = 0.88
-
-
-def axis_model(machine: Machine, settings: MixtureSettings) -> AxisModel:
+def axis_model(machine: Machine) -> AxisModel:
     """Constants of the model. The machine must be commissioned and know preload in percent."""
     commissioned, per_percent = machine.commissioned, machine.drag_per_percent_nm
     fresh, preload = machine.fresh_preload_percent, machine.model.preload_n
@@ -257,43 +179,24 @@ def process_of(
     moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
     moving_walk[WEARING] = settings.wear_walk**2
     return Process(
-        walk=_walk(size, coulomb, model, settings),
+        assumed=settings,
+        walk=_walk(size, coulomb, settings),
         moving_walk=moving_walk,
-        rate_walk=settings.rate_walk**2,
-        wear_rate_per_s=settings.wear_rate,
         together=2.0 * settings.together**2 / settings.friction_s,
-        friction_keep_s=settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
-        torque_wander_s=settings.wander_s,
         stretch_wander_m=stretch_wander_m(model, settings) if two else 0.0,
-        stretch_wander_way_m=settings.wander_m,
-        uneven_share=settings.uneven_share,
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=1e-6 if two else 0.0,
-        growth_s=300.0,
         jumps=_jumps(size, start, model, settings),
-        priors=_priors(CHALLENGERS, settings.hazard, two, settings),
-        stop_priors=_priors(STOP_CHALLENGERS, settings.stop_hazard, two, settings),
+        priors=_priors(CHALLENGERS, settings.hazard, two),
+        stop_priors=_priors(STOP_CHALLENGERS, settings.stop_hazard, two),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
-        lost_sigma=0.7,
         loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
-        wearing_log_weight=math.log(settings.wearing),
-        evidence=settings.evidence,
-        most_nats=settings.most_nats,
         force_n=settings.force * rating,
-        force_error=settings.force_error,
-        force_share=settings.force_share,
-        rapid_share=settings.rapid_share,
-        force_stay=settings.force_stay,
-        floor=-14.0,
-        spawn_s=3.0,
-        learn_s=20.0,
-        confirm_s=8.0,
-        margin=2.0,
     )
 
 
-def _walk(size: int, coulomb_nm: float, model: AxisModel, settings: MixtureSettings) -> Floats:
+def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
     """Variance per second that each element of the state gains, (n,)."""
     walk = np.zeros(size)
     for i in FRICTIONS:
@@ -319,10 +222,10 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     return jumps
 
 
-def _priors(slots: tuple[int, ...], hazard: float, two: bool, settings: MixtureSettings) -> Floats:
+def _priors(slots: tuple[int, ...], hazard: float, two: bool) -> Floats:
     """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
     priors = np.full(HYPOTHESES, -np.inf)
     for slot in slots:
-        if slot not in settings.without and (two or slot not in (LOAD, LOOSENING)):
+        if two or slot not in (LOAD, LOOSENING):
             priors[slot] = math.log(hazard)
     return priors

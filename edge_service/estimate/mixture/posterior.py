@@ -13,7 +13,6 @@ from ...models.machine import Machine
 from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.mode_transition import LEVELS_PERCENT
-from .model import MixtureSettings
 from .state import (
     BEARING_FRICTION,
     BEFORE,
@@ -31,6 +30,7 @@ from .state import (
     WEARING,
     AxisModel,
     Bank,
+    MixtureSettings,
 )
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
@@ -84,11 +84,8 @@ class Posterior(NamedTuple):
     faults: dict[str, float]
 
 
-def fault_limits(
-    machine: Machine, model: AxisModel, settings: MixtureSettings | None = None
-) -> FaultLimits:
+def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -> FaultLimits:
     """Fault limits of a commissioned axis, and what its friction may do."""
-    assumed = settings or MixtureSettings()
     commissioned, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
     assert commissioned is not None
     table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None

@@ -1,63 +1,9 @@
 """State of the axis, slots of the hypotheses, and the arrays that hold both.
 
-A hypothesis estimates these quantities of the axis, torque's first; an axis with one encoder has
-TORQUE_STATES of them:
-
-| state | meaning | unit |
-|---|---|---|
-| PRELOAD | natural logarithm of the preload in percent of the dynamic load rating | - |
-| WEAR_RATE | growth of PRELOAD per second of motion | 1/s |
-| NUT_FRICTION | change of the nut's Coulomb friction since commissioning, as a share of it | - |
-| BEARING_FRICTION | the same of the bearings | - |
-| GUIDE_FRICTION | the same of guides and seals | - |
-| VISCOUS | change of the viscous friction at the motor, as a share of it | - |
-| GUIDE_VISCOUS | the same of the guides | - |
-| PAYLOAD | mass on the table beyond commissioning | kg |
-| TORQUE_OFFSET | gravity, offset of the amplifier | N m |
-| TORQUE_WANDER | friction that wanders along the way, against the motion | N m |
-| SPEED_ERROR_START | error of the speed at the start of the phase | rad/s |
-| SPEED_ERROR_END | the same at its end | rad/s |
-| ENCODER_OFFSET | travel by the motor less that of the table, at the reference position | m |
-| ENCODER_SLOPE | growth of that difference along the stroke | - |
-| OFFSET_RATE | rate of ENCODER_OFFSET with the screw's temperature | m/s |
-| SLOPE_RATE | rate of ENCODER_SLOPE, the same | 1/s |
-| CLOCK_SKEW | delay of the linear encoder against the rotary one | s |
-| NUT_COMPLIANCE | compliance of the fresh nut; considered | m/N |
-| TABLE_MASS | error of the mass behind the commissioned compliance, as a share; considered | - |
-| LOOSENESS | compliance of coupling, bearings and screw beyond commissioning | m/N |
-| REVERSAL | change of the stretch at a reversal, as a share of what the guide made it | - |
-| STRETCH_WANDER | difference of the encoders that wanders along the way | m |
-| MAP, MAP + 1, ... | coefficients of cos(j pi x / stroke), j = 2, 3, ...: uneven growth | m |
-
-A considered quantity has a variance that widens the answer (Schmidt's filter), but the data do not
-change it: no recording of a healthy axis can tell it, and a filter that tries to learn it lets a
-wrong model look right.
-
-The slots of the bank are the hypotheses:
-
-| slot | hypothesis |
-|---|---|
-| STEADY | the preload stays as it is |
-| WEARING | the preload falls steadily |
-| LOSS | step of the preload |
-| TOTAL_LOSS | step of the preload to almost nothing |
-| LUBRICATION | step of all friction |
-| LOAD | another load on the table |
-| LOOSENING | step of the compliance beside the nut |
-| BEFORE | belief before the last such step was accepted |
-
-Beside its hypotheses the bank carries moments:
-
-| moment | meaning | unit |
-|---|---|---|
-| SINCE_SPAWN_S | motion since challengers were spawned | s |
-| STOPPED_S | length of a stop after which load and lubricant are still to be challenged | s |
-| LEARNING | 1 until the likeliest initial hypothesis is accepted | - |
-| SURPRISE | normalised innovation squared of the leading hypothesis | - |
-| FASTEST_RAD_S | fastest phase so far | rad/s |
-| FORCED_S | motion for which a process force has lasted | s |
-| INERTIA_ERROR | sum over half a minute of J a times the error of the torque | (N m)^2 s |
-| INERTIA_TORQUE | the same of (J a)^2 | (N m)^2 s |
+A hypothesis estimates the quantities below, torque's first: an axis with one encoder has
+TORQUE_STATES of them. Changes of frictions are shares of what was commissioned. NUT_COMPLIANCE is
+considered (Schmidt's filter): its variance widens the answer, but the data do not move it, for no
+recording of a healthy axis can tell it, and a filter that learns it lets a wrong model look right.
 """
 
 from typing import Any, NamedTuple
@@ -68,13 +14,20 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 from ...messages.stored import decoded, encoded
 
-PRELOAD, WEAR_RATE = range(2)
+PRELOAD, WEAR_RATE = range(2)  # ln of percent of the load rating; its growth per s of motion
 NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(2, 7)
 PAYLOAD, TORQUE_OFFSET, TORQUE_WANDER, SPEED_ERROR_START, SPEED_ERROR_END = range(7, 12)
+"""Mass beyond commissioning, kg; gravity with the amplifier's offset, and friction that wanders
+along the way, N m; error of the speed at both ends of the phase, rad/s."""
 TORQUE_STATES = 12
 ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(12, 17)
+"""Travel by the motor less that of the table at the reference, m, and along the stroke; rates of
+both with the screw's temperature, per s; delay of the linear encoder, s."""
 NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, REVERSAL, STRETCH_WANDER = range(17, 22)
-MAP = 22
+"""Of the fresh nut, m/N; error of the mass behind the commissioned compliance, a share; compliance
+of the rest beyond commissioning, m/N; change of the stretch at a reversal, a share of what the
+guide made it; difference of the encoders that wanders along the way, m."""
+MAP = 22  # the first coefficient of cos(j pi x / stroke), j = 2, 3, ...: uneven growth, m
 MAP_STATES = 4
 STRETCH_STATES = MAP + MAP_STATES
 
@@ -82,13 +35,19 @@ MOST_SHARE = 1.05
 """Bound on the preload over the fresh one: it is lost, never gained, except by heat."""
 
 STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BEFORE = range(8)
+"""The preload stays, or falls steadily; steps of the preload, of it to almost nothing, of all
+friction, of the load, of the compliance; the belief before the last accepted step."""
 HYPOTHESES = 8
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
 STOP_CHALLENGERS = (LUBRICATION, LOAD)
 """Steps that are likelier after a stop."""
 
 SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
+"""Motion since challengers were spawned; a stop that is still to be challenged; 1 until the
+likeliest initial hypothesis is accepted; innovation squared of the leader; fastest phase so far;
+motion for which a process force has lasted."""
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
+"""Sums over half a minute of J a times the error of the torque, and of (J a)^2, (N m)^2 s."""
 MOMENTS = 8
 
 
@@ -124,45 +83,79 @@ class AxisModel(NamedTuple):
     stretch_slow_rad_s: float
 
 
-class Process(NamedTuple):
-    """Process noise of the state, and events that may change it; see MixtureSettings.
+class MixtureSettings(NamedTuple):
+    """Assumed changes of an axis; shares are of the commissioned value, steps standard deviations.
 
-    Variances per second unless said otherwise.
+    None of it is tied to one machine: forces and torques follow from the friction that
+    commissioning found, lengths from its noise and compliance.
     """
 
+    together: float = 0.10  # of all frictions alike, by lubrication and temperature
+    apart: float = 0.07  # of each on its own
+    warmth: float = 0.35  # most friction that warmth takes, with one encoder; any share as likely
+    friction_s: float = 600.0  # time in which friction returns to what was commissioned
+    start_share: float = 1.25  # factor on it at the start of a session, another day's
+    wander: float = 0.02  # friction that wanders along the way, over the Coulomb friction
+    wander_s: float = 1.0  # for how long it is alike
+    wander_m: float = 0.03  # over which way the stretch is
+    axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
+    preload_walk: float = 0.005  # of ln(preload) per sqrt(s) of motion
+    wear_walk: float = 0.06  # the same, wearing fast
+    wear_rate: float = 1e-3  # of ln(preload) per s of motion
+    rate_walk: float = 1e-4  # its change per sqrt(s)
+    wearing: float = 0.1  # probability of wearing fast at the start
+    start: float = 0.3  # of ln(preload) at the start
+    half: float = 0.2  # probability that half of it is lost then
+    none: float = 0.1  # that all is
+    loaded: float = 0.2  # that the load is another
+    loss: float = 0.5  # sizes of the steps
+    lubricated: float = 0.15
+    lubricated_apart: float = 0.08
+    load: float = 0.4
+    loosened: float = 0.15
+    lost_sigma: float = 0.7  # of ln(preload) after a total loss
+    hazard: float = 1e-4  # of each step per second of motion
+    stop_hazard: float = 1e-3  # of lubrication and load per second of a stop
+    reversal: float = 0.1  # of the stretch at a reversal, as the frictions change
+    looseness: float = 0.001  # of the compliance beside the nut, at the start
+    twist: float = 0.07  # of the mass behind the compliance, give or take as much: a screw twists
+    uneven_m: float = 3e-6  # growth of a screw that is warm at the start; finer waves are smaller
+    uneven_share: float = 0.01  # finer unevenness over the growth along the stroke
+    growth_s: float = 300.0  # time constant of a warming screw
+    evidence: float = 0.5  # share of a log-likelihood that counts: errors outlast a phase
+    most_nats: float = 10.0  # most that one phase says against a hypothesis: it may be spoiled
+    force: float = 0.125  # process forces over the dynamic load rating
+    force_error: float = 0.1  # of their compliance
+    force_share: float = 0.03  # of phases in which one begins
+    rapid_share: float = 0.005  # the same of rapids
+    force_stay: float = 0.88  # probability that it lasts for another phase
+    floor: float = -14.0  # least log-weight of a hypothesis: none dies
+    spawn_s: float = 3.0  # motion after which challengers begin anew
+    learn_s: float = 20.0  # motion until the likeliest initial hypothesis is accepted
+    confirm_s: float = 8.0  # motion for which a challenger must have been seen
+    margin: float = 2.0  # by which it must lead
+
+
+ASSUMED = MixtureSettings()
+
+
+class Process(NamedTuple):
+    """Process noise of one axis, and events that may change it; variances unless said otherwise."""
+
+    assumed: MixtureSettings
     walk: Floats  # (n,), per second of time
     moving_walk: Floats  # (HYPOTHESES,), of PRELOAD per second of motion
-    rate_walk: float  # of WEAR_RATE per second of motion
-    wear_rate_per_s: float  # standard deviation with which wear begins
-    together: float  # of the five frictions alike
-    friction_keep_s: float  # time constant with which friction returns to what was commissioned
+    together: float  # of the five frictions alike, per second
     torque_wander_nm: float  # standard deviation
-    torque_wander_s: float
-    stretch_wander_m: float
-    stretch_wander_way_m: float
-    uneven_share: float  # of the screw's growth since commissioning that wanders with it
+    stretch_wander_m: float  # standard deviation
     axial_n: float  # standard deviation of axial friction from phase to phase
     loose_m: float  # clearance of a nut without preload
-    growth_s: float  # time constant of a warming screw
     jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
     priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
     lost_log_percent: float  # ln of the preload of a total loss, in percent
-    lost_sigma: float
     loosened_m_per_n: float  # mean of a loosening
-    wearing_log_weight: float
-    evidence: float  # share of a phase's log-likelihood that counts
-    most_nats: float  # most that one phase says against a hypothesis
     force_n: float  # standard deviation of process forces
-    force_error: float  # error of their compliance, as a share
-    force_share: float  # of phases in which a force begins
-    rapid_share: float  # the same above half of the fastest motion
-    force_stay: float  # probability that it lasts for another phase
-    floor: float  # least log-weight of a hypothesis: none dies
-    spawn_s: float
-    learn_s: float
-    confirm_s: float
-    margin: float
 
 
 class Reading(NamedTuple):

@@ -160,10 +160,10 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
         return
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            behind = min(most - assessed.log_likelihood[k], process.most_nats)
+            behind = min(most - assessed.log_likelihood[k], process.assumed.most_nats)
             behind -= assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
-            bank.log_weight[k] -= process.evidence * behind
-    normalise(bank, process.floor)
+            bank.log_weight[k] -= process.assumed.evidence * behind
+    normalise(bank, process.assumed.floor)
 
 
 @inlined
@@ -199,7 +199,7 @@ def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
         return
     before_s = bank.moments[FORCED_S]
     bank.moments[FORCED_S] = before_s + r.steady_s
-    if bank.moments[FORCED_S] % process.learn_s < before_s % process.learn_s:
+    if bank.moments[FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
         bank.moments[STOPPED_S] = max(bank.moments[STOPPED_S], 1.0)
 
 
@@ -209,7 +209,7 @@ def force_begins(bank: Bank, process: Process, r: Reading) -> float:
     speed = abs(r.speed_rad_s)
     fastest = max(bank.moments[FASTEST_RAD_S], speed)
     bank.moments[FASTEST_RAD_S] = fastest
-    return process.rapid_share if speed > _RAPID * fastest else process.force_share
+    return process.assumed.rapid_share if speed > _RAPID * fastest else process.assumed.force_share
 
 
 @compiled
@@ -235,16 +235,16 @@ def assess(
     if two:
         a, b = ss * ratio - us * compliance, uu * compliance - us * ratio
         seen_n = (a * e[0] + b * e[1]) / (a * ratio + b * compliance)
-    doubt_m = process.force_error * seen_n * compliance
+    doubt_m = process.assumed.force_error * seen_n * compliance
     extra_uu, extra_us = force_var * ratio * ratio, force_var * ratio * compliance
     extra_ss = force_var * compliance * compliance + doubt_m * doubt_m
-    stays = process.force_stay * bank.force[k]
+    stays = process.assumed.force_stay * bank.force[k]
     alike = _ALIKE * stays if two else 0.0
     starts = (1.0 - bank.force[k]) * begins + stays - alike
     calm, nis = _log_likelihood(e[0], e[1], uu, ss, us)
     new, _ = _log_likelihood(e[0], e[1], uu + extra_uu, ss + extra_ss, us + extra_us)
     a, b = bank.force_n[k] * ratio, bank.force_n[k] * compliance
-    share = process.force_error * process.force_error
+    share = process.assumed.force_error * process.assumed.force_error
     same, nis_same = _log_likelihood(
         e[0] - a, e[1] - b, uu + share * a * a, ss + 2.0 * share * b * b, us + share * a * b
     )

@@ -1,12 +1,11 @@
 """Commissioning recovers what the plant is made of, and refuses what cannot tell it."""
 
-import math
 from functools import cache
 
 import numpy as np
 import pytest
 
-from edge_service.estimate.commissioning.identification import commissioned, friction_shares
+from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
@@ -145,23 +144,6 @@ def test_the_order_of_recordings_means_nothing() -> None:
     )
 
 
-def test_one_encoder_is_enough_for_friction() -> None:
-    axis = OwnAxis(1, one_encoder=True)
-    percent = np.full(60_000, axis.fresh_percent)
-    machine = commissioned([downsampled(axis.frames("production", percent, 11), NOMINAL)], NOMINAL)
-    taught = machine.commissioned
-    assert taught is not None
-    assert taught.transmission is None
-    truth = true_machine(1)
-    drag = truth.model.preload_drag_nm
-    assert drag is not None
-    assert taught.coulomb_nm == pytest.approx(drag.value + truth.other_drag_nm.value, rel=0.01)
-
-
-def test_the_machine_file_content_survives_a_round_trip() -> None:
-    assert Machine.model_validate(learned().model_dump(mode="json")) == learned()
-
-
 @pytest.mark.parametrize(
     ("blocks", "reason"),
     [
@@ -189,24 +171,6 @@ def test_a_swapped_sign_is_refused(channel: str) -> None:
     ]
     with pytest.raises(CommissioningError, match="signs"):
         commissioned([downsampled(frames, NOMINAL)], NOMINAL)
-
-
-def test_less_friction_than_the_fresh_screw_alone_is_refused() -> None:
-    drag = Quantity(value=1.2 * COULOMB)
-    model = NOMINAL.model.model_copy(update={"preload_drag_nm": drag})
-    with pytest.raises(CommissioningError, match="less than the fresh screw"):
-        commissioned([rigid((10.0, 30.0, 60.0))], NOMINAL.model_copy(update={"model": model}))
-
-
-@pytest.mark.parametrize("reversal_n", [math.inf, 1e3])
-def test_no_rounding_makes_friction_of_bearings_negative(reversal_n: float) -> None:
-    """A file with -3e-17 N m could be written and not read again."""
-    rng = np.random.default_rng(5)
-    for other_nm, ratio in rng.uniform(1e-3, 1.0, (1000, 2)) * (1.0, 1e-2):
-        guide_n, bearing_nm = friction_shares(other_nm, ratio, reversal_n)
-        assert guide_n >= 0.0
-        assert bearing_nm >= 0.0
-        assert ratio * guide_n + bearing_nm == pytest.approx(other_nm)
 
 
 def test_intervals_with_a_fault_teach_nothing() -> None:

@@ -1,6 +1,5 @@
 """Commissioning refuses what the recordings cannot determine, and takes axes of any size."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +10,10 @@ from edge_service.config import ConfigError, load_machine
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.commissioning.phases import (
     CommissioningError,
-    SteadyPhases,
     observed_limits,
 )
-from edge_service.estimate.commissioning.timing import torque_lag, wide_inertia
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import TORQUE, SampleFrame
+from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.commission import commission_to_file
@@ -99,31 +96,6 @@ def test_limits_come_down_with_the_motion_and_are_kept() -> None:
     assert (fast.slowest_rad_s, fast.cruise_rad_s2) == (None, None)
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.002, 0.006])
-def test_a_lag_of_the_torque_is_measured(late_s: float) -> None:
-    lag = torque_lag(SteadyPhases.of([cut(replace(BENCH, late_s=late_s))]))
-    assert lag is not None
-    assert lag[0] == pytest.approx(late_s, abs=1e-4 + 0.15 * late_s)
-
-
-@pytest.mark.parametrize("intervals", [1, 2, 4])
-def test_long_windows_tell_the_inertia_despite_a_coarse_encoder(intervals: int) -> None:
-    wide = wide_inertia([cut(replace(BENCH, encoder_rad=2e-2, one_encoder=True))], intervals)
-    assert wide is not None
-    assert wide.inertia_kg_m2 == pytest.approx(BENCH.inertia_kg_m2, rel=0.05)
-
-
-def disturbed(level_nm: float) -> Callable[[SampleFrame], SampleFrame]:
-    def with_force(frame: SampleFrame) -> SampleFrame:
-        rng = np.random.default_rng(2)
-        pushes = np.repeat(rng.standard_normal(len(frame) // 150 + 1), 150)[: len(frame)]
-        channels = dict(frame.channels)
-        channels[TORQUE] = channels[TORQUE] + level_nm * pushes
-        return SampleFrame(frame.time_s, channels)
-
-    return with_force
-
-
 REFUSED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
     "coarse encoder": (
         replace(BENCH, encoder_rad=2e-2, one_encoder=True),
@@ -151,21 +123,6 @@ def test_what_contradicts_is_refused_in_one_line(
     with pytest.raises(CommissioningError, match=reason) as caught:
         learned(axis, **stated)
     assert "\n" not in str(caught.value)
-
-
-def test_torque_that_motion_does_not_explain_is_refused() -> None:
-    pushed = disturbed(3.0)(BENCH.frame())
-    with pytest.raises(CommissioningError, match="motion explains too little"):
-        commissioned([cut(BENCH, pushed)], BENCH.machine())
-
-
-def test_a_hardly_stated_inertia_may_differ() -> None:
-    """A machine file that says it knows nothing of the inertia is not contradicted."""
-    unknown = {"value": 1.5e-2, "tolerance": 1.0}
-    machine = BENCH.machine()
-    model = machine.model.model_validate(machine.model.model_dump() | {"inertia_kg_m2": unknown})
-    found = commissioned([cut(BENCH)], machine.model_copy(update={"model": model}))
-    assert found.model.inertia_kg_m2.value == pytest.approx(BENCH.inertia_kg_m2, rel=0.003)
 
 
 LIN_A = """

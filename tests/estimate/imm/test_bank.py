@@ -139,31 +139,6 @@ def test_equal_modes_are_one_filter_and_follow_the_markov_chain(kind: str) -> No
 
 
 @every_bank
-def test_the_order_of_the_modes_does_not_matter(kind: str) -> None:
-    problem, order = random_problem(5), np.array([3, 0, 4, 2, 1])
-    matrix = problem.step.mode_transition[np.ix_(order, order)]
-    shuffled = Problem(
-        replace(problem.step, mode_transition=matrix),
-        problem.drives[:, order],
-        problem.measurements,
-        replace(problem.start, mode_probability=problem.start.mode_probability[order]),
-    )
-    for first, second in zip(
-        run(BANKS[kind](), problem), run(BANKS[kind](), shuffled), strict=True
-    ):
-        permuted = replace(
-            first,
-            mode_probability=first.mode_probability[order],
-            log_mode_probability=first.log_mode_probability[order],
-            log_likelihood=first.log_likelihood[order],
-            nis=first.nis[order],
-        )
-        assert_same(permuted, second, 1e-11)
-        assert first.mode_probability.sum() == pytest.approx(1.0, abs=1e-12)
-        assert (np.linalg.eigvalsh(first.covariance) > 0.0).all()
-
-
-@every_bank
 def test_continues_from_a_snapshot_bit_for_bit(kind: str) -> None:
     problem = random_problem(7, count=40)
     half = replace(problem, drives=problem.drives[:20], measurements=problem.measurements[:20])
@@ -240,30 +215,6 @@ def test_modes_far_from_the_truth_do_not_underflow() -> None:
     odds = float(-np.diff(problem.run().log_mode_probability[0])[0])
     assert odds == pytest.approx(0.5 * (200.0**2 - 100.0**2) / 1.02, rel=1e-12)
     assert run(FilterpyBank(), problem)[0].mode_probability.tolist() == [0.5, 0.5]
-
-
-def test_an_almost_impossible_mode_keeps_its_own_filter() -> None:
-    """With no transitions, mixing weights must not vanish with the probability of a mode."""
-    drives = np.zeros((30, 2, 2))
-    drives[:, 1, 0] = 50.0
-    start = BankStart(np.zeros(2), np.eye(2), np.array([0.5, 0.5]))
-    measurements = np.zeros((30, 2))
-    both = run_bank(plain_step(drives[0], np.eye(2)), drives, measurements, start)
-    assert both.log_mode_probability[-1, 1] < -10_000.0
-    alone = replace(start, mode_probability=np.ones(1))
-    only = run_bank(plain_step(drives[0, 1:], np.ones((1, 1))), drives[:, 1:], measurements, alone)
-    np.testing.assert_allclose(both.nis[:, 1], only.nis[:, 0], rtol=1e-12)
-
-
-def test_an_unreachable_mode_has_probability_zero() -> None:
-    problem = random_problem(2)
-    closed = np.eye(5)
-    closed[:4, :4] = 0.05 + 0.8 * np.eye(4)
-    start = replace(problem.start, mode_probability=np.array([0.25, 0.25, 0.25, 0.25, 0.0]))
-    step = replace(problem.step, mode_transition=closed)
-    result = replace(problem, step=step, start=start).run()
-    assert (result.mode_probability[:, 4] == 0.0).all()
-    np.testing.assert_allclose(result.mode_probability.sum(axis=1), 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("boundary", [KALMAN, SLIDING], ids=["kalman", "sliding"])

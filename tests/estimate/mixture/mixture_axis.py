@@ -12,18 +12,17 @@ import numpy as np
 from scipy.optimize import brentq
 
 from edge_service.estimate.mixture.model import (
-    MixtureSettings,
     Start,
     axis_model,
     process_of,
     start_of,
 )
-from edge_service.estimate.mixture.state import AxisModel, Process, Reading
+from edge_service.estimate.mixture.state import ASSUMED, AxisModel, Process, Reading
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig, TransmissionConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
 
-SETTINGS = MixtureSettings()
+SETTINGS = ASSUMED
 FRESH = 7.0
 FRESH_N = 700.0
 RATING_N = 10_000.0
@@ -83,7 +82,7 @@ def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
 @cache
 def parts(one_encoder: bool = False) -> tuple[AxisModel, Start, Process]:
     """Model, start and process of the axis."""
-    model = axis_model(machine(one_encoder), SETTINGS)
+    model = axis_model(machine(one_encoder))
     start = start_of(machine(one_encoder), model, SETTINGS)
     return model, start, process_of(machine(one_encoder), model, start, SETTINGS)
 

@@ -175,14 +175,11 @@ def alone(start: Start, sigma: float) -> Bank:
 
 def never(process: Process) -> Process:
     """Nothing happens to the axis, no force acts, and the bank learns for ever."""
-    return process._replace(
-        force_share=1e-300,
-        rapid_share=1e-300,
-        force_stay=0.0,
-        priors=np.full(HYPOTHESES, -np.inf),
-        stop_priors=np.full(HYPOTHESES, -np.inf),
-        learn_s=math.inf,
+    nothing = np.full(HYPOTHESES, -np.inf)
+    assumed = process.assumed._replace(
+        force_share=1e-300, rapid_share=1e-300, force_stay=0.0, learn_s=math.inf
     )
+    return process._replace(assumed=assumed, priors=nothing, stop_priors=nothing)
 
 
 def unit(p: Floats) -> Floats:

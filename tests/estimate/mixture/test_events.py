@@ -152,12 +152,6 @@ def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
     assert late[:, 1].min() > 0.85 * FRESH
 
 
-def test_a_payload_is_no_loss() -> None:
-    answers = numbers(run(production("payload")))
-    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0), 1].mean()
-    assert before - answers[answers[:, 0] > 30.0, 1].min() < 0.5
-
-
 def test_warm_up_is_no_wear() -> None:
     """Friction falls by a fifth: on torque alone that reads as a loss of 3.6 points."""
     seconds, share = 200.0, 0.2
@@ -181,13 +175,3 @@ def test_published_probabilities_sum_to_one_and_name_the_nearest_level() -> None
     assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
     assert sum(last.mode_probability.values()) == pytest.approx(1.0)
     assert last.mode_probability["0"] > 0.9
-
-
-def test_preload_in_newton_and_percent_agree() -> None:
-    last = run(production("healthy"))[-1]
-    assert last.preload_percent is not None
-    assert last.preload_n == pytest.approx(last.preload_percent / 100.0 * 7450.0)
-    assert last.drag_torque_nm is not None
-    taught = machine().commissioned
-    assert taught is not None
-    assert last.drag_torque_nm.low < taught.coulomb_nm < last.drag_torque_nm.high

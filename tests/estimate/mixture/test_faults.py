@@ -63,16 +63,3 @@ def test_a_healthy_axis_has_none() -> None:
     assert said.fault_probability["preload_loss"] < 0.5
     others = {name for name in said.fault_probability if name != "preload_loss"}
     assert max(said.fault_probability[name] for name in others) < 0.1
-
-
-def test_one_encoder_knows_fewer() -> None:
-    axis = OwnAxis(1, one_encoder=True)
-    percent = np.full(10_000, axis.fresh_percent)
-    estimator = MixturePreloadEstimator(axis.commissioned())
-    for block in downsampled(axis.frames("production", percent, 3), axis.nominal()):
-        estimator.update(block)
-    assert set(estimator.estimate().fault_probability) == {
-        "preload_loss",
-        "lubrication",
-        "process_force",
-    }

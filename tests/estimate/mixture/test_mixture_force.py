@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
-from edge_service.estimate.mixture.hypotheses import FORCED, initial_bank, leader_of
+from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
 from edge_service.estimate.mixture.state import (
     INERTIA_ERROR,
     INERTIA_TORQUE,
     LOSS,
-    PAYLOAD,
     PRELOAD,
     STEADY,
     TOTAL_LOSS,
@@ -20,7 +19,7 @@ from edge_service.estimate.mixture.state import (
 )
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, TABLE_KG, Truth, parts, production
+from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
 
 FORCE_N = 400.0
 
@@ -89,30 +88,6 @@ def test_cuts_are_no_other_torque_constant(one_encoder: bool, seed: int) -> None
             assert abs(acceleration_error(bank)) < INERTIA_OFF, k
 
 
-@pytest.mark.parametrize("one_encoder", [False, True])
-@pytest.mark.parametrize("gain", [0.5, 2.0])
-def test_another_torque_constant_is_noticed_beside_cuts(one_encoder: bool, gain: float) -> None:
-    model, start, process = parts(one_encoder)
-    bank = initial_bank(start, SETTINGS)
-    force_n = bursts(np.random.default_rng(8), 40.0)
-    for k, r in enumerate(production(30, 40.0, Truth(), one_encoder)):
-        cut = pushed(r, float(force_n[k]))
-        step(bank, model, process, cut._replace(torque_nm=gain * cut.torque_nm), 0.1)
-    no_table = bank.mean[leader_of(bank), PAYLOAD] < -0.8 * TABLE_KG  # implausible as well
-    assert no_table or math.copysign(1.0, gain - 1.0) * acceleration_error(bank) > INERTIA_OFF
-
-
-def test_what_all_take_for_a_force_says_nothing_of_them() -> None:
-    model, _, process = parts()
-    bank = settled()
-    before = bank.log_weight.copy()
-    r = pushed(next(iter(production(13, 0.1, Truth()))), FORCE_N)
-    assert math.isnan(step(bank, model, process, r, 0.1))
-    there = (bank.alive > 0) & (bank.age_s > 0.0)
-    assert (bank.force[there] > FORCED).all()
-    np.testing.assert_array_equal(bank.log_weight[there], before[there])
-
-
 @pytest.mark.parametrize("left", [0.02, 0.3, 0.5])
 def test_a_drop_is_no_force_that_lasts(left: float) -> None:
     """A loss moves torque and stretch as no force does: recognised within 2 s of motion."""
@@ -156,18 +131,3 @@ def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
         assert 0.0 < like == pytest.approx(unlike)
     else:
         assert like > 0.9 and unlike < 0.5
-
-
-@pytest.mark.parametrize("one_encoder", [True, False])
-def test_probabilities_stay_probabilities_where_no_force_lasts(one_encoder: bool) -> None:
-    """Sums of probabilities round to a little over one; none may end as a number that is none."""
-    model, _, process = parts(one_encoder)
-    bank = settled(one_encoder)
-    for n, r in enumerate(production(21, 60.0, Truth(), one_encoder)):
-        cuts = n % 30 < 20
-        pushed_r = pushed(r, FORCE_N * (1.0 + 0.2 * math.sin(n))) if cuts else r
-        step(bank, model, process._replace(force_stay=0.0), pushed_r, 0.1)
-        alive = bank.alive > 0
-        assert np.all((bank.force[alive] >= 0.0) & (bank.force[alive] <= 1.0))
-    assert np.all(np.isfinite(bank.mean[bank.alive > 0]))
-    assert abs(percent(bank) - FRESH) < 2.0

@@ -1,7 +1,6 @@
 """Expectation of a hypothesis for a phase, against the equations solved another way."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,26 +125,6 @@ def test_slopes_of_the_stretch_are_its_differences(seed: int) -> None:
         assert slope[i] * scale[i] == pytest.approx(slanted * scale[i], rel=2e-5, abs=1e-15), i
 
 
-@pytest.mark.parametrize("seed", [8, 19])
-def test_the_preloads_slope_of_the_stretch_is_its_difference(seed: int) -> None:
-    truth, r = another(seed)
-    x = state_of(truth)
-    step = np.eye(len(x))[PRELOAD] * 1e-4
-    slanted = (stretch(x + step, r)[0] - stretch(x - step, r)[0]) / 2e-4
-    assert stretch(x, r)[1][PRELOAD] == pytest.approx(slanted, rel=1e-5)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_the_compliance_is_the_stretch_per_force(seed: int) -> None:
-    """A heavier table is a force at a known acceleration."""
-    truth, r = another(seed)
-    truth = replace(truth, mass_error=0.0)
-    r = r._replace(acceleration_rad_s2=r.direction * 500.0)
-    _, slope, compliance = stretch(state_of(truth), r)
-    gear = MODEL.ratio_m_per_rad * r.acceleration_rad_s2
-    assert compliance * gear == pytest.approx(slope[PAYLOAD], rel=1e-12)
-
-
 @pytest.mark.parametrize("percent", PERCENTS)
 @pytest.mark.parametrize("load_n", LOADS_N)
 def test_the_nut_yields_as_two_contacts_in_balance(load_n: float, percent: float) -> None:
@@ -177,13 +156,3 @@ def test_without_preload_the_pair_crosses_its_clearance_before_it_bears() -> Non
     assert y == pytest.approx(CLEARANCE - left, abs=1e-3)
     heavy, _, _ = nut_deflection(FRESH_N, 0.0, *PAIR)
     assert heavy == pytest.approx(CLEARANCE - left + 1.0, rel=1e-3)  # a single Hertz contact
-
-
-def test_the_compiled_physics_are_the_plain_ones() -> None:
-    x, r = START.mean.copy(), another(3)[1]
-    slopes = np.zeros((2, len(x)))
-    args = (MODEL, x, r, 1.02)
-    fast = physics.expected_stretch(*args, slopes[0])
-    plain = physics.expected_stretch.py_func(*args, slopes[1])  # type: ignore[attr-defined]
-    assert fast == pytest.approx(plain, rel=1e-12)
-    np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-12)

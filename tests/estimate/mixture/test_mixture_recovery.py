@@ -3,10 +3,8 @@
 Measurements come from the equations in `mixture_axis`, not from the estimator.
 """
 
-import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.hypotheses import continue_after_stop, initial_bank
@@ -27,7 +25,7 @@ class Axis:
         self.one_encoder = one_encoder
         self.model, self.start, self.process = parts(one_encoder)
         self.bank: Bank = initial_bank(self.start, SETTINGS)
-        self.limits = fault_limits(machine(one_encoder), self.model)
+        self.limits = fault_limits(machine(one_encoder), self.model, SETTINGS)
 
     def moved(self, seed: int, seconds: float, truth: Truth, stop_s: float = 0.1) -> "Axis":
         """In motion, after a stop."""
@@ -121,19 +119,6 @@ def test_another_change_after_a_stop_is_no_loss(change: dict[str, float]) -> Non
     assert value > 0.85 * FRESH
 
 
-def test_a_healthy_axis_is_never_doubted_for_long() -> None:
-    axis = Axis(one_encoder=False)
-    outside, lost = [], []
-    for minute in range(30):
-        axis.moved(minute, 20.0, FRESH_TRUTH, 10.0 if minute % 3 == 0 else 0.1)
-        value, low, high = axis.said().preload
-        outside.append(not low <= FRESH <= high)
-        lost.append(axis.said().faults["preload_loss"] > 0.9)
-        assert math.isfinite(value)
-    assert np.mean(outside) <= 0.05
-    assert not any(lost)
-
-
 @pytest.mark.parametrize("stop_s", [2.0, 3.0, 5.0])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_loss_that_happens_at_a_stop_is_not_taken_for_grease(seed: int, stop_s: float) -> None:
@@ -154,21 +139,3 @@ def test_a_screw_that_winds_up_is_read_as_one_that_does_not(wind_up: float, perc
     value, low, high = axis.said().preload
     assert low <= percent <= high
     assert value == pytest.approx(percent, abs=0.15 * FRESH)
-
-
-def test_a_slow_loss_is_followed_without_much_lag() -> None:
-    axis = Axis(one_encoder=False).moved(1, 60.0, FRESH_TRUTH)
-    for k in range(30):
-        percent = FRESH * (1.0 - 0.01 * k)
-        axis.moved(100 + k, 15.0, Truth(percent=percent))
-    value, low, high = axis.said().preload
-    assert low <= percent <= high
-    assert value == pytest.approx(percent, abs=0.1 * FRESH)
-
-
-@pytest.mark.parametrize("error", [-0.02, 0.02])
-def test_an_error_of_the_tables_mass_is_no_loss_under_a_payload(error: float) -> None:
-    truth = Truth(payload_kg=10.0, mass_error=error)
-    axis = Axis(one_encoder=False).moved(5, 120.0, truth)
-    _, low, high = axis.said().preload
-    assert low <= FRESH <= high

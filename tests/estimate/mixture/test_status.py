@@ -86,13 +86,6 @@ def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
     assert {e.preload_percent for e in estimates} == {None}
 
 
-def test_no_number_outlives_a_long_silence() -> None:
-    estimator = MixturePreloadEstimator(machine())
-    assert run(production("healthy"), estimator)[-1].status is EstimateStatus.ESTIMATED
-    estimator.interrupt()
-    assert estimator.estimate().preload_percent is None
-
-
 WRONG = ("torque missing", "torque sign swapped", "angle sign swapped", "lead wrong by 2")
 
 
@@ -166,9 +159,3 @@ def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:
     assert back.time_s < 33.0
     assert back.preload_percent == pytest.approx(before.preload_percent, abs=0.3)
     assert back.data_used_s > 20.0
-
-
-def test_frames_of_a_case_hold_its_rows_once() -> None:
-    frames: list[SampleFrame] = list(AXIS.frames("production", np.full(25_000, FRESH), 6))
-    assert [len(frame) for frame in frames] == [FRAME_ROWS, FRAME_ROWS, 5_000]
-    assert np.diff(np.concatenate([f.time_s for f in frames])) == pytest.approx(1e-3)

@@ -57,22 +57,3 @@ def test_another_screw_and_an_unseen_loss_are_found(percent: float) -> None:
     answers = after_a_night(production(WORN, 6), production(percent, 7))
     late = answers[answers[:, 0] > 45.0]
     assert np.mean((late[:, 2] <= percent) & (late[:, 3] >= percent)) > 0.9
-
-
-def test_a_stop_leaves_less_known_the_longer_it_was() -> None:
-    blocks = production(WORN, 6)
-    widths = []
-    for stopped_s in (60.0, 600.0, 3600.0):
-        estimator = MixturePreloadEstimator(AXIS.commissioned())
-        for block in blocks[:300]:
-            estimator.update(block)
-        estimator.resume(stopped_s)
-        moving = next(i for i in range(300, 400) if blocks[i].phases)
-        for block in blocks[300 : moving + 1]:
-            estimator.update(block)
-        answer = estimator.estimate()
-        assert answer.low is not None
-        assert answer.high is not None
-        widths.append(answer.high - answer.low)
-    assert widths == sorted(widths)
-    assert widths[0] < widths[-1]

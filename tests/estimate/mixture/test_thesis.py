@@ -1,9 +1,8 @@
 """The mixture estimator on the thesis' own plant."""
 
-from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.offline.reproduce.simulation import ThesisCase, run_case
 
-from ...bench.estimator.plants.thesis import SETTINGS, thesis_blocks, thesis_machine
+from ...bench.estimator.plants.thesis import thesis_blocks, thesis_estimator, thesis_machine
 from .production import run
 
 
@@ -11,7 +10,7 @@ def test_the_drop_of_the_thesis_is_seen_in_the_third_informative_step() -> None:
     """Steps in which the drag may hold the axis tell nothing."""
     simulated, _ = run_case(ThesisCase(4), seed=3)
     blocks = thesis_blocks(simulated)
-    estimator = MixturePreloadEstimator(thesis_machine(), SETTINGS)
+    estimator = thesis_estimator(thesis_machine())
     percents = {e.time_s: e.preload_percent for e in run(blocks, estimator)}
     before = [p for time_s, p in percents.items() if 10.0 < time_s < 50.15 and p is not None]
     assert min(before) > 9.5

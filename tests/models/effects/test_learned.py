@@ -5,14 +5,14 @@ import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.session.twin import rigid_baseline
-from edge_service.estimate.mixture.model import MixtureSettings, axis_model, start_of
+from edge_service.estimate.mixture.model import axis_model, start_of
 from edge_service.estimate.mixture.physics import (
     expected_stretch,
     expected_torque,
     stribeck,
     stroke_factor,
 )
-from edge_service.estimate.mixture.state import Reading
+from edge_service.estimate.mixture.state import ASSUMED, Reading
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig, TransmissionConfig
 from edge_service.models.effects.baseline import Motion
@@ -95,8 +95,8 @@ def modelled(machine: Machine, moved: Motion) -> tuple[Floats, Floats]:
 
 def expected(machine: Machine, moved: Motion) -> tuple[Floats, Floats]:
     """The same from the estimator's equations."""
-    settings = MixtureSettings(twist=0.0)
-    model = axis_model(machine, settings)
+    settings = ASSUMED._replace(twist=0.0)
+    model = axis_model(machine)
     x = start_of(machine, model, settings).mean
     slope, found = np.zeros(len(x)), []
     columns = moved.direction, moved.acceleration_rad_s2, moved.speed_rad_s, moved.position_m

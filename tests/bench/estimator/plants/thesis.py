@@ -6,8 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.estimate.mixture.model import MixtureSettings
-from edge_service.estimate.mixture.state import LUBRICATION
+from edge_service.estimate.mixture.state import LUBRICATION, MixtureSettings
 from edge_service.messages.features import Fault, FeatureBlock, Phase
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
@@ -46,7 +45,6 @@ SETTINGS = MixtureSettings(
     evidence=1.0,
     force_share=1e-6,
     rapid_share=1e-6,
-    without=(LUBRICATION,),
 )
 """The thesis' plant has no friction but the screw's, and no process."""
 STUCK_MARGIN_NM = 0.05
@@ -80,6 +78,14 @@ def thesis_machine() -> Machine:
             sample_period_s=PRINTED_STEP_S,
         ),
     )
+
+
+def thesis_estimator(machine: Machine) -> MixturePreloadEstimator:
+    """The mixture estimator for an axis without lubricant."""
+    estimator = MixturePreloadEstimator(machine, SETTINGS)
+    for priors in (estimator.process.priors, estimator.process.stop_priors):
+        priors[LUBRICATION] = -math.inf
+    return estimator
 
 
 def torque_noise_var() -> float:
@@ -161,7 +167,7 @@ def thesis_runs(first: int, runs: int) -> Iterator[Part]:
     for seed in range(first, first + runs):
         for simulation in (1, 2, 3, 4, ONE_POINT):
             run = _simulated(simulation, seed)
-            estimator = MixturePreloadEstimator(machine, SETTINGS)
+            estimator = thesis_estimator(machine)
             truth = Recorded(thesis_blocks(run), run.time_s, run.preload_percent)
             track = follow(estimator, truth)
             ours = _scored(simulation, track)
