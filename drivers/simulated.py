@@ -157,7 +157,7 @@ def _wear(config: SimulatedConfig, machine: Machine) -> Wear:
             end = config.start_percent
     start = start if config.start_percent is None else config.start_percent
     end = end if config.end_percent is None else config.end_percent
-    return replace(scenario, start_percent=start, end_percent=end)
+    return scenario._replace(start_percent=start, end_percent=end)
 
 
 def _machine(path: Path) -> Machine:

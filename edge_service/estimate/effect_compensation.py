@@ -45,17 +45,11 @@ _DYNAMIC = frozenset({Constant.TORQUE_LAG, Constant.TORQUE_LIMIT})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectCompensation:
-    """Effects of one machine file, by their compensation in a phase.
+    """Effects of one machine file, by their compensation in a phase."""
 
-    Attributes:
-        used: compensated effects.
-        left: names of the others, which stay in.
-        command_share: of the torque command above the torque that arrives.
-    """
-
-    used: tuple[ActiveEffect, ...]
-    left: tuple[str, ...]
-    command_share: float
+    used: tuple[ActiveEffect, ...]  # compensated
+    left: tuple[str, ...]  # names of the others, which stay in
+    command_share: float  # of the torque command above the torque that arrives
     baseline: Baseline
 
     @classmethod

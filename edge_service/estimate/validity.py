@@ -32,24 +32,16 @@ def _key(name: str) -> str:
 @with_config(ConfigDict(alias_generator=_key))
 @dataclass(slots=True)
 class _State:
-    """Everything on which the status depends; times on the axis' clock, None before the first.
+    """Everything on which the status depends; times on the axis' clock, None before the first."""
 
-    Attributes:
-        informative_s: informative motion so far, s.
-        first_s: start of the first interval since an interruption.
-        fault_names: of the last unusable interval.
-        channels: caveats on the channels of the last interval.
-        stuck: a channel was stuck, and no motion has shown since that it is free again.
-    """
-
-    informative_s: float = 0.0
+    informative_s: float = 0.0  # informative motion so far
     time_s: float | None = None
     last_informative_s: float | None = None
     last_usable_s: float | None = None
-    first_s: float | None = None
-    fault_names: tuple[str, ...] = ()
-    channels: tuple[str, ...] = ()
-    stuck: bool = False
+    first_s: float | None = None  # start of the first interval since an interruption
+    fault_names: tuple[str, ...] = ()  # of the last unusable interval
+    channels: tuple[str, ...] = ()  # caveats on the channels of the last interval
+    stuck: bool = False  # a channel was, and no motion has shown since that it is free again
     surprise: float = 0.0
     disagreeing: bool = False
 
@@ -91,32 +83,27 @@ class Validity:
 
         The used motion may have gathered over `used_s` instead of the interval alone, s.
         """
-        if self._now.time_s is not None and block.time_s < self._now.time_s:
+        now = self._now
+        if now.time_s is not None and block.time_s < now.time_s:
             self.interrupt()
-        self._now.time_s = block.time_s
-        self._now.channels = channel_reasons(block.fault)
-        if self._now.first_s is None:
-            self._now.first_s = block.time_s - block.duration_s
-        self._now.stuck = not used and (self._now.stuck or Fault.STUCK in block.fault)
-        if (
-            block.usable and not self._now.stuck
-        ):  # an axis at rest does not show that it is free again
-            self._now.last_usable_s = block.time_s
-        elif not block.usable:
-            self._now.fault_names = tuple(
-                str(fault.name).lower() for fault in block.fault & UNUSABLE
-            )
+        now.time_s, now.channels = block.time_s, channel_reasons(block.fault)
+        if now.first_s is None:
+            now.first_s = block.time_s - block.duration_s
+        now.stuck = not used and (now.stuck or Fault.STUCK in block.fault)
+        if not block.usable:
+            now.fault_names = tuple(str(fault.name).lower() for fault in block.fault & UNUSABLE)
+        elif not now.stuck:  # an axis at rest does not show that it is free again
+            now.last_usable_s = block.time_s
         if used:
-            self._now.informative_s += block.duration_s if used_s is None else used_s
-            self._now.last_informative_s = block.time_s
-            if surprise is not None:
-                most = self._worst if self._now.disagreeing else SURPRISE_MOST
-                share = 1.0 / SURPRISE_MEMORY
-                self._now.surprise += share * (min(surprise, most) - self._now.surprise)
-                if self._now.surprise > self._high:
-                    self._now.disagreeing = True
-                elif self._now.surprise < SURPRISE_LOW:
-                    self._now.disagreeing = False
+            now.informative_s += block.duration_s if used_s is None else used_s
+            now.last_informative_s = block.time_s
+        if used and surprise is not None:
+            most = self._worst if now.disagreeing else SURPRISE_MOST
+            now.surprise += 1.0 / SURPRISE_MEMORY * (min(surprise, most) - now.surprise)
+            if now.surprise > self._high:
+                now.disagreeing = True
+            elif now.surprise < SURPRISE_LOW:
+                now.disagreeing = False
 
     def interrupt(self) -> None:
         """Treat earlier data as of unknown age: no number stands on it until motion is seen."""

@@ -50,26 +50,16 @@ AMBIENT_C = 20.0
 
 @dataclass(frozen=True, slots=True)
 class FeedDriveSettings:
-    """One simulated axis.
+    """One simulated axis."""
 
-    Attributes:
-        plant: without the effects.
-        drag_per_percent_nm: screw drag per point of preload; 0 where the machine file knows no
-            preload in percent.
-        drag_without_preload_nm: screw drag at no preload.
-        rate_hz: rate of the cascade and of the samples.
-        substeps: steps of the plant within one period.
-        effects: what is simulated beyond the baseline.
-    """
-
-    plant: Plant
+    plant: Plant  # without the effects
     gains: Gains
-    drag_per_percent_nm: float
+    drag_per_percent_nm: float  # of the screw; 0 where the file knows no preload in percent
     drag_without_preload_nm: float = 0.0
     sensors: Sensors = field(default_factory=Sensors)
-    rate_hz: float = 1000.0
-    substeps: int = 16
-    effects: tuple[ActiveEffect, ...] = ()
+    rate_hz: float = 1000.0  # of the cascade and of the samples
+    substeps: int = 16  # steps of the plant within one period
+    effects: tuple[ActiveEffect, ...] = ()  # beyond the baseline
 
     @classmethod
     def of_machine(
@@ -84,8 +74,7 @@ class FeedDriveSettings:
             ValueError: the table is heavier than the whole inertia, or an effect of the machine
                 file is unknown or out of its bounds.
         """
-        ratio = machine.transmission_ratio_m_per_rad
-        inertia = machine.model.inertia_kg_m2.value
+        ratio, inertia = machine.transmission_ratio_m_per_rad, machine.model.inertia_kg_m2.value
         max_torque = machine.axis.max_torque_nm or MAX_TORQUE_NM
         without_preload_nm, per_percent_nm = screw_drag(machine)
         return cls(
@@ -150,38 +139,40 @@ class FeedDrive:
         Raises:
             ValueError: an input has another length, or holds a value that is not finite.
         """
-        count = len(setpoints)
-        _require_finite("setpoints", setpoints, (count, 3))
+        count, settings = len(setpoints), self.settings
+        time_s = np.arange(self._sample, self._sample + count) / settings.rate_hz
         _require_finite("preload_percent", preload_percent, (count,))
         if drag_nm is None:
-            drag_nm = self.settings.screw_drag_nm(preload_percent)
-        given = {
-            "drag_nm": drag_nm,
-            "external_force_n": np.zeros(count) if external_force_n is None else external_force_n,
-            "added_mass_kg": np.zeros(count) if added_mass_kg is None else added_mass_kg,
-        }
-        time_s = np.arange(self._sample, self._sample + count) / self.settings.rate_hz
-        warmed_c = AMBIENT_C + self._forward.temperature_rise_k(time_s)
-        given["temperature_c"] = warmed_c if temperature_c is None else temperature_c
-        for name, values in given.items():
-            _require_finite(name, values, (count,))
-        by_time = self._forward.over_time(time_s, given["temperature_c"])
+            drag_nm = settings.screw_drag_nm(preload_percent)
+        force_n = np.zeros(count) if external_force_n is None else external_force_n
+        mass_kg = np.zeros(count) if added_mass_kg is None else added_mass_kg
+        if temperature_c is None:
+            temperature_c = AMBIENT_C + self._forward.temperature_rise_k(time_s)
+        _require_finite("setpoints", setpoints, (count, 3))
+        _require_finite("drag_nm", drag_nm, (count,))
+        _require_finite("external_force_n", force_n, (count,))
+        _require_finite("added_mass_kg", mass_kg, (count,))
+        _require_finite("temperature_c", temperature_c, (count,))
+        by_time = self._forward.over_time(time_s, temperature_c)
         noise = self._random.standard_normal((count, NOISES))
-        inputs = Inputs(
-            setpoints=setpoints,
-            preload_percent=preload_percent,
-            screw_drag_nm=given["drag_nm"],
-            added_mass_kg=given["added_mass_kg"],
-            loads=by_time._replace(force_n=given["external_force_n"] + by_time.force_n),
-            noise=noise,
-        )
+        loads = by_time._replace(force_n=force_n + by_time.force_n)
+        inputs = Inputs(setpoints, preload_percent, drag_nm, mass_kg, loads, noise)
         out = np.empty((count, OUTPUTS))
         advance_loop(self._loop, self._state, self._past, self._sample, inputs, out)
         self._sample += count
-        sensors = self.settings.sensors
-        temperature = given["temperature_c"] + sensors.temperature_noise_c * noise[:, TEMPERATURE]
-        force = given["external_force_n"] + sensors.force_noise_n * noise[:, FORCE]
-        return _frame_of(time_s, out, setpoints, temperature, force)
+        sensors = settings.sensors
+        reported = {
+            channels.TORQUE: out[:, TORQUE].copy(),
+            channels.ANGLE: out[:, ANGLE].copy(),
+            channels.MOTOR_SPEED: out[:, MOTOR_SPEED].copy(),
+            channels.TABLE_POSITION: out[:, POSITION].copy(),
+            channels.TABLE_SPEED: out[:, SPEED].copy(),
+            channels.SETPOINT: setpoints[:, 0].copy(),
+            channels.TEMPERATURE: temperature_c
+            + sensors.temperature_noise_c * noise[:, TEMPERATURE],
+            channels.EXTERNAL_FORCE: force_n + sensors.force_noise_n * noise[:, FORCE],
+        }
+        return SampleFrame(time_s, reported)
 
     def take_on(self, effects: Sequence[ActiveEffect]) -> None:
         """Add effects from the next sample on; the encoders stay as homed.
@@ -247,22 +238,4 @@ def _loop_of(
         torque_per_command=1.0 / forward.command_per_torque,
         torque_limit_nm=forward.torque_limit_nm,
         position_lag_s=forward.position_lag_s,
-    )
-
-
-def _frame_of(
-    time_s: Floats, out: Floats, setpoints: Floats, temperature_c: Floats, force_n: Floats
-) -> SampleFrame:
-    return SampleFrame(
-        time_s,
-        {
-            channels.TORQUE: out[:, TORQUE].copy(),
-            channels.ANGLE: out[:, ANGLE].copy(),
-            channels.MOTOR_SPEED: out[:, MOTOR_SPEED].copy(),
-            channels.TABLE_POSITION: out[:, POSITION].copy(),
-            channels.TABLE_SPEED: out[:, SPEED].copy(),
-            channels.SETPOINT: setpoints[:, 0].copy(),
-            channels.TEMPERATURE: temperature_c,
-            channels.EXTERNAL_FORCE: force_n,
-        },
     )

@@ -45,16 +45,10 @@ AnyQuantity = Annotated[Quantity, BeforeValidator(_as_quantity)]
 
 
 class AxisConfig(_Table):
-    """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said.
-
-    `number` is the controller's number of the axis, in recordings that hold several.
-
-    The balls (their diameter, the circle of their centres, the angle at which they touch, their
-    number per turn of a track) give the orders at which they pass.
-    """
+    """`[axis]`: geometry and limits. Only the lead is needed; what is missing is said."""
 
     name: str = "X"
-    number: int | None = Field(None, ge=1)
+    number: int | None = Field(None, ge=1)  # on the controller, in recordings that hold several
     lead_m: float = Field(gt=0.0, le=1.0)
     stroke_m: float | None = Field(None, gt=0.0)
     screw_diameter_m: float | None = Field(None, gt=0.0)
@@ -62,9 +56,9 @@ class AxisConfig(_Table):
     dynamic_load_rating_n: float | None = Field(None, gt=0.0)
     bearing_arrangement: Literal["fixed-free", "fixed-fixed"] = "fixed-free"
     ball_diameter_m: float | None = Field(None, gt=0.0)
-    ball_circle_m: float | None = Field(None, gt=0.0)
+    ball_circle_m: float | None = Field(None, gt=0.0)  # through the centres of the balls
     contact_angle_deg: float = Field(45.0, ge=0.0, lt=90.0)
-    balls_per_turn: float | None = Field(None, gt=0.0)
+    balls_per_turn: float | None = Field(None, gt=0.0)  # of one track
     max_speed_rad_s: float | None = Field(None, gt=0.0)
     max_torque_nm: float | None = Field(None, gt=0.0)
     max_acceleration_m_s2: float | None = Field(None, gt=0.0)
@@ -101,12 +95,8 @@ class ModelConfig(_Table):
             quantity = getattr(self, name)
             if quantity is not None and quantity.value <= 0:
                 raise ValueError(f"{name} must be greater than 0, got {quantity.value:g}")
-        for name in (
-            "viscous_nm_s_per_rad",
-            "preload_drag_nm",
-            "guide_force_n",
-            "bearing_drag_nm",
-        ):
+        friction = ("viscous_nm_s_per_rad", "preload_drag_nm", "guide_force_n", "bearing_drag_nm")
+        for name in friction:
             quantity = getattr(self, name)
             if quantity is not None and quantity.value < 0:
                 raise ValueError(f"{name} must not be negative, got {quantity.value:g}")
@@ -180,13 +170,9 @@ class Machine(_Table):
         axis = self.axis
         if axis.ball_diameter_m is None or axis.ball_circle_m is None:
             return None
-        return ball_pass_orders(
-            axis.ball_diameter_m,
-            axis.ball_circle_m,
-            axis.lead_m,
-            math.radians(axis.contact_angle_deg),
-            axis.balls_per_turn,
-        )
+        diameter_m, circle_m = axis.ball_diameter_m, axis.ball_circle_m
+        contact_rad = math.radians(axis.contact_angle_deg)
+        return ball_pass_orders(diameter_m, circle_m, axis.lead_m, contact_rad, axis.balls_per_turn)
 
     @property
     def other_drag_nm(self) -> Quantity:

@@ -15,7 +15,7 @@ from ..models.motions.registry import (
     Segment,
     Setpoints,
 )
-from ..models.motions.segments import samples_of
+from ..models.motions.route import samples_of
 
 ENDLESS_DURATION_S = 60.0
 """Duration of an endless motion unless one is given."""

@@ -22,7 +22,7 @@ from ..models.motions.registry import (
     Setpoints,
     motion_limits,
 )
-from ..models.motions.segments import samples_of
+from ..models.motions.route import samples_of
 from .document import Document
 from .recordings import Progress, silent
 

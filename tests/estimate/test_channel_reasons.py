@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator
 from edge_service.estimate.validity import Validity
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault, FeatureBlock
@@ -64,7 +64,7 @@ def blocks() -> list[FeatureBlock]:
 
 
 def test_a_number_goes_on_and_says_which_channel_it_lacks() -> None:
-    estimator = ImmPreloadEstimator(MACHINE, ImmSettings())
+    estimator = ImmPreloadEstimator(MACHINE)
     answers = []
     for block in blocks():
         estimator.update(block)

@@ -41,23 +41,23 @@ class SteadyPhases:
         cls, recordings: Sequence[Sequence[FeatureBlock]], known: EffectCompensation | None = None
     ) -> "SteadyPhases":
         """Steady phases of usable blocks, without the known effects."""
-
         rows = []
         for run, blocks in enumerate(recordings):
             for block in blocks:
+                direction, time_s = block.steady_direction, block.time_s
                 for phase in block.phases if block.usable else ():
-                    direction, time_s, steady_s = (
-                        block.steady_direction,
-                        block.time_s,
-                        phase.steady_s,
-                    )
-                    seen = phase
-                    if known is not None:
-                        seen = known.compensated(phase, direction, time_s)
-                    motion = (seen.acceleration_rad_s2, seen.speed_rad_s)
-                    places = (seen.angle_rad, seen.table_m)
+                    seen = known.compensated(phase, direction, time_s) if known else phase
+                    motion = (seen.torque_nm, seen.acceleration_rad_s2, seen.speed_rad_s)
                     rows.append(
-                        (run, time_s, steady_s, direction, seen.torque_nm, *motion, *places)
+                        (
+                            run,
+                            time_s,
+                            phase.steady_s,
+                            direction,
+                            *motion,
+                            seen.angle_rad,
+                            seen.table_m,
+                        )
                     )
         table = np.array(rows, dtype=np.float64).reshape(-1, 9)
         return cls(*table.T)
@@ -97,18 +97,12 @@ def slowness(slow_rad_s: float, speed_rad_s: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class RegressionFit:
-    """Weighted least squares with priors.
+    """Weighted least squares with priors."""
 
-    Attributes:
-        value, covariance: of the parameters, (p,) and (p, p).
-        residual: of the rows, (n,).
-        noise: learned from the residual.
-    """
-
-    value: Floats
-    covariance: Floats
-    residual: Floats
-    noise: Noise
+    value: Floats  # of the parameters, (p,)
+    covariance: Floats  # (p, p)
+    residual: Floats  # of the rows, (n,)
+    noise: Noise  # learned from the residual
 
     @property
     def sigma(self) -> Floats:
@@ -146,16 +140,13 @@ def _noise_of(residual: Floats, phases: SteadyPhases) -> Noise:
     """Most likely noise: its growth at slow motion, then its level."""
     energy = residual**2 * phases.steady_s
     energy = np.minimum(energy, 25.0 * max(float(np.median(energy)) / 0.455, 1e-40))
-    best: tuple[float, Noise] | None = None
+    found = []
     for slow in SLOW_RAD_S:
         shape = slowness(slow, phases.speed_rad_s)
         white = max(float(np.mean(energy / shape)), 1e-40)
-        cost = float(np.sum(np.log(white * shape)))
-        if best is None or cost < best[0]:
-            best = cost, Noise(white, slow)
-    assert best is not None
-    noise = best[1]
-    return Noise(max(noise.density, _lasting(residual, phases, noise.slow_rad_s)), noise.slow_rad_s)
+        found.append((float(np.sum(np.log(white * shape))), slow, white))
+    _, slow, density = min(found, key=lambda each: each[0])
+    return Noise(max(density, _lasting(residual, phases, slow)), slow)
 
 
 def _lasting(residual: Floats, phases: SteadyPhases, slow_rad_s: float) -> float:

@@ -41,24 +41,15 @@ class SeriesCompliance:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """Stretch and its possible causes, as columns.
+    """Stretch and its possible causes, as columns."""
 
-    Attributes:
-        phases: rows with both encoders, n of them.
-        stretch_m: of the motor's way over the table's, from its mean in each recording, (n,).
-        reference_m: place along the screw at which the compliance is given.
-        loads: forces as accelerations of the table, direction and speed, (n, 3).
-        sloped: the way is long enough to resolve the change of the compliance along it.
-        pieces: of the maps along the stroke.
-    """
-
-    phases: SteadyPhases
-    stretch_m: Floats
+    phases: SteadyPhases  # rows with both encoders, n of them
+    stretch_m: Floats  # of the motor's way over the table's, from its mean in a recording, (n,)
     stroke_m: float
-    reference_m: float
-    loads: Floats
-    sloped: bool
-    pieces: int
+    reference_m: float  # place along the screw at which the compliance is given
+    loads: Floats  # forces as accelerations of the table, direction and speed, (n, 3)
+    sloped: bool  # the way is long enough to resolve the change of the compliance along it
+    pieces: int  # of the maps along the stroke
 
     @property
     def away_m(self) -> Floats:

@@ -17,23 +17,14 @@ NO_STATE = "step: the bank has no state yet; reset it first"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearStep:
-    """One prediction and measurement of r modes.
+    """One prediction and measurement of r modes (thesis, eqs. 4.4.1-3, 4.4.13)."""
 
-    Attributes:
-        transition: A of thesis eq. 4.4.1, (2, 2).
-        drive: B u_hat_j, the known input of each mode as it adds to the state, (r, 2).
-        process_noise: Q of thesis eq. 4.4.2, (2, 2).
-        observation: C of thesis eq. 4.4.3, (2, 2).
-        measurement_noise: R of thesis eq. 4.4.3, (2, 2).
-        mode_transition: p_ij of thesis eq. 4.4.13, (r, r); row = from, already scaled to this step.
-    """
-
-    transition: Floats
-    drive: Floats
-    process_noise: Floats
-    observation: Floats
-    measurement_noise: Floats
-    mode_transition: Floats
+    transition: Floats  # A, (2, 2)
+    drive: Floats  # B u_hat_j, the known input of each mode as it adds to the state, (r, 2)
+    process_noise: Floats  # Q, (2, 2)
+    observation: Floats  # C, (2, 2)
+    measurement_noise: Floats  # R, (2, 2)
+    mode_transition: Floats  # p_ij, (r, r); row = from, already scaled to this step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,23 +38,14 @@ class BankStart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BankOutput:
-    """Output of the bank after one step; of a run of N steps, each array has N rows of it.
+    """Output of the bank after one step; of a run of N steps, each array has N rows of it."""
 
-    Attributes:
-        mode_probability: mu_j (thesis, eq. 4.4.19), (r,).
-        log_mode_probability: the same in logs, where small ones do not underflow, (r,).
-        log_likelihood: log Lambda_j (thesis, eq. 4.4.18), (r,).
-        state: combined state (thesis, eq. 4.4.21), (2,).
-        covariance: combined covariance (thesis, eq. 4.4.22), (2, 2).
-        nis: normalised innovation squared of each mode, (r,).
-    """
-
-    mode_probability: Floats
-    log_mode_probability: Floats
-    log_likelihood: Floats
-    state: Floats
-    covariance: Floats
-    nis: Floats
+    mode_probability: Floats  # mu_j (thesis, eq. 4.4.19), (r,)
+    log_mode_probability: Floats  # the same in logs, where small ones do not underflow, (r,)
+    log_likelihood: Floats  # log Lambda_j (thesis, eq. 4.4.18), (r,)
+    state: Floats  # combined (thesis, eq. 4.4.21), (2,)
+    covariance: Floats  # combined (thesis, eq. 4.4.22), (2, 2)
+    nis: Floats  # normalised innovation squared of each mode, (r,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,8 +82,7 @@ class FilterBank(Protocol):
 class CompiledBank:
     """FilterBank with Kalman gains (eq. 4.4.4) or K = C^+ sat(|e| / delta) (eqs. 4.4.7-4.4.12).
 
-    Args:
-        boundary: delta of the sliding innovation filter, its width per measurement (2,), or KALMAN.
+    `boundary` is delta of the sliding innovation filter, per measurement (2,), or KALMAN.
     """
 
     def __init__(self, boundary: Floats = KALMAN) -> None:
@@ -142,15 +123,10 @@ def run_bank(
     start: BankStart,
     boundary: Floats = KALMAN,
 ) -> BankOutput:
-    """Run a bank over N steps that share all matrices but the drive.
+    """Run a bank over N steps that share all matrices but the drive; `step`'s own is not used.
 
-    Args:
-        step: the shared matrices; its own drive is not used.
-        drives: (N, r, 2).
-        measurements: (N, 2).
-        boundary: see CompiledBank.
-
-    Raises ValueError if an input or a result is not finite.
+    `drives` are (N, r, 2), `measurements` (N, 2). Raises ValueError if an input or a result is not
+    finite.
     """
     return _run(step, drives, measurements, _state_of(start), boundary)[0]
 

@@ -19,7 +19,7 @@ from ...messages.samples import Floats
 from ...messages.stored import Number, Stored, StoredFloats
 from ...models.machine import Machine
 from ..interface import EstimatorOptions
-from ..validity import SURPRISE_HIGH, Validity
+from ..validity import Validity
 from .bank import KALMAN, BankStart, CompiledBank, FilterBank, LinearStep
 from .drag import DragFilter
 from .mode_transition import LEVELS_PERCENT, scaled_mode_transition
@@ -35,47 +35,24 @@ TORQUE_ERROR_NM = 1e-6
 which lets the weighted sum read between them: much less makes it jump from level to level."""
 ANGLE_NOISE_RAD, SPEED_NOISE_RAD_S = 1e-5, 1e-2
 """Noise of the angle, and of a speed from neighbouring angles."""
+WINDOW_S = 1.0
+"""Causal moving average of the mode probabilities over informative motion."""
+SLIDING_BOUNDARY: Floats = np.array([0.05, 0.07])
+"""Delta of the sliding innovation filter for [rad, rad/s]."""
 _SNAPSHOT_SCHEMA = "imm-preload/2"
-
-
-@dataclass(frozen=True, slots=True)
-class ImmSettings:
-    """Settings of the thesis' method.
-
-    Attributes:
-        method: `kf-imm` or `sif-imm`.
-        engine: `compiled`, or `filterpy` (kf-imm only, slow).
-        activation_exponent: exponent of thesis eq. 4.5.4; 1, 1.33 or 2 in the thesis.
-        window_s: causal moving average of the mode probabilities over informative motion, s.
-        surprise_high: averaged surprise above which model and data disagree.
-        sliding_boundary: delta of the sliding innovation filter for [rad, rad/s].
-    """
-
-    method: Literal["kf-imm", "sif-imm"] = "kf-imm"
-    engine: Literal["compiled", "filterpy"] = "compiled"
-    activation_exponent: float = 1.33
-    window_s: float = 1.0
-    sliding_boundary: tuple[float, float] = (0.05, 0.07)
-    surprise_high: float = SURPRISE_HIGH
+Method = Literal["kf-imm", "sif-imm"]
 
 
 @dataclass(slots=True)
 class _State:
-    """Everything on which the next interval depends, but for drag filter, bank and validity.
+    """Everything on which the next interval depends, but for drag filter, bank and validity."""
 
-    Attributes:
-        probability: mode probabilities after the last interval, (r,).
-        recent: durations, s, and mode probabilities within the window.
-        last_end_s: end of the last informative interval, s.
-        stopped_s: length of a stop before the next interval, s.
-        nis: normalised innovation squared of the last step.
-    """
-
-    probability: StoredFloats
+    probability: StoredFloats  # of the modes after the last interval, (r,)
     recent: list[tuple[float, StoredFloats]] = field(default_factory=list)
-    last_end_s: float | None = None
-    stopped_s: float = 0.0
-    nis: Number = float("nan")
+    """Durations, s, and mode probabilities within the window."""
+    last_end_s: float | None = None  # end of the last informative interval
+    stopped_s: float = 0.0  # length of a stop before the next interval
+    nis: Number = float("nan")  # normalised innovation squared of the last step
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -87,18 +64,23 @@ class ImmPreloadEstimator:
     Args:
         machine: the baseline model. Without load rating, preload or fresh drag there is no preload
             in percent, only drag.
-        settings: the method.
+        method: Kalman or sliding innovation filters.
+        engine: of the bank; `filterpy` has Kalman filters only, and is slow.
     """
 
-    def __init__(self, machine: Machine, settings: ImmSettings) -> None:
-        self._machine = machine
-        self._settings = settings
+    def __init__(
+        self,
+        machine: Machine,
+        method: Method = "kf-imm",
+        engine: Literal["compiled", "filterpy"] = "compiled",
+    ) -> None:
+        self._machine, self._method = machine, method
         self._levels = np.array(LEVELS_PERCENT)
         self._per_percent = machine.drag_per_percent_nm
         self._drag = DragFilter(machine)
         if self._per_percent is not None:
             self._balance = MomentumBalance(machine, self._levels * self._per_percent)
-            self._bank = _bank_of(settings)
+            self._bank = _bank_of(method, engine)
         self.reset()
 
     def reset(self) -> None:
@@ -106,16 +88,16 @@ class ImmPreloadEstimator:
         self._drag.reset()
         if self._per_percent is not None:
             self._bank.restore({})
-        self._validity = Validity(self._settings.surprise_high)
+        self.validity = Validity()
         self._now = _State(np.full(len(self._levels), 1.0 / len(self._levels)))
 
     def interrupt(self) -> None:
         """Withdraw the number until motion comes: no data for longer than a number may stand."""
-        self._validity.interrupt()
+        self.validity.interrupt()
 
     def resume(self, stopped_s: float) -> None:
         """Continue after an unobserved stop, on a clock of its own: the drag has wandered."""
-        self._validity.interrupt()
+        self.validity.interrupt()
         self._now.recent.clear()
         self._now.last_end_s, self._now.stopped_s = None, max(stopped_s, 0.0)
 
@@ -127,7 +109,7 @@ class ImmPreloadEstimator:
             if self._per_percent is not None:
                 self._step_bank(block)
             self._now.last_end_s, self._now.stopped_s = block.time_s, 0.0
-        self._validity.update(block, used, self._surprise() if used else None)
+        self.validity.update(block, used, self._surprise() if used else None)
 
     def _surprise(self) -> float:
         """Lack of fit of the best level: about 1 is expected, much more is a misfit."""
@@ -158,22 +140,19 @@ class ImmPreloadEstimator:
         output = self._bank.step(step, measurement)
         self._now.probability = output.mode_probability
         self._now.nis = float(output.nis.min()) / len(measurement)
-        self._now.recent.append((block.duration_s, output.mode_probability))
-        while sum(duration for duration, _ in self._now.recent) > self._settings.window_s * (
-            1 + 1e-9
-        ):
-            if len(self._now.recent) == 1:
-                break
-            self._now.recent.pop(0)
+        recent = self._now.recent
+        recent.append((block.duration_s, output.mode_probability))
+        while len(recent) > 1 and sum(duration for duration, _ in recent) > WINDOW_S * (1 + 1e-9):
+            recent.pop(0)
 
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
-        status, reasons = self._validity.status()
+        status, reasons = self.validity.status()
         common: dict[str, Any] = {
-            "time_s": self._validity.time_s,
+            "time_s": self.validity.time_s,
             "status": status,
-            "method": self._settings.method,
-            "data_used_s": self._validity.informative_s,
+            "method": self._method,
+            "data_used_s": self.validity.informative_s,
         }
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(**common, reasons=reasons)
@@ -193,7 +172,7 @@ class ImmPreloadEstimator:
             return PreloadEstimate(**common, reasons=reasons, nis=self._drag.nis)
         durations = np.array([duration for duration, _ in self._now.recent])
         smoothed = durations @ np.array([p for _, p in self._now.recent]) / durations.sum()
-        weights = mode_weights(smoothed, self._settings.activation_exponent)
+        weights = mode_weights(smoothed)
         percent = float(weights @ self._levels)
         low, high = self._percent_interval(percent, self._per_percent)
         rating = self._machine.axis.dynamic_load_rating_n
@@ -234,7 +213,7 @@ class ImmPreloadEstimator:
         return {
             "schema": _SNAPSHOT_SCHEMA,
             "drag": self._drag.snapshot(),
-            "validity": self._validity.snapshot(),
+            "validity": self.validity.snapshot(),
             **_STORED.dump(self._now),
             "bank": None if self._per_percent is None else self._bank.snapshot(),
         }
@@ -245,19 +224,18 @@ class ImmPreloadEstimator:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
         now = _STORED.load(snapshot)
         self._drag.restore(snapshot["drag"])
-        self._validity.restore(snapshot["validity"])
+        self.validity.restore(snapshot["validity"])
         if self._per_percent is not None:
             self._bank.restore(snapshot["bank"])
         self._now = now
 
 
-def _bank_of(settings: ImmSettings) -> FilterBank:
-    if settings.engine == "filterpy":
+def _bank_of(method: Method, engine: str) -> FilterBank:
+    if engine == "filterpy":
         from .filterpy_bank import FilterpyBank
 
         return FilterpyBank()
-    is_sliding = settings.method == "sif-imm"
-    return CompiledBank(np.array(settings.sliding_boundary) if is_sliding else KALMAN)
+    return CompiledBank(SLIDING_BOUNDARY if method == "sif-imm" else KALMAN)
 
 
 def informative(block: FeatureBlock) -> bool:
@@ -279,10 +257,7 @@ class MomentumBalance:
         a_1 = a_0 + T w_0 + (T^2 / J) (lever(u) - D lever(w) - d lever(s))
 
     mean(w) and lever(w) come from the measured angle, so that nothing is approximated inside.
-
-    Args:
-        machine: inertia, viscous friction and the drag that is not the screw's.
-        mode_drag_nm: screw drag torque of each mode, shape (r,).
+    `mode_drag_nm` is the screw's own of each mode, (r,).
     """
 
     def __init__(self, machine: Machine, mode_drag_nm: Floats) -> None:
@@ -306,12 +281,10 @@ class MomentumBalance:
         duration, inertia = block.duration_s, self._inertia
         speed_mean = (block.angle_end_rad - block.angle_start_rad) / duration
         speed_lever = (block.angle_mean_rad - block.angle_start_rad) / duration
-        net_mean = (
-            block.torque_mean_nm - self._viscous * speed_mean - self._drag * block.direction_mean
-        )
-        net_lever = (
-            block.torque_lever_nm - self._viscous * speed_lever - self._drag * block.direction_lever
-        )
+        net_mean = block.torque_mean_nm - self._viscous * speed_mean
+        net_mean = net_mean - self._drag * block.direction_mean
+        net_lever = block.torque_lever_nm - self._viscous * speed_lever
+        net_lever = net_lever - self._drag * block.direction_lever
         noise = self._error_density / inertia**2
         step = LinearStep(
             transition=np.array([[1.0, duration], [0.0, 1.0]]),
@@ -327,15 +300,9 @@ class MomentumBalance:
 
 def kalman_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
     """Estimator with Kalman filters (see registry)."""
-    return _of_options("kf-imm", machine, options)
+    return ImmPreloadEstimator(machine, "kf-imm", options.engine)
 
 
 def sliding_innovation_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
     """Estimator with sliding innovation filters (see registry)."""
-    return _of_options("sif-imm", machine, options)
-
-
-def _of_options(
-    method: Literal["kf-imm", "sif-imm"], machine: Machine, options: EstimatorOptions
-) -> ImmPreloadEstimator:
-    return ImmPreloadEstimator(machine, ImmSettings(method=method, engine=options.engine))
+    return ImmPreloadEstimator(machine, "sif-imm", options.engine)

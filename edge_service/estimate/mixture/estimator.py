@@ -13,7 +13,7 @@ from ...models.steady_limits import LONGEST_HOLD_S
 from ..effect_compensation import EffectCompensation
 from ..interface import EstimatorOptions, UnsuitableMachineError
 from ..validity import Validity
-from .gathering import Gathering, SteadyInterval
+from .gathering import SteadyInterval, gathered, interval_snapshot, restored_interval
 from .hypotheses import continue_after_stop, initial_bank, leader_of
 from .model import axis_model, process_of, start_of
 from .posterior import fault_limits, posterior_of
@@ -89,7 +89,7 @@ class MixturePreloadEstimator:
         self._validity = Validity(worst=WORST)
         self._bank = initial_bank(self._start, self._settings)
         self._last = _Last()
-        self._gathering = Gathering()
+        self._waiting: SteadyInterval | None = None
         self._slow_s: float | None = None
         """Time between the samples of the last interval if that was too long to be read, s."""
 
@@ -104,7 +104,7 @@ class MixturePreloadEstimator:
         preload may have worn, and even the nut may be another.
         """
         self._validity.interrupt()
-        self._last.last_s, self._last.stretch_m, self._gathering = None, None, Gathering()
+        self._last.last_s, self._last.stretch_m, self._waiting = None, None, None
         continue_after_stop(self._bank, self._start, max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
@@ -117,7 +117,10 @@ class MixturePreloadEstimator:
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
         self._slow_s = period_s if too_slow else None
-        for interval in [] if too_slow else self._gathering.take(block):
+        done: list[SteadyInterval] = []
+        if not too_slow:
+            done, self._waiting = gathered(self._waiting, block)
+        for interval in done:
             phases = [phase for phase in interval.phases if phase.steady_s > 0.0]
             taken = [] if vibrates(interval) else [self._take(interval, each) for each in phases]
             surprises = [surprise for surprise in taken if not math.isnan(surprise)]
@@ -265,7 +268,7 @@ class MixturePreloadEstimator:
             "schema": _SNAPSHOT_SCHEMA,
             "validity": self._validity.snapshot(),
             "bank": bank_snapshot(self._bank),
-            "gathering": self._gathering.snapshot(),
+            "gathering": interval_snapshot(self._waiting),
             **_STORED.dump(self._last),
         }
 
@@ -275,14 +278,13 @@ class MixturePreloadEstimator:
             raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
         try:
             bank = restored_bank(snapshot["bank"], self._bank)
-            gathering = Gathering()
-            gathering.restore(snapshot["gathering"])
+            waiting = restored_interval(snapshot["gathering"])
             validity = Validity(worst=WORST)
             validity.restore(snapshot["validity"])
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"a damaged snapshot: {error!r}") from error
         self._last = _STORED.load(snapshot)
-        self._bank, self._gathering, self._validity = bank, gathering, validity
+        self._bank, self._waiting, self._validity = bank, waiting, validity
 
 
 def mixture(machine: Machine, options: EstimatorOptions) -> MixturePreloadEstimator:

@@ -19,13 +19,9 @@ _STORED: Stored[tuple[_Numbers, list[_Phase]]] = Stored(tuple[_Numbers, list[_Ph
 
 @dataclass(frozen=True, slots=True)
 class SteadyInterval:
-    """Steady motion of one interval, or of several that follow one another.
+    """Steady motion of one interval, or of several that follow one another; see FeatureBlock.
 
     Attributes:
-        time_s: its end on the axis' clock, s.
-        duration_s: s.
-        direction: -1 or 1.
-        external_force_n: NaN where it is not measured.
         phases: accelerating, cruising, braking; of no time where there was none.
     """
 
@@ -35,36 +31,41 @@ class SteadyInterval:
     external_force_n: float
     phases: tuple[Phase, ...]
 
-    @classmethod
-    def of(cls, block: FeatureBlock) -> "SteadyInterval":
-        """Steady interval of a block."""
-        return cls(
-            block.time_s,
-            block.duration_s,
-            block.steady_direction,
-            block.external_force_n,
-            (block.accelerating, block.cruising, block.braking),
-        )
 
-    def followed_by(self, other: "SteadyInterval") -> "SteadyInterval":
-        """Both intervals as one."""
-        duration_s = self.duration_s + other.duration_s
-        force = self.external_force_n * self.duration_s + other.external_force_n * other.duration_s
-        return SteadyInterval(
-            other.time_s,
-            duration_s,
-            other.direction,
-            force / duration_s,
-            tuple(_both(*pair) for pair in zip(self.phases, other.phases, strict=True)),
-        )
+def gathered(
+    waiting: SteadyInterval | None, block: FeatureBlock
+) -> tuple[list[SteadyInterval], SteadyInterval | None]:
+    """Intervals that are complete with a block, the earliest first, and the one that still waits.
 
-    def continues(self, before: "SteadyInterval") -> bool:
-        """Return whether this interval begins where another has ended, in the same direction."""
-        gap_s = abs(self.time_s - self.duration_s - before.time_s)
-        return self.direction == before.direction and gap_s < 0.1 * self.duration_s
+    Another direction, a gap or a rest ends what waits.
+    """
+    done = [] if waiting is None else [waiting]
+    if not block.usable or block.steady_direction == 0.0:
+        return done, None
+    interval = SteadyInterval(
+        block.time_s,
+        block.duration_s,
+        block.steady_direction,
+        block.external_force_n,
+        (block.accelerating, block.cruising, block.braking),
+    )
+    if waiting is not None and interval.direction == waiting.direction:
+        gap_s = abs(interval.time_s - interval.duration_s - waiting.time_s)
+        if gap_s < 0.1 * interval.duration_s:
+            interval, done = _joined(waiting, interval), []
+    if interval.duration_s >= WHOLE_S - _CLOSE:
+        return [*done, interval], None
+    return done, interval
 
 
-def _both(one: Phase, other: Phase) -> Phase:
+def _joined(one: SteadyInterval, other: SteadyInterval) -> SteadyInterval:
+    duration_s = one.duration_s + other.duration_s
+    force = one.external_force_n * one.duration_s + other.external_force_n * other.duration_s
+    phases = tuple(_mean(*pair) for pair in zip(one.phases, other.phases, strict=True))
+    return SteadyInterval(other.time_s, duration_s, other.direction, force / duration_s, phases)
+
+
+def _mean(one: Phase, other: Phase) -> Phase:
     """Mean of two phases by their time."""
     if one.steady_s == 0.0 or other.steady_s == 0.0:
         return other if one.steady_s == 0.0 else one
@@ -76,42 +77,17 @@ def _both(one: Phase, other: Phase) -> Phase:
     return Phase(whole_s, *means)
 
 
-class Gathering:
-    """Intervals of one axis on their way to its filter."""
+def interval_snapshot(waiting: SteadyInterval | None) -> list[Any] | None:
+    """Waiting interval as JSON-able values."""
+    if waiting is None:
+        return None
+    *numbers, phases = astuple(waiting)
+    return list(_STORED.dump((tuple(numbers), list(phases))))
 
-    def __init__(self) -> None:
-        self._waiting: SteadyInterval | None = None
 
-    def take(self, block: FeatureBlock) -> list[SteadyInterval]:
-        """Intervals that are complete now, the earliest first."""
-        steady = block.usable and block.steady_direction != 0.0
-        if not steady:
-            return self._let_go()
-        interval, done = SteadyInterval.of(block), []
-        if self._waiting is not None and interval.continues(self._waiting):
-            interval = self._waiting.followed_by(interval)
-            self._waiting = None
-        else:
-            done = self._let_go()
-        if interval.duration_s >= WHOLE_S - _CLOSE:
-            return [*done, interval]
-        self._waiting = interval
-        return done
-
-    def _let_go(self) -> list[SteadyInterval]:
-        waiting, self._waiting = self._waiting, None
-        return [] if waiting is None else [waiting]
-
-    def snapshot(self) -> list[Any] | None:
-        """Waiting interval as JSON-able values."""
-        if self._waiting is None:
-            return None
-        *numbers, phases = astuple(self._waiting)
-        return list(_STORED.dump((tuple(numbers), list(phases))))
-
-    def restore(self, snapshot: list[Any] | None) -> None:
-        """Continue from a snapshot; ValueError if it is none."""
-        self._waiting = None
-        if snapshot is not None:
-            numbers, phases = _STORED.load(snapshot)
-            self._waiting = SteadyInterval(*numbers, tuple(Phase(*phase) for phase in phases))
+def restored_interval(snapshot: list[Any] | None) -> SteadyInterval | None:
+    """Waiting interval of a snapshot; ValueError if it is none."""
+    if snapshot is None:
+        return None
+    numbers, phases = _STORED.load(snapshot)
+    return SteadyInterval(*numbers, tuple(Phase(*phase) for phase in phases))

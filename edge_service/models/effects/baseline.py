@@ -17,24 +17,17 @@ _COMPLIANCE_POINTS = 129
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Baseline:
-    """The numbers of a machine file that signatures need.
-
-    Attributes:
-        inertia_kg_m2: the whole axis' at the motor; `table_inertia_kg_m2` is the table's part.
-        coulomb_nm: the whole level of dry friction; `table_coulomb_nm` is what acts on the table.
-        position_m, compliance_m_per_n: compliance of the spring over the position, (k,) each.
-        torque_limit_nm: of the drive; infinite where none is stated.
-    """
+    """The numbers of a machine file that signatures need."""
 
     ratio_m_per_rad: float
-    inertia_kg_m2: float
+    inertia_kg_m2: float  # of the whole axis, at the motor
     table_inertia_kg_m2: float
     viscous_nm_s_per_rad: float
-    coulomb_nm: float
-    table_coulomb_nm: float
-    position_m: Floats
-    compliance_m_per_n: Floats
-    torque_limit_nm: float = math.inf
+    coulomb_nm: float  # the whole level of dry friction
+    table_coulomb_nm: float  # of it what acts on the table
+    position_m: Floats  # places, (k,), of
+    compliance_m_per_n: Floats  # the spring, (k,)
+    torque_limit_nm: float = math.inf  # of the drive; infinite where none is stated
 
     @classmethod
     def of_machine(cls, machine: Machine) -> Self:
@@ -76,29 +69,19 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Measured motion of one axis, filtered as the user of signatures likes; all (n,).
+    """Measured motion of one axis, filtered as the user of signatures likes; all (n,)."""
 
-    Attributes:
-        time_s: increasing, from the beginning of the recording.
-        direction: of the motor's motion: -1, 0 or 1.
-        torque_nm: commanded; NaN where unknown.
-        model_torque_nm: what the baseline needs for this motion (zero at rest).
-        load_torque_nm: the part of it, without friction, that the spring to the table carries.
-        temperature_c: of the housing; NaN where unknown.
-        approach: direction of the latest motion, -1 or 1; before any, home's: 1.
-    """
-
-    time_s: Floats
+    time_s: Floats  # increasing, from the beginning of the recording
     angle_rad: Floats
     speed_rad_s: Floats
     acceleration_rad_s2: Floats
     position_m: Floats
-    direction: Floats
-    torque_nm: Floats
-    model_torque_nm: Floats
-    load_torque_nm: Floats
-    temperature_c: Floats
-    approach: Floats = field(init=False)
+    direction: Floats  # of the motor's motion: -1, 0 or 1
+    torque_nm: Floats  # commanded; NaN where unknown
+    model_torque_nm: Floats  # what the baseline needs for this motion (zero at rest)
+    load_torque_nm: Floats  # of it, without friction, what the spring to the table carries
+    temperature_c: Floats  # of the housing; NaN where unknown
+    approach: Floats = field(init=False)  # direction of the latest motion; before any, home's: 1
 
     def __post_init__(self) -> None:
         """Look once for what many signatures ask for."""

@@ -38,6 +38,10 @@ class Side(StrEnum):
     TABLE = "table"
     AS_DRAG = "as_drag"
 
+    def table_share(self, of_drag: float) -> float:
+        """Share behind the spring, where that of the Coulomb level is `of_drag`."""
+        return {Side.MOTOR: 0.0, Side.TABLE: 1.0, Side.AS_DRAG: of_drag}[self]
+
 
 class Place(StrEnum):
     """Object of a shift: the nut along the screw, m, or the reading of the motor's angle, rad."""
@@ -108,16 +112,11 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """Clearance between screw and table, whose flank is that of the load.
-
-    Attributes:
-        friction_share: dry friction that holds the table, over what the model has there.
-        viscous_share: share of the viscous friction that holds it.
-    """
+    """Clearance between screw and table, whose flank is that of the load."""
 
     width_m: float
-    friction_share: float
-    viscous_share: float
+    friction_share: float  # dry friction that holds the table, over what the model has there
+    viscous_share: float  # of the viscous friction that holds it
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,30 +126,21 @@ class PreslidingWindUp:
     What a spring gives for dry friction that turns at once is corrected by it: an axis that rests
     unwinds while its motor creeps. Only the signature needs it: in the simulated plant it follows
     from the spring and a table that truly sticks.
-
-    Attributes:
-        friction_share: dry friction that the spring carries, over the table's in the model.
-        reach_m: travel of the motor over which friction builds up.
     """
 
     level_m_per_n: float
     slope_per_n: float
-    friction_share: float
-    reach_m: float
+    friction_share: float  # dry friction that the spring carries, over the table's in the model
+    reach_m: float  # travel of the motor over which friction builds up
 
 
 @dataclass(frozen=True, slots=True)
 class LoadFriction:
-    """Friction torque per torque that the screw carries to the table.
-
-    Attributes:
-        friction_share: dry friction that it carries, over the table's in the model.
-        viscous_share: share of the viscous friction that it carries.
-    """
+    """Friction torque per torque that the screw carries to the table."""
 
     coefficient: float
-    friction_share: float
-    viscous_share: float
+    friction_share: float  # dry friction that it carries, over the table's in the model
+    viscous_share: float  # of the viscous friction that it carries
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,11 +161,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Warming:
-    """Reading of the housing's temperature sensor above the surroundings over time, K.
-
-    It is no part of the axis' mechanics. Where several effects warm the axis, the greatest counts:
-    they tell of one warm-up.
-    """
+    """Reading of the housing's sensor above the surroundings over time, K; the greatest counts."""
 
     rise_k: Curve
 

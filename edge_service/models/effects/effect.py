@@ -59,10 +59,6 @@ class Parameter:
     """One number of an effect.
 
     Attributes:
-        low, high: bounds, both allowed.
-        healthy, faulty: typical values; for a shape that a healthy axis shares, equal.
-        whole: only whole numbers are allowed.
-        amounts: those that a phase or a shape belongs to; empty where it is for all.
         tried: values of a shape from which a search begins; empty: those that its unit suggests, of
             a place along the travel, whose name begins with `centre`, all of that travel.
         tried_of_travel: the same as shares of the travel that a recording covers.
@@ -71,13 +67,13 @@ class Parameter:
     name: str
     unit: str
     description: str
-    low: float
+    low: float  # bounds, both allowed
     high: float
-    healthy: float
+    healthy: float  # typical values; equal for a shape that a healthy axis shares
     faulty: float
     role: Role = Role.AMOUNT
-    whole: bool = False
-    amounts: tuple[str, ...] = ()
+    whole: bool = False  # only whole numbers are allowed
+    amounts: tuple[str, ...] = ()  # those that a phase or a shape belongs to; empty: all
     tried: tuple[float, ...] = ()
     tried_of_travel: tuple[float, ...] = ()
 
@@ -124,19 +120,10 @@ def phase(
 
 def order(faulty: float, amount: str = "", most: int = MOST_ORDER) -> Parameter:
     """The order of a harmonic: its periods per turn of the screw; up to `most` are tried."""
-    return Parameter(
-        "order",
-        "1",
-        "Periods per turn of the screw.",
-        1,
-        MOST_ORDER,
-        faulty,
-        faulty,
-        Role.SHAPE,
-        whole=True,
-        amounts=(amount,) if amount else (),
-        tried=tuple(float(each) for each in range(1, most + 1)),
-    )
+    text, amounts = "Periods per turn of the screw.", (amount,) if amount else ()
+    tried = tuple(float(each) for each in range(1, most + 1))
+    given = (faulty, faulty, Role.SHAPE, True, amounts, tried)
+    return Parameter("order", "1", text, 1, MOST_ORDER, *given)
 
 
 def harmonic(values: Values, amplitude: str) -> Harmonic:
@@ -170,8 +157,7 @@ class Trace:
 
     Attributes:
         prior: sampling period, s, and Coulomb level, N m -> mean and standard deviation of the
-            amount at `shape`; of the share of the whole effect where it has no amount.
-        shape: values of its shapes for the prior.
+            amount at the values `shape`; of the share of the effect where it has no amount.
         ranges: parameter -> lowest value, and spread above it, among healthy axes that are
             simulated; a torque is over the Coulomb level.
     """
@@ -183,15 +169,10 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """A check of the plausibility of recordings that sees an effect by itself.
+    """A check of the plausibility of recordings that sees an effect by itself."""
 
-    Attributes:
-        check: name of its finding.
-        resembled_by: kinds of the effects that a diagnosis may name in its place.
-    """
-
-    check: str
-    resembled_by: tuple[Kind, ...]
+    check: str  # name of its finding
+    resembled_by: tuple[Kind, ...]  # kinds of the effects that a diagnosis may name in its place
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,39 +180,29 @@ class Effect:
     """One entry of the library.
 
     Attributes:
-        name: as in the machine file and on the command line.
-        description: one sentence for a maintenance engineer.
-        source: where the equation stands.
-        contributions: complete values -> what the effect does.
-        term: constant of the baseline model that it is an error of.
-        is_thermal: it follows heat, where motion heats an axis in places of its own.
         follows_own_torque: its signature holds the measured torque, and would explain that at any
             strength but its own.
         has_one_load: its shapes say what loads it: the difference of two loads could be any.
-        least_rate_hz: sampling rate below which it comes and goes between the samples.
         imitates: effects that it resembles in what their few numbers leave of them. Beside a
             greater one of these it is a cause only where it adds much, or leaves nothing.
-        most_shapes: times that it may be there, in shapes of its own: sums of many shapes of one
-            could be anything.
-        most_entries: the same in a machine file, where sums of many are no better known.
-        trace: part of it that a healthy axis has.
-        confirmation: check that sees it without any diagnosis.
+        most_shapes, most_entries: times that it may be there in shapes of its own, and in a machine
+            file: sums of many could be anything.
         empirical_forms: forms that it takes on a real axis beyond those of its parameters.
         is_fault: no model is to learn it, and no search finds it: it is told from what is known of
             the fresh machine.
     """
 
-    name: str
-    description: str
-    source: str
+    name: str  # as in the machine file and on the command line
+    description: str  # one sentence for a maintenance engineer
+    source: str  # where the equation stands
     kind: Kind
     parameters: tuple[Parameter, ...]
-    contributions: Callable[[Values], tuple[Contribution, ...]]
-    term: Term | None = None
-    is_thermal: bool = False
+    contributions: Callable[[Values], tuple[Contribution, ...]]  # of complete values
+    term: Term | None = None  # constant of the baseline model that it is an error of
+    is_thermal: bool = False  # it follows heat, where motion heats an axis in places of its own
     follows_own_torque: bool = False
     has_one_load: bool = False
-    least_rate_hz: float = 0.0
+    least_rate_hz: float = 0.0  # of samples, below which it comes and goes between them
     imitates: frozenset[str] = frozenset()
     most_shapes: int = 4
     most_entries: int = 4

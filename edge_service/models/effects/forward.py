@@ -15,7 +15,6 @@ from ..plant.tables import (
     NUT_SHIFT,
     SMOOTH_MOTOR,
     SMOOTH_TABLE,
-    Tables,
     angle_grid,
     position_grid,
     speed_grid,
@@ -78,13 +77,13 @@ class Forward:
         for each in self.contributions:
             match each:
                 case DryFriction(over, curve, side) if over in variable:
-                    share = _table_share(side, self.drag_table_share)
+                    share = side.table_share(self.drag_table_share)
                     motor_dry += (1.0 - share) * at(over, curve)
                     table_dry += share * at(over, curve)
                 case ViscousFriction(over, curve):
                     viscous += at(over, curve)
                 case SmoothTorque(over, curve, side) if over in variable:
-                    share = _table_share(side, self.drag_table_share)
+                    share = side.table_share(self.drag_table_share)
                     resisting += (1.0 - share) * at(over, curve)
                     force -= share * at(over, curve) / self.plant.ratio_m_per_rad
                 case TableForce(curve):
@@ -119,9 +118,21 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
     coulomb_nm = screw_drag_nm + plant.bearing_drag_nm + guide_nm
     share = guide_nm / coulomb_nm if coulomb_nm > 0.0 else 0.0
     dry_share, viscous_share = _shares_behind(plant, parts)
-    parts += _viscous_friction_behind(plant, viscous_share)
+    viscous = viscous_share * plant.motor_viscous_nm_s_per_rad
+    if viscous != 0.0:
+        parts += (
+            SmoothTorque(Over.SPEED, lambda speed: viscous * speed, Side.TABLE),
+            SmoothTorque(Over.SPEED, lambda speed: -viscous * speed, Side.MOTOR),
+        )
     limits = _changes(parts, Constant.TORQUE_LIMIT)
-    tables = _tables(plant, parts, share)
+    speed = speed_grid()
+    tables = stack(
+        _table(parts, Over.POSITION, position_grid(plant.screw_length_m), share),
+        _table(parts, Over.ANGLE, angle_grid(), share),
+        _table(parts, Over.SPEED, speed, share),
+        _table(parts, Over.SPEED, -speed, share),
+        plant.screw_length_m,
+    )
     moved = _changed(_dry_friction_behind(plant, dry_share), parts)
     changed = _shared(moved._replace(tables=tables), screw_drag_nm)
     return Forward(
@@ -163,17 +174,6 @@ def _dry_friction_behind(plant: Plant, share: float) -> Plant:
     )
 
 
-def _viscous_friction_behind(plant: Plant, share: float) -> tuple[Contribution, ...]:
-    """Viscous friction brought from the motor to the table."""
-    viscous = share * plant.motor_viscous_nm_s_per_rad
-    if viscous == 0.0:
-        return ()
-    return (
-        SmoothTorque(Over.SPEED, lambda speed: viscous * speed, Side.TABLE),
-        SmoothTorque(Over.SPEED, lambda speed: -viscous * speed, Side.MOTOR),
-    )
-
-
 def _changes(parts: Iterable[Contribution], quantity: Constant) -> list[float]:
     return [each.value for each in _of(Change, parts) if each.quantity is quantity]
 
@@ -205,30 +205,15 @@ def _shared(plant: Plant, screw_drag_nm: float) -> Plant:
     How dry friction is shared is an assumption where a machine file states one level for all of it:
     where one side has less than an effect takes, the whole would lose less than it should.
     """
-    lacking_nm = -(_least(plant.tables) + screw_drag_nm + plant.bearing_drag_nm)
+    tables, least_nm = plant.tables, 0.0
+    ends = np.cumsum((tables.position_points, tables.angle_points, 2 * tables.speed_points))
+    for part in np.split(tables.rows[:, DRY_MOTOR], ends)[: len(ends)]:
+        least_nm += min(float(part.min(initial=0.0)), 0.0)
+    lacking_nm = -(least_nm + screw_drag_nm + plant.bearing_drag_nm)
     moved_nm = min(max(lacking_nm, 0.0), plant.guide_force_n * plant.ratio_m_per_rad)
     return plant._replace(
         bearing_drag_nm=plant.bearing_drag_nm + moved_nm,
         guide_force_n=plant.guide_force_n - moved_nm / plant.ratio_m_per_rad,
-    )
-
-
-def _least(tables: Tables) -> float:
-    """The least that the tables add to the motor's dry friction, N m: 0 where they only add."""
-    sizes = tables.position_points, tables.angle_points, 2 * tables.speed_points
-    ends = np.cumsum(sizes)
-    parts = np.split(tables.rows[:, DRY_MOTOR], ends)[: len(sizes)]
-    return sum(min(float(part.min(initial=0.0)), 0.0) for part in parts)
-
-
-def _tables(plant: Plant, parts: Sequence[Contribution], drag_share: float) -> Tables:
-    position, speed = position_grid(plant.screw_length_m), speed_grid()
-    return stack(
-        _table(parts, Over.POSITION, position, drag_share),
-        _table(parts, Over.ANGLE, angle_grid(), drag_share),
-        _table(parts, Over.SPEED, speed, drag_share),
-        _table(parts, Over.SPEED, -speed, drag_share),
-        plant.screw_length_m,
     )
 
 
@@ -238,10 +223,10 @@ def _table(parts: Sequence[Contribution], over: Over, grid: Floats, drag_share: 
     for each in parts:
         match each:
             case DryFriction(found, curve, side) if found is over:
-                share = _table_share(side, drag_share)
+                share = side.table_share(drag_share)
                 columns = {DRY_MOTOR: 1.0 - share, DRY_TABLE: share}
             case SmoothTorque(found, curve, side) if found is over:
-                share = _table_share(side, drag_share)
+                share = side.table_share(drag_share)
                 columns = {SMOOTH_MOTOR: 1.0 - share, SMOOTH_TABLE: share}
             case Shift(place, found, curve) if found is over:
                 columns = {NUT_SHIFT if place is Place.NUT else MISREADING: 1.0}
@@ -251,7 +236,3 @@ def _table(parts: Sequence[Contribution], over: Over, grid: Floats, drag_share: 
         for column, weight in columns.items():
             table[:, column] += weight * curve(grid)
     return table if filled else table[:0]
-
-
-def _table_share(side: Side, drag_share: float) -> float:
-    return {Side.MOTOR: 0.0, Side.TABLE: 1.0, Side.AS_DRAG: drag_share}[side]

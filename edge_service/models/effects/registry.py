@@ -5,7 +5,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 
 from ..machine import Machine
 from . import library
@@ -24,7 +24,14 @@ def effects() -> Mapping[str, Effect]:
     """
     found = {effect.name: effect for effect in _library()}
     for entry in entry_points(group=ENTRY_POINT_GROUP):
-        effect = _loaded(entry)
+        try:
+            effect = entry.load()
+        except (ImportError, AttributeError) as error:
+            raise ValueError(
+                f"effect {entry.name}: {entry.value} cannot be loaded: {error}"
+            ) from error
+        if not isinstance(effect, Effect):
+            raise ValueError(f"effect {entry.name}: {entry.value} is not an Effect")
         if effect.name in found:
             raise ValueError(f"effect {effect.name}: {entry.value} uses the name of another effect")
         found[effect.name] = effect
@@ -33,20 +40,8 @@ def effects() -> Mapping[str, Effect]:
 
 @cache
 def _library() -> tuple[Effect, ...]:
-    names = [module.name for module in pkgutil.iter_modules(library.__path__)]
-    modules = [importlib.import_module(f"{library.__name__}.{name}") for name in names]
-    found: list[Effect] = [module.EFFECT for module in modules]
-    return tuple(sorted(found, key=lambda effect: effect.name))
-
-
-def _loaded(entry: EntryPoint) -> Effect:
-    try:
-        effect = entry.load()
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"effect {entry.name}: {entry.value} cannot be loaded: {error}") from error
-    if not isinstance(effect, Effect):
-        raise ValueError(f"effect {entry.name}: {entry.value} is not an Effect")
-    return effect
+    names = sorted(module.name for module in pkgutil.iter_modules(library.__path__))
+    return tuple(importlib.import_module(f"{library.__name__}.{name}").EFFECT for name in names)
 
 
 def effect_names() -> tuple[str, ...]:

@@ -26,12 +26,10 @@ from .contribution import (
     Play,
     PreslidingWindUp,
     Shift,
-    Side,
     SmoothTorque,
     Strain,
     TableForce,
     ViscousFriction,
-    Warming,
 )
 from .effect import Effect, Values
 from .hysteresis import bristle_share, play
@@ -71,29 +69,31 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             torque = _over(torque_nm, motion, over)
         case TableForce(force_n):
             torque = -baseline.ratio_m_per_rad * force_n(motion.time_s)
-        case LoadFriction():
-            torque = _load_friction(contribution, motion, baseline)
+        case LoadFriction(coefficient, friction_share, viscous_share):
+            carried_nm = motion.load_torque_nm + friction_share * _dry_load_nm(motion, baseline)
+            carried_nm = carried_nm + viscous_share * _viscous_load_nm(motion, baseline)
+            torque = coefficient * motion.direction * np.abs(carried_nm)
         case Shift():
             torque = _shift_torque(contribution, motion, baseline)
-        case Change(quantity, value):
-            torque = _CHANGED_TORQUE.get(quantity, _nothing)(value, motion, baseline)
-        case PreslidingWindUp() | Play() | Strain() | Warming():
+        case Change(quantity, value) if quantity in _CHANGED_TORQUE:
+            torque = _CHANGED_TORQUE[quantity](value, motion, baseline)
+        case _:
             pass
     return torque
-
-
-def _load_friction(each: LoadFriction, motion: Motion, baseline: Baseline) -> Floats:
-    carried_nm = motion.load_torque_nm + each.friction_share * _dry_load_nm(motion, baseline)
-    carried_nm = carried_nm + each.viscous_share * _viscous_load_nm(motion, baseline)
-    friction_nm: Floats = each.coefficient * motion.direction * np.abs(carried_nm)
-    return friction_nm
 
 
 def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
     shift = np.zeros(len(motion))
     match contribution:
-        case DryFriction() | SmoothTorque() | TableForce():
-            carried_nm = _carried(contribution, motion, baseline)
+        case DryFriction(over, level_nm, side):  # at rest as it came there
+            level = motion.approach * _over(level_nm, motion, over)
+            carried_nm = side.table_share(baseline.table_share) * level
+            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+        case SmoothTorque(over, torque_nm, side):
+            carried_nm = side.table_share(baseline.table_share) * _over(torque_nm, motion, over)
+            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+        case TableForce(force_n):
+            carried_nm = -baseline.ratio_m_per_rad * force_n(motion.time_s)
             shift = baseline.wind_up_m(carried_nm, motion.position_m)
         case Shift(Place.ANGLE_READING, over, curve):
             shift = -baseline.ratio_m_per_rad * curve(_variable(motion, over))
@@ -105,25 +105,11 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             shift = _wind_up_by_travel(contribution, motion, baseline)
         case Play():
             shift = _lost_motion(contribution, motion, baseline)
-        case Change(quantity, value):
-            shift = _CHANGED_TRANSMISSION.get(quantity, _nothing)(value, motion, baseline)
-        case LoadFriction() | ViscousFriction() | Warming():
+        case Change(quantity, value) if quantity in _CHANGED_TRANSMISSION:
+            shift = _CHANGED_TRANSMISSION[quantity](value, motion, baseline)
+        case _:
             pass
     return shift
-
-
-def _carried(
-    contribution: DryFriction | SmoothTorque | TableForce, motion: Motion, baseline: Baseline
-) -> Floats:
-    """The part of a torque that goes through the spring, N m, (n,); at rest as it came there."""
-    match contribution:
-        case DryFriction(over, level_nm, side):
-            level = motion.approach * _over(level_nm, motion, over)
-            return _share(side, baseline) * level
-        case SmoothTorque(over, torque_nm, side):
-            return _share(side, baseline) * _over(torque_nm, motion, over)
-        case TableForce(force_n):
-            return -baseline.ratio_m_per_rad * force_n(motion.time_s)
 
 
 def _over(curve: Curve, motion: Motion, over: Over) -> Floats:
@@ -133,55 +119,33 @@ def _over(curve: Curve, motion: Motion, over: Over) -> Floats:
 
 
 def _variable(motion: Motion, over: Over) -> Floats:
-    match over:
-        case Over.SPEED:
-            return motion.speed_rad_s
-        case Over.ANGLE:
-            return motion.angle_rad
-        case Over.POSITION:
-            return motion.position_m
-        case Over.TIME:
-            return motion.time_s
-        case Over.TEMPERATURE:
-            return motion.temperature_c
-
-
-def _share(side: Side, baseline: Baseline) -> float:
-    return {Side.MOTOR: 0.0, Side.TABLE: 1.0, Side.AS_DRAG: baseline.table_share}[side]
+    return {
+        Over.SPEED: motion.speed_rad_s,
+        Over.ANGLE: motion.angle_rad,
+        Over.POSITION: motion.position_m,
+        Over.TIME: motion.time_s,
+        Over.TEMPERATURE: motion.temperature_c,
+    }[over]
 
 
 def _shift_torque(shift: Shift, motion: Motion, baseline: Baseline) -> Floats:
     """Inertia torque of a shift: R m e'' of the nut, -J r'' and -D r' of a rotary reading."""
-    rate, acceleration = _derivatives(shift.over, shift.shift, motion, baseline)
-    match shift.place:
-        case Place.NUT:
-            return baseline.table_inertia_kg_m2 / baseline.ratio_m_per_rad * acceleration
-        case Place.ANGLE_READING:
-            viscous = baseline.viscous_nm_s_per_rad * rate
-            return -baseline.inertia_kg_m2 * acceleration - viscous
-
-
-def _derivatives(
-    over: Over, shift: Curve, motion: Motion, baseline: Baseline
-) -> tuple[Floats, Floats]:
-    """First and second derivative of a shift by time: s' v and s'' v^2 + s' a, (n,) each."""
-    per_rad = baseline.ratio_m_per_rad if over is Over.POSITION else 1.0
-    slope, bend = _by_variable(over, shift, _variable(motion, over))
+    along = shift.over is Over.POSITION
+    per_rad = baseline.ratio_m_per_rad if along else 1.0
+    variable = _variable(motion, shift.over)
+    if isinstance(shift.shift, Harmonic):
+        slope, bend = shift.shift.derivatives(variable)
+    else:
+        step = _POSITION_STEP_M if along else _ANGLE_STEP_RAD
+        before, here, after = (shift.shift(variable + k * step) for k in (-1.0, 0.0, 1.0))
+        slope = (after - before) / (2.0 * step)
+        bend = (after - 2.0 * here + before) / step**2
     speed = per_rad * motion.speed_rad_s
-    return slope * speed, bend * speed**2 + slope * per_rad * motion.acceleration_rad_s2
-
-
-def _by_variable(over: Over, shift: Curve, variable: Floats) -> tuple[Floats, Floats]:
-    """First and second derivative of a shift by its variable, (n,) each."""
-    if isinstance(shift, Harmonic):
-        return shift.derivatives(variable)
-    step = _POSITION_STEP_M if over is Over.POSITION else _ANGLE_STEP_RAD
-    before, here, after = (shift(variable + k * step) for k in (-1.0, 0.0, 1.0))
-    return (after - before) / (2.0 * step), (after - 2.0 * here + before) / step**2
-
-
-def _nothing(_value: float, motion: Motion, _baseline: Baseline) -> Floats:
-    return np.zeros(len(motion))
+    acceleration = bend * speed**2 + slope * per_rad * motion.acceleration_rad_s2
+    if shift.place is Place.NUT:
+        return baseline.table_inertia_kg_m2 / baseline.ratio_m_per_rad * acceleration
+    viscous = baseline.viscous_nm_s_per_rad * (slope * speed)
+    return -baseline.inertia_kg_m2 * acceleration - viscous
 
 
 def _presliding_torque(reach_m: float, motion: Motion, baseline: Baseline) -> Floats:

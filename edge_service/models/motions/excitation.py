@@ -6,7 +6,6 @@ The feed never turns back, so the dry friction stays constant and drops out of t
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,28 +22,6 @@ _CLIP_FIRST, _CLIP_LAST = 0.75, 0.97
 _STEEPEST, _SHARPEST = 15.0 / 8.0, 10.0 / math.sqrt(3.0)  # |s'|, |s''| of 6u^5 - 15u^4 + 10u^3
 
 
-class Wave(Protocol):
-    """A vibration about a position."""
-
-    @property
-    def duration_s(self) -> float:
-        """Length, s."""
-
-    @property
-    def highest_hz(self) -> float:
-        """Highest frequency in it, Hz."""
-
-    @property
-    def peaks(self) -> tuple[float, float, float]:
-        """Bounds of the magnitudes of travel m, speed m/s, acceleration m/s^2."""
-
-    def motion(self, time_s: Floats) -> Floats:
-        """Travel m, speed m/s, acceleration m/s^2 at times (n,) since its start, (n, 3)."""
-
-    def scaled(self, share: float) -> Self:
-        """The same wave with `share` times the amplitude."""
-
-
 @dataclass(frozen=True, slots=True)
 class Chirp:
     """A logarithmic sweep, x = X(f) sin(phi), phi' = 2 pi f, f = low (high / low)^(t / T).
@@ -52,21 +29,13 @@ class Chirp:
     The acceleration amplitude is flat above the corner, and the speed amplitude below it::
 
         X(f) = A / ((2 pi)^2 f sqrt(f^2 + corner^2))
-
-    Attributes:
-        acceleration_m_s2: A; the speed amplitude is A / (2 pi corner).
     """
 
     low_hz: float
     high_hz: float
     corner_hz: float
-    acceleration_m_s2: float
+    acceleration_m_s2: float  # A; the speed amplitude is A / (2 pi corner)
     duration_s: float
-
-    @property
-    def highest_hz(self) -> float:
-        """Frequency at the end, Hz."""
-        return self.high_hz
 
     @property
     def growth_per_s(self) -> float:
@@ -116,31 +85,18 @@ class Chirp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Multisine:
-    """Lines of equal acceleration amplitude, x'' = sum of A cos(2 pi f t + phase), periodic.
+    """Lines of equal acceleration amplitude, x'' = sum of A cos(2 pi f t + phase), periodic."""
 
-    Attributes:
-        harmonics: f times the period, increasing whole numbers from 1, (n_lines,).
-        phases_rad: (n_lines,).
-        acceleration_m_s2: A of each line.
-        period_s: after which it repeats, s.
-        duration_s: length, s.
-    """
-
-    harmonics: Floats
-    phases_rad: Floats
-    acceleration_m_s2: float
-    period_s: float
+    harmonics: Floats  # f times the period, increasing whole numbers from 1, (n_lines,)
+    phases_rad: Floats  # (n_lines,)
+    acceleration_m_s2: float  # A of each line
+    period_s: float  # after which it repeats
     duration_s: float
 
     @property
     def lines_hz(self) -> Floats:
         """Frequencies of the lines, Hz, (n_lines,)."""
         return self.harmonics / self.period_s
-
-    @property
-    def highest_hz(self) -> float:
-        """Highest line, Hz."""
-        return float(self.lines_hz[-1])
 
     @property
     def peaks(self) -> tuple[float, float, float]:
@@ -170,6 +126,10 @@ class Multisine:
     def scaled(self, share: float) -> "Multisine":
         """The same lines with `share` times the amplitude."""
         return replace(self, acceleration_m_s2=share * self.acceleration_m_s2)
+
+
+Wave = Chirp | Multisine
+"""A vibration about a position."""
 
 
 def low_crest_phases(harmonics: Floats, random: np.random.Generator) -> Floats:

@@ -2,18 +2,15 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from ...exit_status import BadInputError
 from ..machine import Machine
 from ..plant.controller import MAX_TORQUE_NM
 
 DEFAULT_STROKE_M = 0.8
-DEFAULT_LEAD_M = 0.02  # Table A.1
 DEFAULT_SPEED_RAD_S = 628.0  # 6000 rpm, Table A.4
 DEFAULT_SPEED_M_S = 2.0  # 6000 rpm at that lead
 DEFAULT_ACCELERATION_M_S2 = 4.0
-DEFAULT_JERK_M_S3 = 200.0
 RAPID_M_S = 0.5
 """Speed of ordinary moves; only tests that name their speeds go beyond it."""
 STROKE_MARGIN = 0.05
@@ -27,41 +24,20 @@ class MotionError(BadInputError, ValueError):
     """A motion that cannot be run as asked; the text is one line."""
 
 
-class AxisLoad(NamedTuple):
-    """Torque at the motor that motion takes: rigid inertia, viscous friction and Coulomb drag."""
-
-    per_acceleration_nm_s2_per_m: float = 0.0
-    per_speed_nm_s_per_m: float = 0.0
-    drag_nm: float = 0.0
-
-    def torque_nm(self, speed_m_s: float, acceleration_m_s2: float) -> float:
-        """Torque for both magnitudes at once, N m: a bound where they are peaks of one segment."""
-        smooth = self.per_acceleration_nm_s2_per_m * acceleration_m_s2
-        return smooth + self.per_speed_nm_s_per_m * speed_m_s + self.drag_nm
-
-
-NO_LOAD = AxisLoad()
-
-
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """Limits of an axis; in m and s, all rates greater than 0.
-
-    Attributes:
-        jerk_m_s3: of moves; excitations are bounded by acceleration and torque alone.
-        lead_m: travel per revolution of the screw.
-        torque_nm: at the motor.
-        load: what motion takes of it.
-    """
+    """Limits of an axis, in m and s, all rates greater than 0, and the torque that motion takes."""
 
     low_m: float
     high_m: float
     speed_m_s: float = DEFAULT_SPEED_M_S
     acceleration_m_s2: float = DEFAULT_ACCELERATION_M_S2
-    jerk_m_s3: float = DEFAULT_JERK_M_S3
-    lead_m: float = DEFAULT_LEAD_M
-    torque_nm: float = math.inf
-    load: AxisLoad = NO_LOAD
+    jerk_m_s3: float = 200.0  # of moves; acceleration and torque alone bound excitations
+    lead_m: float = 0.02  # travel per revolution of the screw (Table A.1)
+    torque_nm: float = math.inf  # at the motor
+    inertia_nm_s2_per_m: float = 0.0  # rigid, torque per acceleration
+    viscous_nm_s_per_m: float = 0.0
+    drag_nm: float = 0.0
 
     @property
     def span_m(self) -> float:
@@ -72,16 +48,21 @@ class MotionLimits:
     def rapid_m_s(self) -> float:
         """Speed of ordinary moves, m/s: friction leaves room for the full acceleration."""
         speed = min(RAPID_M_S, self.speed_m_s)
-        if self.load.per_speed_nm_s_per_m > 0.0:
-            spare_nm = self.torque_nm - self.load.torque_nm(0.0, self.acceleration_m_s2)
-            speed = min(speed, spare_nm / self.load.per_speed_nm_s_per_m)
+        if self.viscous_nm_s_per_m > 0.0:
+            spare_nm = self.torque_nm - self.taken_nm(0.0, self.acceleration_m_s2)
+            speed = min(speed, spare_nm / self.viscous_nm_s_per_m)
         return speed
+
+    def taken_nm(self, speed_m_s: float, acceleration_m_s2: float) -> float:
+        """Torque for both magnitudes at once, N m: a bound where they are peaks of one segment."""
+        smooth = self.inertia_nm_s2_per_m * acceleration_m_s2
+        return smooth + self.viscous_nm_s_per_m * speed_m_s + self.drag_nm
 
     def excess(
         self, *, speed_m_s: float = 0.0, acceleration_m_s2: float = 0.0, length_m: float = 0.0
     ) -> str | None:
         """The first limit that magnitudes break, with what is asked and allowed; None if none."""
-        torque_nm = self.load.torque_nm(speed_m_s, acceleration_m_s2)
+        torque_nm = self.taken_nm(speed_m_s, acceleration_m_s2)
         for name, unit, asked, allowed in (
             ("speed", "m/s", speed_m_s, self.speed_m_s),
             ("acceleration", "m/s2", acceleration_m_s2, self.acceleration_m_s2),
@@ -99,15 +80,17 @@ def motion_limits(machine: Machine) -> MotionLimits:
     Raises:
         MotionError: the drag alone takes the share of the torque that is not for acceleration.
     """
-    axis, ratio = machine.axis, machine.transmission_ratio_m_per_rad
+    axis, model, ratio = machine.axis, machine.model, machine.transmission_ratio_m_per_rad
     max_torque = axis.max_torque_nm or MAX_TORQUE_NM
-    load = _axis_load(machine)
-    if load.drag_nm >= (1.0 - TORQUE_SHARE) * max_torque:
+    drag = model.preload_drag_nm.value if model.preload_drag_nm else 0.0
+    drag += machine.other_drag_nm.value
+    if drag >= (1.0 - TORQUE_SHARE) * max_torque:
         raise MotionError(
-            f"axis.max_torque_nm: {max_torque:g} N m against a drag of {load.drag_nm:g} N m leaves "
+            f"axis.max_torque_nm: {max_torque:g} N m against a drag of {drag:g} N m leaves "
             "less than half for motion"
         )
-    strongest = TORQUE_SHARE * max_torque / load.per_acceleration_nm_s2_per_m
+    inertia = model.inertia_kg_m2.value / ratio
+    strongest = TORQUE_SHARE * max_torque / inertia
     stroke = axis.stroke_m or DEFAULT_STROKE_M
     return MotionLimits(
         low_m=STROKE_MARGIN * stroke,
@@ -116,7 +99,9 @@ def motion_limits(machine: Machine) -> MotionLimits:
         acceleration_m_s2=min(axis.max_acceleration_m_s2 or DEFAULT_ACCELERATION_M_S2, strongest),
         lead_m=axis.lead_m,
         torque_nm=max_torque,
-        load=load,
+        inertia_nm_s2_per_m=inertia,
+        viscous_nm_s_per_m=model.viscous_nm_s_per_rad.value / ratio,
+        drag_nm=drag,
     )
 
 
@@ -124,13 +109,3 @@ def assumed_limits(machine: Machine) -> tuple[str, ...]:
     """Keys of the machine file whose place a default of `motion_limits` takes."""
     keys = ("stroke_m", "max_speed_rad_s", "max_acceleration_m_s2", "max_torque_nm")
     return tuple(f"axis.{key}" for key in keys if getattr(machine.axis, key) is None)
-
-
-def _axis_load(machine: Machine) -> AxisLoad:
-    model, ratio = machine.model, machine.transmission_ratio_m_per_rad
-    drag = model.preload_drag_nm.value if model.preload_drag_nm else 0.0
-    return AxisLoad(
-        per_acceleration_nm_s2_per_m=model.inertia_kg_m2.value / ratio,
-        per_speed_nm_s_per_m=model.viscous_nm_s_per_rad.value / ratio,
-        drag_nm=drag + machine.other_drag_nm.value,
-    )

@@ -9,7 +9,8 @@ import re
 from collections.abc import Iterable, Iterator
 
 from .limits import MotionError, MotionLimits
-from .segments import Dwell, Move, Segment
+from .route import Segment
+from .segments import Dwell, Move
 
 _MM_PER_M = 1e3
 _SECONDS_PER_MINUTE = 60.0

@@ -1,9 +1,17 @@
-"""Strings segments together within the limits of an axis."""
+"""Segments strung together within the limits of an axis, and sampled."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...messages.samples import Floats
+from .excitation import Shaken
 from .limits import MotionError, MotionLimits
-from .segments import Dwell, Move, Segment
+from .segments import Dwell, Move
+
+Segment = Move | Dwell | Shaken
 
 _ON_THE_STROKE_M = 1e-9  # sums of distances are not exact
 
@@ -51,7 +59,7 @@ class Route:
         acceleration_m_s2: float = 0.0,
         length_m: float = 0.0,
     ) -> bool:
-        """Tell whether the axis allows a part; it is left out if not.
+        """Return whether the axis allows a part; it is left out if not.
 
         Raises:
             MotionError: the axis does not allow it, and nothing may be left out.
@@ -120,3 +128,46 @@ class Route:
             raise MotionError(f"{self.name}: nothing is left of it; {self.left_out[0]}")
         self.go_to(self.limits.low_m)
         return Plan(tuple(self.segments), tuple(self.left_out))
+
+
+class Setpoints:
+    """Samples segments at a fixed rate; the same numbers however they are asked for.
+
+    Every segment takes a whole number of samples, so each starts on a sample. When the segments
+    end, the axis stands still.
+    """
+
+    def __init__(self, segments: Iterator[Segment], start_m: float, rate_hz: float) -> None:
+        self._segments = segments
+        self._origin_m = start_m
+        self._rate_hz = rate_hz
+        self._segment: Segment = Dwell(0.0)
+        self._taken = 0
+        self._count = 0
+
+    def take(self, count: int) -> Floats:
+        """The next `count` setpoints: position m, speed m/s, acceleration m/s^2, (count, 3)."""
+        parts = []
+        while count > 0:
+            if self._taken == self._count:
+                self._next_segment()
+                continue
+            run = min(count, self._count - self._taken)
+            index = np.arange(self._taken, self._taken + run)
+            part = self._segment.setpoints(index / self._rate_hz)
+            part[:, 0] += self._origin_m
+            parts.append(part)
+            self._taken += run
+            count -= run
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def _next_segment(self) -> None:
+        self._origin_m += self._segment.distance_m
+        self._segment = next(self._segments, Dwell(1.0))
+        self._taken = 0
+        self._count = samples_of(self._segment, self._rate_hz)
+
+
+def samples_of(segment: Segment, rate_hz: float) -> int:
+    """Whole number of samples that a segment takes."""
+    return math.ceil(segment.duration_s * rate_hz)

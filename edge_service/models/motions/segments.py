@@ -1,36 +1,16 @@
-"""Pieces of motion between two standstills, and their sampling."""
+"""Pieces of motion that start and end at rest and never turn back between.
+
+Each has `duration_s` until rest, `distance_m`, signed, `peak_speed_m_s` and
+`peak_acceleration_m_s2`, bounds of the magnitudes, and `setpoints` at times since its start.
+"""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from ...messages.samples import Floats
-
-
-class Segment(Protocol):
-    """A piece of motion that starts and ends at rest and never turns back between."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time until rest, s."""
-
-    @property
-    def distance_m(self) -> float:
-        """Signed travel from start to end, m."""
-
-    @property
-    def peak_speed_m_s(self) -> float:
-        """Bound of the speed's magnitude, m/s."""
-
-    @property
-    def peak_acceleration_m_s2(self) -> float:
-        """Bound of the acceleration's magnitude, m/s^2."""
-
-    def setpoints(self, time_s: Floats) -> Floats:
-        """Travel m, speed m/s and acceleration m/s^2 at times (n,) since its start, (n, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,21 +18,9 @@ class Dwell:
     """Standing still."""
 
     duration_s: float
-
-    @property
-    def distance_m(self) -> float:
-        """No travel."""
-        return 0.0
-
-    @property
-    def peak_speed_m_s(self) -> float:
-        """No speed."""
-        return 0.0
-
-    @property
-    def peak_acceleration_m_s2(self) -> float:
-        """No acceleration."""
-        return 0.0
+    distance_m: ClassVar[float] = 0.0
+    peak_speed_m_s: ClassVar[float] = 0.0
+    peak_acceleration_m_s2: ClassVar[float] = 0.0
 
     def setpoints(self, time_s: Floats) -> Floats:
         """Zeros, shape (n, 3)."""
@@ -153,46 +121,3 @@ class Move:
             a = a + length * jerk if jerk >= 0.0 else 0.0
             start += length
         return travel, speed, acceleration
-
-
-class Setpoints:
-    """Samples segments at a fixed rate; the same numbers however they are asked for.
-
-    Every segment takes a whole number of samples, so each starts on a sample. When the segments
-    end, the axis stands still.
-    """
-
-    def __init__(self, segments: Iterator[Segment], start_m: float, rate_hz: float) -> None:
-        self._segments = segments
-        self._origin_m = start_m
-        self._rate_hz = rate_hz
-        self._segment: Segment = Dwell(0.0)
-        self._taken = 0
-        self._count = 0
-
-    def take(self, count: int) -> Floats:
-        """The next `count` setpoints: position m, speed m/s, acceleration m/s^2, (count, 3)."""
-        parts = []
-        while count > 0:
-            if self._taken == self._count:
-                self._next_segment()
-                continue
-            run = min(count, self._count - self._taken)
-            index = np.arange(self._taken, self._taken + run)
-            part = self._segment.setpoints(index / self._rate_hz)
-            part[:, 0] += self._origin_m
-            parts.append(part)
-            self._taken += run
-            count -= run
-        return np.concatenate(parts) if parts else np.empty((0, 3))
-
-    def _next_segment(self) -> None:
-        self._origin_m += self._segment.distance_m
-        self._segment = next(self._segments, Dwell(1.0))
-        self._taken = 0
-        self._count = samples_of(self._segment, self._rate_hz)
-
-
-def samples_of(segment: Segment, rate_hz: float) -> int:
-    """Whole number of samples that a segment takes."""
-    return math.ceil(segment.duration_s * rate_hz)

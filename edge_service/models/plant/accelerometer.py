@@ -19,33 +19,19 @@ REFERENCE_SPEED_RAD_S = 50.0
 
 @dataclass(frozen=True, slots=True)
 class AccelerometerSettings:
-    """Amplitudes in m/s^2 at REFERENCE_SPEED_RAD_S.
-
-    Attributes:
-        rate_hz: of the sensor.
-        ball_pass_order: balls that pass a point of the nut's raceway per revolution of the screw.
-        ball_pass: amplitude of the tone.
-        damage: first swing of the ringing that one ball makes at the pit; 0 is a sound raceway.
-        noise: rms, at any speed.
-        resonance_hz, damping_ratio: of what rings.
-    """
+    """Amplitudes in m/s^2 at REFERENCE_SPEED_RAD_S."""
 
     rate_hz: float = 10_000.0
-    ball_pass_order: float = 9.56
-    ball_pass: float = 0.5
-    damage: float = 0.0
-    noise: float = 0.2
-    resonance_hz: float = 3000.0
+    ball_pass_order: float = 9.56  # balls that pass a point of the nut per turn of the screw
+    ball_pass: float = 0.5  # amplitude of the tone
+    damage: float = 0.0  # first swing that one ball makes at the pit; 0 is a sound raceway
+    noise: float = 0.2  # rms, at any speed
+    resonance_hz: float = 3000.0  # of what rings
     damping_ratio: float = 0.04
 
 
 class Accelerometer:
-    """Follows the angle of the screw; any split of the angle gives equal values.
-
-    Args:
-        settings: amplitudes and rates.
-        seed: of the noise.
-    """
+    """Follows the angle of the screw; any split of the angle gives equal values."""
 
     def __init__(self, settings: AccelerometerSettings, seed: int) -> None:
         self._settings = settings

@@ -15,19 +15,15 @@ LOOP_RATIO = 4.0
 
 
 class Gains(NamedTuple):
-    """Gains of the cascade.
-
-    `inertia_kg_m2` is the inertia that the torque feed-forward assumes, `period_s` the time from
-    one command to the next.
-    """
+    """Gains of the cascade."""
 
     position_gain_per_s: float
     speed_gain_nm_s_per_rad: float
     integral_gain_nm_per_rad: float
-    inertia_kg_m2: float
+    inertia_kg_m2: float  # that the torque feed-forward assumes
     ratio_m_per_rad: float
     max_torque_nm: float
-    period_s: float
+    period_s: float  # from one command to the next
 
 
 def gains_for(

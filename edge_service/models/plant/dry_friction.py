@@ -9,16 +9,11 @@ BRISTLE_ELASTIC_SHARE = 0.5
 
 
 class Levels(NamedTuple):
-    """Dry friction that one mass meets in one step, N, not negative, and its presliding reach.
+    """Dry friction that one mass meets in one step, N, not negative, and its presliding reach."""
 
-    Attributes:
-        forward_n, backward_n: greatest friction against motion in either direction.
-        reach_m: level over presliding stiffness; 0.0 sticks without presliding.
-    """
-
-    forward_n: float
+    forward_n: float  # greatest friction against motion in either direction
     backward_n: float
-    reach_m: float
+    reach_m: float  # level over presliding stiffness; 0.0 sticks without presliding
 
 
 @compiled

@@ -30,17 +30,12 @@ _OVERHANG = 0.1
 class Tables(NamedTuple):
     """Tables of one plant, one below the other; each may be missing.
 
-    One array and not five: the compiled plant counts references to each array in every call.
-
-    Attributes:
-        rows: (n, COLUMNS); over position, over one turn, over the size of the speed forwards and
-            backwards. The grid over speed is even in asinh(speed): it resolves creep and rapids.
-        position_points, angle_points, speed_points: rows of each; 0 is a missing table.
-        position_low_m, position_step_m: the grid over position.
+    One array and not five: the compiled plant counts references to each array in every call. The
+    grid over speed is even in asinh(speed): it resolves creep and rapids.
     """
 
-    rows: Floats
-    position_points: int
+    rows: Floats  # (n, COLUMNS); over position, a turn, the size of the speed forwards, backwards
+    position_points: int  # rows of each; 0 is a missing table
     angle_points: int
     speed_points: int
     position_low_m: float

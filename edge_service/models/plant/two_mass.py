@@ -37,47 +37,30 @@ _FRICTION_SWEEPS = 30
 
 
 class Plant(NamedTuple):
-    """Constants of one feed drive.
-
-    Attributes:
-        motor_inertia_kg_m2: J1, rotor, coupling and screw.
-        screw_rigidity_n: A E of the screw; `far_end_fixed` is 1.0 for fixed-fixed, else 0.0.
-        nut_catalogue_n_per_m: K of (5.3.11).
-        bearing_compliance_m_per_n: one fixed bearing with its support.
-        further_compliance_m_per_n: wherever the nut is: the coupling through the lead.
-        damping_n_s_per_m: structural damping c parallel to the spring.
-        speed_lag_s: time constant of the drive's speed filters.
-        stretch_zero_m: s where x1 = x2, before any shift of the nut.
-        compliance_slope_per_n: compliance beyond that of the screw, per metre of position.
-        torque_lag_s: first-order lag between the torque command and the shaft.
-        backlash_m: play of the spring; its forward flank is at s = 0.
-        bristle_reach_m: friction level over presliding stiffness; 0.0 sticks without presliding.
-        load_friction: screw friction per torque that the spring carries.
-        tables: what follows speed, position or angle.
-    """
+    """Constants of one feed drive."""
 
     ratio_m_per_rad: float
-    motor_inertia_kg_m2: float
+    motor_inertia_kg_m2: float  # J1: rotor, coupling and screw
     table_mass_kg: float
     motor_viscous_nm_s_per_rad: float
     table_viscous_n_s_per_m: float
-    screw_rigidity_n: float
+    screw_rigidity_n: float  # A E
     screw_length_m: float
-    far_end_fixed: float
-    nut_catalogue_n_per_m: float
-    bearing_compliance_m_per_n: float
-    further_compliance_m_per_n: float
-    damping_n_s_per_m: float
+    far_end_fixed: float  # 1.0 for fixed-fixed, else 0.0
+    nut_catalogue_n_per_m: float  # K of (5.3.11)
+    bearing_compliance_m_per_n: float  # of one fixed bearing with its support
+    further_compliance_m_per_n: float  # wherever the nut is: the coupling through the lead
+    damping_n_s_per_m: float  # structural, parallel to the spring
     bearing_drag_nm: float
     guide_force_n: float
-    speed_lag_s: float
-    stretch_zero_m: float = 0.0
-    compliance_slope_per_n: float = 0.0
-    torque_lag_s: float = 0.0
-    backlash_m: float = 0.0
-    bristle_reach_m: float = 0.0
-    load_friction: float = 0.0
-    tables: Tables = NO_TABLES
+    speed_lag_s: float  # time constant of the drive's speed filters
+    stretch_zero_m: float = 0.0  # s where x1 = x2, before any shift of the nut
+    compliance_slope_per_n: float = 0.0  # beyond that of the screw, per metre of position
+    torque_lag_s: float = 0.0  # first-order, between the torque command and the shaft
+    backlash_m: float = 0.0  # play of the spring; its forward flank is at s = 0
+    bristle_reach_m: float = 0.0  # friction level over presliding stiffness; 0.0 has none
+    load_friction: float = 0.0  # screw friction per torque that the spring carries
+    tables: Tables = NO_TABLES  # what follows speed, position or angle
 
     @property
     def motor_mass_kg(self) -> float:
@@ -86,30 +69,18 @@ class Plant(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Loads on the plant, and its stiffness, during one period.
+    """Loads on the plant, and its stiffness, during one period."""
 
-    Attributes:
-        torque_nm: commanded, at the motor shaft.
-        force_n: external force on the table, positive along x.
-        screw_drag_nm: Coulomb level of the ball screw, without bearings and guides.
-        compliance_m_per_n: of the spring between motor and table.
-        added_mass_kg: on the table.
-        motor_dry_nm, table_dry_nm: further dry friction on either side, at the motor.
-        motor_viscous_nm_s_per_rad: further viscous friction of the motor side.
-        resisting_nm: smooth torque against positive motion, at the motor.
-        strain: of the screw, m of shift per m of travel.
-    """
-
-    torque_nm: float
-    force_n: float
-    screw_drag_nm: float
-    compliance_m_per_n: float
-    added_mass_kg: float = 0.0
-    motor_dry_nm: float = 0.0
+    torque_nm: float  # commanded, at the motor shaft
+    force_n: float  # external, on the table, positive along x
+    screw_drag_nm: float  # Coulomb level of the ball screw, without bearings and guides
+    compliance_m_per_n: float  # of the spring between motor and table
+    added_mass_kg: float = 0.0  # on the table
+    motor_dry_nm: float = 0.0  # further dry friction on either side, at the motor
     table_dry_nm: float = 0.0
-    motor_viscous_nm_s_per_rad: float = 0.0
-    resisting_nm: float = 0.0
-    strain: float = 0.0
+    motor_viscous_nm_s_per_rad: float = 0.0  # further viscous friction of the motor side
+    resisting_nm: float = 0.0  # smooth torque against positive motion, at the motor
+    strain: float = 0.0  # of the screw, m of shift per m of travel
 
 
 class Loads(NamedTuple):

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import ANGLE, TORQUE, Floats, SampleFrame
@@ -52,9 +53,9 @@ def blocks_of(frame: SampleFrame, interval_s: float = 0.1) -> list[FeatureBlock]
 def run(
     blocks: Iterable[FeatureBlock],
     machine: Machine = MACHINE,
-    settings: ImmSettings | None = None,
+    **options: Any,
 ) -> list[PreloadEstimate]:
-    estimator = ImmPreloadEstimator(machine, settings or ImmSettings())
+    estimator = ImmPreloadEstimator(machine, **options)
     estimates = []
     for block in blocks:
         estimator.update(block)
@@ -75,7 +76,7 @@ def errors(estimates: list[PreloadEstimate], truth: Floats) -> tuple[Floats, flo
 @pytest.mark.parametrize("name", ["healthy", "gradual", "partial"])
 def test_it_follows_the_true_preload_within_its_interval(name: str, method: str) -> None:
     frame, truth = recording(name, 120.0, 1)
-    estimates = run(blocks_of(frame), settings=ImmSettings(method=method))  # type: ignore[arg-type]
+    estimates = run(blocks_of(frame), method=method)
     error, covered = errors(estimates, truth)
     assert len(error) > 0.95 * len(estimates)
     # levels are 2.5 points apart: reading between them to a fifth of that is the method's worth
@@ -114,7 +115,7 @@ def test_a_loss_within_half_a_minute_stays_inside_the_interval(interval_s: float
 
 def test_filterpy_gives_the_same_estimates() -> None:
     blocks = blocks_of(recording("partial", 60.0, 5)[0])
-    ours, theirs = run(blocks), run(blocks, settings=ImmSettings(engine="filterpy"))
+    ours, theirs = run(blocks), run(blocks, engine="filterpy")
     assert [e.status for e in ours] == [e.status for e in theirs]
     pairs = [
         (a.preload_percent, b.preload_percent)

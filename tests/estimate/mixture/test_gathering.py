@@ -1,13 +1,12 @@
-"""Short intervals are gathered without a loss, and what waits does not outlive its clock."""
+"""Short intervals are gathered without a loss."""
 
-import json
 import math
 from dataclasses import replace
 
 import pytest
 
 from edge_service.downsample.statistics import absent_block
-from edge_service.estimate.mixture.gathering import WHOLE_S, Gathering
+from edge_service.estimate.mixture.gathering import WHOLE_S, gathered
 from edge_service.messages.features import Fault, FeatureBlock, Phase
 
 
@@ -19,34 +18,19 @@ def block(number: int, duration_s: float, torque_nm: float, direction: float = 1
 
 
 def test_a_mean_over_short_intervals_is_that_of_all_their_time() -> None:
-    gathering = Gathering()
-    done = [gathering.take(block(k, 0.02, float(k))) for k in range(5)]
-    assert [len(each) for each in done] == [0, 0, 0, 0, 1]
-    interval = done[-1][0]
-    assert interval.duration_s == pytest.approx(WHOLE_S)
-    assert interval.phases[1].steady_s == pytest.approx(0.1)
-    assert interval.phases[1].torque_nm == pytest.approx((0 + 1 + 2 + 3 + 4) / 5)
+    waiting = None
+    for k in range(5):
+        done, waiting = gathered(waiting, block(k, 0.02, float(k)))
+        assert len(done) == (k == 4)
+    assert waiting is None
+    assert done[0].duration_s == pytest.approx(WHOLE_S)
+    assert done[0].phases[1].steady_s == pytest.approx(0.1)
+    assert done[0].phases[1].torque_nm == pytest.approx((0 + 1 + 2 + 3 + 4) / 5)
 
 
-def test_an_interval_of_a_tenth_of_a_second_does_not_wait() -> None:
-    assert len(Gathering().take(block(0, 0.1, 1.0))) == 1
-
-
-def test_another_direction_and_a_gap_end_what_waits() -> None:
-    for following in (block(1, 0.02, 5.0, -1.0), block(9, 0.02, 5.0)):
-        gathering = Gathering()
-        assert not gathering.take(block(0, 0.02, 1.0))
-        (first,) = gathering.take(following)
-        assert first.phases[1].torque_nm == 1.0
-
-
-def test_what_waits_goes_on_from_a_snapshot() -> None:
-    gathering, other = Gathering(), Gathering()
-    for k in range(3):
-        gathering.take(block(k, 0.02, float(k)))
-    other.restore(json.loads(json.dumps(gathering.snapshot(), allow_nan=False)))
-    for k in range(3, 5):
-        one, two = gathering.take(block(k, 0.02, 1.0)), other.take(block(k, 0.02, 1.0))
-        assert [each.duration_s for each in one] == [each.duration_s for each in two]
-        for mine, its in zip(one, two, strict=True):
-            assert mine.phases[1].torque_nm == its.phases[1].torque_nm
+@pytest.mark.parametrize("after", [block(1, 0.02, 5.0, -1.0), block(9, 0.02, 5.0)])
+def test_another_direction_and_a_gap_end_what_waits(after: FeatureBlock) -> None:
+    _, waiting = gathered(None, block(0, 0.02, 1.0))
+    (first,), waiting = gathered(waiting, after)
+    assert first.phases[1].torque_nm == 1.0
+    assert waiting is not None

@@ -11,7 +11,6 @@ import pytest
 
 from edge_service.models.effects import library, registry
 from edge_service.models.effects.baseline import Baseline, Motion
-from edge_service.models.effects.contribution import Harmonic
 from edge_service.models.effects.effect import Role
 from edge_service.models.effects.hysteresis import bristle_share, play
 from edge_service.models.effects.registry import (
@@ -181,29 +180,6 @@ def test_signatures_are_those_of_the_equations(motion: Motion, baseline: Baselin
         assert found == pytest.approx([torque, transmission], rel=1e-6, abs=1e-12), text
 
 
-def test_derivatives_of_a_harmonic_are_those_of_its_values() -> None:
-    wave, angle_rad, step_rad = Harmonic(3e-6, 5.0, 0.4), np.linspace(-50.0, 50.0, 997), 1e-3
-    before, here, after = (wave(angle_rad + k * step_rad) for k in (-1.0, 0.0, 1.0))
-    slope, bend = wave.derivatives(angle_rad)
-    size = 3e-6 * 5.0 * (5.0 * step_rad) ** 2  # what differences of such steps miss
-    np.testing.assert_allclose(slope, (after - before) / (2.0 * step_rad), atol=size)
-    differences = (after - 2.0 * here + before) / step_rad**2
-    np.testing.assert_allclose(bend, differences, atol=5.0 * size)
-
-
-def test_a_lead_error_is_the_sum_of_its_parts(motion: Motion, baseline: Baseline) -> None:
-    effect = get_effect("lead_error")
-    parts = {"amplitude_m": 4e-6, "pitch_error": 3e-5, "variation_m": 2e-5}
-    for signature in SIGNATURES:
-        alone = [
-            signature(effect, effect.complete({name: value}), motion, baseline)
-            for name, value in parts.items()
-        ]
-        whole = signature(effect, effect.complete(parts), motion, baseline)
-        assert all(np.any(each) for each in alone)
-        np.testing.assert_allclose(whole, sum(alone), rtol=1e-12, atol=1e-18)
-
-
 def test_friction_is_undetermined_at_rest_and_the_load_is_not(baseline: Baseline) -> None:
     still = np.zeros(5)
     motion = Motion.of_samples(baseline, np.arange(5.0), still + 100.0, still, still)
@@ -211,13 +187,6 @@ def test_friction_is_undetermined_at_rest_and_the_load_is_not(baseline: Baseline
         active = parse_effect(name)
         torque = torque_signature(active.effect, active.values, motion, baseline)
         assert torque.tolist() == [size] * 5
-
-
-def test_direction_at_rest_is_that_of_the_approach(baseline: Baseline) -> None:
-    speed = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
-    still = np.zeros(5)
-    motion = Motion.of_samples(baseline, np.arange(5.0), still, speed, still)
-    assert motion.approach.tolist() == [1.0, 1.0, 1.0, -1.0, -1.0]
 
 
 def test_play_is_one_sided() -> None:
@@ -239,12 +208,6 @@ def test_a_spring_unwinds_with_the_motor_that_creeps_back(baseline: Baseline) ->
     wound = 1e-8 * 0.5 * baseline.table_coulomb_nm / r
     assert at_once[-2:] == pytest.approx([-wound, -wound])
     assert late[-2:] == pytest.approx([-wound, -wound * (1.0 - back / reach)])
-
-
-def test_what_is_thrown_ahead_stays_there_until_a_flank_comes() -> None:
-    travel = np.array([0.0, 5.0, 6.0, 6.0, 7.0, 9.0, 8.0, 3.0, 3.0])
-    ahead = np.array([0, 0, 1, 0, 0, 0, 0, -1, 0], dtype=np.int8)
-    assert (play(travel, 2.0, ahead) - travel).tolist() == [0, 0, 2, 2, 1, 0, 1, 0, 0]
 
 
 def test_bristle_follows_the_elasto_plastic_law() -> None:

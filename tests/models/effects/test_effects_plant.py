@@ -20,7 +20,6 @@ from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,
     MOTOR_SPEED,
     MOTOR_TRAVEL,
-    SHAFT_TORQUE,
     STATE_SIZE,
     TABLE_FRICTION,
     TABLE_POSITION,
@@ -166,14 +165,6 @@ def test_backlash_lags_a_motion_backwards_by_its_width(machine: Machine) -> None
     assert lost[3500] - none[3500] == pytest.approx(8e-6, rel=2e-3)
 
 
-def test_torque_lag_is_of_first_order(plant: Plant) -> None:
-    late, state = with_effects(plant, "delay:lag_s=4e-3"), moving(0.0)
-    load = Load(1.0, 0.0, 100.0, axial_compliance(late, START_M, PERCENT))
-    for _ in range(4):
-        advance_plant(late, state, load, 1e-3, 16)
-    assert state[SHAFT_TORQUE] == pytest.approx(1.0 - math.exp(-1.0))
-
-
 def test_skew_shifts_the_linear_channel_of_the_record_alone(machine: Machine) -> None:
     move = Move(0.2, 0.3, 3.0, 100.0)
     plain = follow(drive(machine), move).channels
@@ -230,17 +221,6 @@ def test_tables_are_the_functions(plant: Plant) -> None:
         error, error_slope = misreading(full.tables, angle)
         assert error == pytest.approx(2e-3 * math.sin(angle + 1.0), abs=1e-8)
         assert error_slope == pytest.approx(2e-3 * math.cos(angle + 1.0), abs=4e-6)
-
-
-def test_asymmetric_friction_breaks_away_at_its_own_level(plant: Plant) -> None:
-    lopsided = with_effects(plant, "load_offset:asymmetry_nm=0.05")
-    lopsided = lopsided._replace(bearing_drag_nm=0.0)
-    compliance = axial_compliance(lopsided, START_M, PERCENT)
-    for torque_nm, moves in ((0.19, False), (0.2, True), (-0.09, False), (-0.1, True)):
-        state = moving(0.0)
-        for _ in range(50):
-            advance_plant(lopsided, state, Load(torque_nm, 0.0, 0.146, compliance), 1e-3, 16)
-        assert (state[MOTOR_TRAVEL] != START_M) == moves, torque_nm
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])

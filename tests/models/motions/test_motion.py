@@ -1,4 +1,3 @@
-import itertools
 import math
 
 import numpy as np
@@ -60,15 +59,6 @@ def test_duration_is_the_closed_form_where_all_limits_are_reached() -> None:
     assert (move.peak_speed_m_s, move.peak_acceleration_m_s2) == pytest.approx((0.4, 4.0))
 
 
-@given(MOVES)
-def test_the_peaks_that_a_move_states_are_those_of_its_setpoints(move: Move) -> None:
-    jerk_s, hold_s, _ = move.phases_s
-    times = np.array([jerk_s, 2.0 * jerk_s + hold_s])
-    _, speed, acceleration = np.abs(move.setpoints(times)).T
-    assert move.peak_acceleration_m_s2 == pytest.approx(acceleration[0], rel=1e-6)
-    assert move.peak_speed_m_s == pytest.approx(speed[1], rel=1e-6)
-
-
 def test_duration_of_a_short_step_is_four_jerk_phases() -> None:
     move = Move(1e-4, 0.4, 4.0, 200.0)
     assert move.duration_s == pytest.approx(4.0 * (1e-4 / 400.0) ** (1.0 / 3.0))
@@ -105,29 +95,10 @@ def test_production_stays_inside_its_limits_and_is_continuous(seed: int) -> None
     assert np.max(np.abs(np.diff(position) - 0.5e-3 * (speed[1:] + speed[:-1]))) < 1e-6
 
 
-def test_production_mixes_rapids_feeds_dwells_and_both_directions() -> None:
-    _, speed, _ = take_production(1, [120_000]).T
-    shares = [np.mean(s) for s in (speed == 0, abs(speed) > 0.3, speed > 1e-3, speed < -1e-3)]
-    assert min(shares) > 0.05
-    assert np.mean((np.abs(speed) > 0.005) & (np.abs(speed) < 0.1)) > 0.1
-
-
-def test_another_seed_is_another_motion() -> None:
-    assert not np.array_equal(take_production(1, [5000]), take_production(2, [5000]))
-
-
 def test_the_axis_stands_still_when_the_segments_end() -> None:
     source = Setpoints(iter([Move(0.01, 0.1, 1.0, 50.0), Dwell(0.2)]), 0.3, 1000.0)
     tail = source.take(5000)[-1000:]
     assert tail == pytest.approx(np.tile([0.31, 0.0, 0.0], (1000, 1)), abs=1e-15)
-
-
-def test_segments_keep_their_distance_over_a_long_run() -> None:
-    segments = list(itertools.islice(MOTIONS["production"](LIMITS, np.random.default_rng(7)), 200))
-    end_m = LIMITS.low_m + math.fsum(segment.distance_m for segment in segments)
-    count = sum(math.ceil(segment.duration_s * 1000.0) for segment in segments)
-    source = Setpoints(iter(segments), LIMITS.low_m, 1000.0)
-    assert source.take(count + 1)[-1, 0] == pytest.approx(end_m, abs=1e-12)
 
 
 def test_limits_follow_the_machine_file(machine: Machine) -> None:

@@ -25,24 +25,9 @@ def test_speed_loop_crosses_over_at_its_bandwidth_with_margin() -> None:
     assert 180.0 + np.degrees(np.angle(loop[crossover])) > 50.0
 
 
-def test_no_error_and_no_acceleration_need_no_torque() -> None:
-    setpoint = np.array([0.3, 0.1, 0.0])
-    torque, integral = command_torque(GAINS, setpoint, 0.3, 0.1 / RATIO, 0.0)
-    assert torque == pytest.approx(0.0, abs=1e-12)
-    assert integral == pytest.approx(0.0, abs=1e-12)
-
-
 def test_acceleration_is_fed_forward_through_the_inertia() -> None:
     torque, _ = command_torque(GAINS, np.array([0.3, 0.0, 4.0]), 0.3, 0.0, 0.0)
     assert torque == pytest.approx(INERTIA * 4.0 / RATIO)
-
-
-def test_position_error_acts_through_both_loops() -> None:
-    torque, integral = command_torque(GAINS, np.array([0.3 + 1e-5, 0.0, 0.0]), 0.3, 0.0, 0.0)
-    omega = 2.0 * math.pi * 60.0
-    speed_rad_s = omega / 4.0 * 1e-5 / RATIO
-    assert torque == pytest.approx(INERTIA * omega * speed_rad_s)
-    assert integral == pytest.approx(INERTIA * omega**2 / 4.0 * speed_rad_s * 1e-3)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -72,14 +72,6 @@ def test_any_split_into_blocks_gives_the_same_bytes(cuts: list[int]) -> None:
     assert as_bytes(*parts) == as_bytes(whole)
 
 
-def test_another_seed_is_other_noise_on_the_same_motion(machine: Machine) -> None:
-    drive, setpoints = bench(machine, Sensors()), production(machine, 500)
-    percent = np.full(500, FRESH)
-    one, two = (FeedDrive(drive, HOME_M, FRESH, seed=n).advance(setpoints, percent) for n in (1, 2))
-    assert as_bytes(one)[1] != as_bytes(two)[1]
-    assert np.array_equal(one.channels[channels.SETPOINT], two.channels[channels.SETPOINT])
-
-
 def test_momentum_of_the_recorded_samples_balances_over_every_tenth_of_a_second(
     machine: Machine,
 ) -> None:
@@ -139,16 +131,6 @@ def test_home_is_at_rest_with_both_encoders_equal(machine: Machine) -> None:
     assert np.ptp(frame.channels[channels.ANGLE]) == 0.0
 
 
-def test_the_axis_follows_its_setpoint(machine: Machine) -> None:
-    """The speed filter's lag is the greatest part of the error: a T_f / K_v."""
-    drive = bench(machine, Sensors())
-    frame = run(drive, production(machine, 30_000))
-    error = frame.channels[channels.SETPOINT] - frame.channels[channels.TABLE_POSITION]
-    lag_m = 4.0 * (drive.plant.speed_lag_s + 0.5e-3) / drive.gains.position_gain_per_s
-    assert np.max(np.abs(error)) < lag_m
-    assert np.median(np.abs(error)) < 1e-6
-
-
 def test_sensor_noise_has_its_stated_size(machine: Machine) -> None:
     quiet = run(bench(machine), moves(Dwell(9.0), count=4000))
     noisy = run(
@@ -170,25 +152,6 @@ def test_sensor_noise_has_its_stated_size(machine: Machine) -> None:
     assert np.max(np.abs(steps - np.round(steps))) < 1e-6
 
 
-def test_torque_noise_is_in_the_record_and_not_on_the_shaft(machine: Machine) -> None:
-    drive = bench(machine, IDEAL._replace(torque_noise_nm=0.02))
-    setpoints = production(machine, 4000)
-    noisy, quiet = run(drive, setpoints), run(bench(machine), setpoints)
-    noise = noisy.channels[channels.TORQUE] - quiet.channels[channels.TORQUE]
-    assert np.std(noise) == pytest.approx(0.02, rel=0.06)
-    assert np.array_equal(noisy.channels[channels.ANGLE], quiet.channels[channels.ANGLE])
-
-
-def test_external_force_is_felt_by_the_motor(machine: Machine) -> None:
-    drive = bench(machine)
-    setpoints = moves(Move(0.5, 0.1, 4.0, 200.0), count=4000)
-    percent, force = np.full(4000, FRESH), np.where(np.arange(4000) < 2000, 0.0, 200.0)
-    axis = FeedDrive(drive, HOME_M, FRESH, seed=1)
-    torque = axis.advance(setpoints, percent, external_force_n=force).channels[channels.TORQUE]
-    change = np.mean(torque[3000:]) - np.mean(torque[1000:2000])
-    assert change == pytest.approx(-200.0 * drive.plant.ratio_m_per_rad, rel=1e-3)
-
-
 def test_torque_never_exceeds_the_limit(machine: Machine) -> None:
     axis = machine.axis.model_copy(update={"max_torque_nm": 1.0, "max_acceleration_m_s2": 4.0})
     limited = machine.model_copy(update={"axis": axis})
@@ -198,13 +161,6 @@ def test_torque_never_exceeds_the_limit(machine: Machine) -> None:
     assert np.max(np.abs(torque)) == 1.0
     error = frame.channels[channels.SETPOINT] - frame.channels[channels.TABLE_POSITION]
     assert abs(error[-1]) < 1e-5
-
-
-def test_fixed_fixed_is_stiffer_at_the_far_end(machine: Machine) -> None:
-    axis = machine.axis.model_copy(update={"bearing_arrangement": "fixed-fixed"})
-    both = plant_of(machine.model_copy(update={"axis": axis}))
-    one = plant_of(machine)
-    assert axial_compliance(both, 0.9, FRESH) < axial_compliance(one, 0.9, FRESH)
 
 
 def test_known_nut_stiffness_is_that_of_the_fresh_nut(machine: Machine) -> None:
@@ -241,16 +197,3 @@ def test_without_a_load_rating_the_drag_does_not_follow_the_preload(machine: Mac
     axis = machine.axis.model_copy(update={"dynamic_load_rating_n": None})
     drive = bench(machine.model_copy(update={"axis": axis}))
     assert drive.screw_drag_nm(np.array([0.0, 10.0])).tolist() == [0.146, 0.146]
-
-
-def test_added_mass_is_felt_as_inertia(machine: Machine) -> None:
-    drive = bench(machine)
-    setpoints = moves(Move(0.5, 0.5, 2.0, 200.0), count=1500)
-    percent = np.full(1500, FRESH)
-    torques = []
-    for mass_kg in (0.0, 25.0):
-        axis = FeedDrive(drive, HOME_M, FRESH, seed=1)
-        frame = axis.advance(setpoints, percent, added_mass_kg=np.full(1500, mass_kg))
-        torques.append(np.mean(frame.channels[channels.TORQUE][100:200]))
-    ratio = drive.plant.ratio_m_per_rad
-    assert torques[1] - torques[0] == pytest.approx(25.0 * ratio * 2.0, rel=0.01)

@@ -151,30 +151,11 @@ def test_work_of_the_torque_is_kept_or_turned_to_heat(plant: Plant) -> None:
     assert heat > 0.2 * gross
 
 
-def test_no_energy_is_lost_without_friction_at_any_step(plant: Plant) -> None:
-    free = plant._replace(motor_viscous_nm_s_per_rad=0.0, damping_n_s_per_m=0.0)
-    state = at_rest()
-    state[MOTOR_TRAVEL] += 1e-5
-    states = run(free, np.zeros(2000), period_s=2e-3, substeps=1, state=state)
-    energy = 0.5 * (
-        free.motor_mass_kg * states[:, MOTOR_SPEED] ** 2
-        + free.table_mass_kg * states[:, TABLE_SPEED] ** 2
-        + (states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]) ** 2 / compliance(free)
-    )
-    assert energy == pytest.approx(energy[0], rel=1e-9)
-
-
 @pytest.mark.parametrize("share", [-0.999, 0.0, 0.999])
 def test_torque_below_the_breakaway_moves_nothing_at_all(plant: Plant, share: float) -> None:
     plant = with_effects(plant, "stribeck:excess_nm=0.1")
     states = run(plant, np.full(500, share * 0.246), drag_nm=0.146)
     assert np.array_equal(states[:, MOTION], np.repeat(states[:1, MOTION], 501, axis=0))
-
-
-def test_torque_above_the_breakaway_moves_the_axis(plant: Plant) -> None:
-    plant = with_effects(plant, "stribeck:excess_nm=0.1")
-    states = run(plant, np.full(50, 1.001 * 0.246), drag_nm=0.146)
-    assert np.all(np.diff(states[1:, MOTOR_TRAVEL]) > 0.0)
 
 
 def test_table_sticks_in_its_guides_while_the_screw_winds_up(plant: Plant) -> None:
@@ -195,28 +176,6 @@ def test_a_sliding_axis_comes_to_an_exact_stop_after_its_braking_distance(machin
     total_kg = machine.model.inertia_kg_m2.value / plant.ratio_m_per_rad**2
     braking_m = 0.5 * total_kg * speed**2 / (0.146 / plant.ratio_m_per_rad)
     assert states[-1, MOTOR_TRAVEL] - START_M == pytest.approx(braking_m, rel=2e-3)
-
-
-def test_steady_speed_needs_viscous_drag_bearing_and_guide_torque(plant: Plant) -> None:
-    plant = plant._replace(guide_force_n=60.0, bearing_drag_nm=0.05)
-    omega, drag_nm = 40.0, 0.146
-    torque_nm = 5e-3 * omega + drag_nm + 0.05 + 60.0 * plant.ratio_m_per_rad
-    state = at_rest()
-    state[[MOTOR_SPEED, TABLE_SPEED]] = omega * plant.ratio_m_per_rad
-    states = run(plant, np.full(3000, torque_nm), drag_nm=drag_nm, state=state)
-    speed_rad_s = states[-1, MOTOR_SPEED] / plant.ratio_m_per_rad
-    assert speed_rad_s == pytest.approx(omega, rel=1e-4)
-    stretch_m = states[-1, MOTOR_TRAVEL] - states[-1, TABLE_POSITION]
-    assert stretch_m == pytest.approx(60.0 * compliance(plant), rel=1e-4)
-
-
-def test_external_force_is_held_by_the_drag_up_to_its_level(plant: Plant) -> None:
-    holds_n = 0.146 / plant.ratio_m_per_rad
-    held = run(plant, np.zeros(2000), force_n=0.5 * holds_n, drag_nm=0.146)
-    assert np.all(held[:, MOTOR_TRAVEL] == START_M)
-    assert held[-1, TABLE_POSITION] - START_M == pytest.approx(0.5 * holds_n * compliance(plant))
-    moved = run(plant, np.zeros(200), force_n=1.05 * holds_n, drag_nm=0.146)
-    assert moved[-1, MOTOR_TRAVEL] > START_M
 
 
 def test_resonance_lies_where_the_two_masses_and_the_spring_put_it(plant: Plant) -> None:
@@ -260,17 +219,6 @@ def test_parts_of_the_friction_never_make_it_push(plant: Plant) -> None:
     assert min(level.forward_n for level in levels) == 0.0
     greatest_n = (0.146 + 1.0) / plant.ratio_m_per_rad
     assert max(level.forward_n for level in levels) == pytest.approx(greatest_n, rel=1e-3)
-
-
-def test_speed_filter_lags_by_its_time_constant(plant: Plant) -> None:
-    state = at_rest()
-    rate_n = plant.motor_mass_kg + plant.table_mass_kg
-    plant = plant._replace(motor_viscous_nm_s_per_rad=0.0)
-    acceleration_m_s2 = 2.0
-    torque_nm = rate_n * acceleration_m_s2 * plant.ratio_m_per_rad
-    states = run(plant, np.full(200, torque_nm), state=state)
-    lag_m_s = states[-1, MOTOR_SPEED] - states[-1, 4]
-    assert lag_m_s == pytest.approx(acceleration_m_s2 * plant.speed_lag_s, rel=0.05)
 
 
 def test_compiled_and_plain_python_agree(plant: Plant) -> None:

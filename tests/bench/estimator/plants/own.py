@@ -6,16 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.estimate.imm.estimator import ImmPreloadEstimator, ImmSettings
+from edge_service.estimate.imm.estimator import ImmPreloadEstimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
+from edge_service.estimate.validity import Validity
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
 from ..axis import RATE_HZ, OwnAxis, StatedErrors, recorded
 from ..scores import Recorded, Score, Track, detection, follow, score
 
-UNDOUBTING = ImmSettings(surprise_high=math.inf)
-"""The thesis' filter has no test of consistency: its numbers are taken as they come."""
 FULL_S, QUICK_S = 100.0, 40.0
 
 
@@ -45,7 +44,9 @@ def judged(
         return score(track, event_s, seen_s)
 
     ours = follow(MixturePreloadEstimator(machine), case, every)
-    theirs = follow(ImmPreloadEstimator(nominal, UNDOUBTING), case, every)
+    thesis = ImmPreloadEstimator(nominal)
+    thesis.validity = Validity(high=math.inf)  # the thesis' method doubts no number
+    theirs = follow(thesis, case, every)
     return Part(row, scored(ours), scored(theirs))
 
 
