@@ -8,7 +8,6 @@ import pytest
 from edge_service.config import EstimatorConfig
 from edge_service.estimate.registry import make_estimator
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.nodes.stages import make_downsampler
 
 from ..bench.estimator.axis import OwnAxis
 
@@ -26,9 +25,3 @@ def test_a_stored_estimator_goes_on(method: str) -> None:
     estimator.restore(json.loads(stored(method)))
     assert json.dumps(estimator.snapshot(), allow_nan=False) == stored(method)
     assert estimator.estimate().status is EstimateStatus.ESTIMATED
-
-
-def test_a_stored_downsampler_goes_on() -> None:
-    downsampler = make_downsampler(OwnAxis(1).commissioned())
-    downsampler.restore(json.loads(stored("downsampler")))
-    assert json.dumps(downsampler.snapshot(), allow_nan=False) == stored("downsampler")
