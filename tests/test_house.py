@@ -168,22 +168,22 @@ MOST_LINES = {
     "diagnose": 5203,
     "downsample": 1313,
     "drivers": 3882,
-    "estimate": 5532,
+    "estimate": 5312,
     "fingerprint": 3065,
     "health": 5014,
     "http_api": 2776,
     "messages": 2072,
-    "models": 6283,
+    "models": 5914,
     "nodes": 3051,
     "offline": 6111,
     "outputs": 1880,
     "recordings": 3469,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 51168,
+    "tests": 49666,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 403
+MOST_FILES = 402
 """Modules of the product."""
 
 
