@@ -11,21 +11,13 @@ from asyncua.common.node import Node
 from asyncua.crypto import security_policies, uacrypto
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import get_name_and_doc
-from asyncua.ua.uaerrors import (
-    BadBrowseNameInvalid,
-    BadNodeIdInvalid,
-    BadNodeIdUnknown,
-    BadNoMatch,
-    UaError,
-    UaStatusCodeError,
-    UaStringParsingError,
-)
+from asyncua.ua.uaerrors import BadNodeIdInvalid, BadNodeIdUnknown, UaError, UaStatusCodeError
 from cryptography import x509
 
 from edge_service.retry import heed_cancellation
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
-from .variables import NodeConfig, OpcuaConfig, browse_path, is_path, node_id
+from .variables import NodeConfig, OpcuaConfig, node_id
 
 # What the library finds wrong is logged once, by the driver; its own log holds tracebacks.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -38,15 +30,8 @@ QUEUE_SIZE = 20
 """Values that the server keeps for us between two publications."""
 FAILURES = (OSError, UaError)
 """Errors raised by the library when communication with a server fails, or the server refuses."""
-NOT_THERE = (
-    BadBrowseNameInvalid,
-    BadNoMatch,
-    BadNodeIdInvalid,
-    BadNodeIdUnknown,
-    UaStringParsingError,
-    ValueError,
-)
-"""Errors raised for a variable that the server does not have, or for an invalid name."""
+NOT_THERE = (BadNodeIdInvalid, BadNodeIdUnknown, ValueError)
+"""Errors raised for a variable that the server does not have."""
 _REFUSED = {
     "BadUserAccessDenied": "user",
     "BadIdentityToken": "user",
@@ -218,11 +203,7 @@ async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
     nodes = []
     for number, signal in enumerate(signals):
         try:
-            if is_path(signal.node):
-                path = browse_path(signal.node, namespaces)
-                node = await client.nodes.objects.get_child(path)
-            else:
-                node = client.get_node(node_id(signal.node, namespaces))
+            node = client.get_node(node_id(signal.node, namespaces))
             await node.read_browse_name()
         except NOT_THERE as error:
             problem = f"{signal.node!r}: {_words(error)}"

@@ -24,13 +24,7 @@ from asyncua.ua.uaerrors import UaStatusCodeError
 from ..base import DriverMisconfiguredError
 from ..signals import Scaling
 from ..stub import Fault, FaultKind, Following, StubAxis
-from .variables import (
-    NodeConfig,
-    OpcuaConfig,
-    browse_path,
-    is_path,
-    node_id,
-)
+from .variables import NodeConfig, OpcuaConfig, node_id, split_node
 
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 _FAULT_STATUS = {
@@ -172,34 +166,15 @@ class _Users:
 
 async def _add_variable(server: Server, axis: str, signal: NodeConfig) -> Node:
     """The variable that a signal names. Raises DriverMisconfiguredError."""
-    uris = [part.partition("}")[0] for part in signal.node.split("{")[1:]]
-    if signal.node.startswith("nsu="):
-        uris.append(signal.node.removeprefix("nsu=").partition(";")[0])
-    parent = server.nodes.objects
     try:
-        for uri in uris:
+        uri, _ = split_node(signal.node)
+        if uri:
             await server.register_namespace(uri)
-        namespaces = [str(uri) for uri in await server.get_namespace_array()]
-        if is_path(signal.node):
-            *path, last = browse_path(signal.node, namespaces)
-            for step in path:
-                parent = await _child(parent, step)
-            name = ua.QualifiedName.from_string(last)
-            place = ua.NodeId(ua.Int32(0), name.NamespaceIndex)
-        else:
-            parent = await _child(parent, f"2:{axis}")
-            name = ua.QualifiedName(signal.channel or "heartbeat", ua.UInt16(2))
-            place = node_id(signal.node, namespaces)
+        namespaces = [str(each) for each in await server.get_namespace_array()]
+        name = ua.QualifiedName(f"{axis}.{signal.channel or 'heartbeat'}", ua.UInt16(2))
         value = ua.Variant(math.nan, ua.VariantType.Double)
-        return await parent.add_variable(place, name, value, datatype=ua.NodeId(ua.Int32(11)))
+        return await server.nodes.objects.add_variable(
+            node_id(signal.node, namespaces), name, value, datatype=ua.NodeId(ua.Int32(11))
+        )
     except (ValueError, UaStatusCodeError) as error:
         raise DriverMisconfiguredError("signals", f"{signal.node!r}: {error}") from None
-
-
-async def _child(parent: Node, step: str) -> Node:
-    """The object of that browse name; added where it is not there."""
-    try:
-        return await parent.get_child(step)
-    except UaStatusCodeError:
-        name = ua.QualifiedName.from_string(step)
-    return await parent.add_object(ua.NodeId(ua.Int32(0), name.NamespaceIndex), name)

@@ -1,7 +1,6 @@
 """Settings of an OPC UA server: endpoint, access, variables with names and units."""
 
 import math
-import re
 from pathlib import Path
 from typing import Literal
 from urllib.parse import urlparse
@@ -16,68 +15,41 @@ from ..base import DriverConfig
 from ..signals import SignalConfig, check_channels
 
 Security = Literal["None", "Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
-_URI = re.compile(r"\{([^}]*)\}")
-_NSU = re.compile(r"^nsu=[^;]*;")
 
 
-def is_path(name: str) -> bool:
-    """Return whether a name is a path of browse names and not a node id."""
-    return name.startswith("{") or "=" not in name.partition(";")[0]
+def split_node(name: str) -> tuple[str, str]:
+    """URI of the namespace, empty for one by number, and the node id in namespace 1 or its own.
 
-
-def check_name(name: str) -> str:
-    """Return a name that can be one whatever the server; raise ValueError if it cannot."""
-    example = "expected ns=2;s=X.torque, nsu=URI;s=X.torque or {URI}Machines/{URI}Lathe"
-    try:
-        if is_path(name):
-            browse_path(name, [*_URI.findall(name)])
-        else:
-            ua.NodeId.from_string(_NSU.sub("ns=1;", name))
-    except (ValueError, UaError):
-        raise ValueError(f"{name!r} is no node: {example}") from None
-    return name
-
-
-def browse_path(name: str, namespaces: list[str]) -> list[str]:
-    """`{URI}Machines/Name` -> ["3:Machines", "0:Name"]; a URI may hold slashes.
-
-    Raises:
-        ValueError: a namespace that the server does not have, or a brace too few.
+    Raises ValueError for what can be no node id.
     """
-    steps, rest = [], name
-    while rest:
-        index = 0
-        if rest.startswith("{"):
-            uri, closed, rest = rest[1:].partition("}")
-            if not closed:
-                raise ValueError("a { without its }")
-            index = _namespace(uri, namespaces)
-        step, _, rest = rest.partition("/")
-        steps.append(f"{index}:{step}")
-    return steps
+    uri, rest = "", name
+    if name.startswith("nsu="):
+        uri, _, rest = name.removeprefix("nsu=").partition(";")
+        rest = f"ns=1;{rest}"
+    try:
+        ua.NodeId.from_string(rest)
+    except (ValueError, UaError):
+        expected = "expected ns=2;s=X.torque or nsu=URI;s=X.torque"
+        raise ValueError(f"{name!r} is no node: {expected}") from None
+    return uri, rest
 
 
 def node_id(name: str, namespaces: list[str]) -> ua.NodeId:
-    """`ns=2;s=X` or `nsu=URI;s=X`. Raises ValueError and the library's parsing error."""
-    if name.startswith("nsu="):
-        uri, _, rest = name.removeprefix("nsu=").partition(";")
-        name = f"ns={_namespace(uri, namespaces)};{rest}"
-    return ua.NodeId.from_string(name)
-
-
-def _namespace(uri: str, namespaces: list[str]) -> int:
+    """`ns=2;s=X` or `nsu=URI;s=X` on a server. Raises ValueError."""
+    uri, rest = split_node(name)
+    found = ua.NodeId.from_string(rest)
+    if not uri:
+        return found
     if uri not in namespaces:
         raise ValueError(f"the server has no namespace {uri!r}")
-    return namespaces.index(uri)
+    return ua.NodeId(found.Identifier, ua.Int16(namespaces.index(uri)))
 
 
 class NodeConfig(SignalConfig):
     """One variable.
 
     Attributes:
-        node: its node id, `ns=2;s=X.torque` or `nsu=URI;s=X.torque`; or its path of browse names
-            below Objects, `{URI}Machines/{URI}Lathe/Torque`, without {URI} in the namespace of OPC
-            UA itself.
+        node: its node id, `ns=2;s=X.torque` or `nsu=URI;s=X.torque`.
         heartbeat: no channel but a counter or clock: while it rests, values are old.
     """
 
@@ -86,8 +58,9 @@ class NodeConfig(SignalConfig):
 
     @field_validator("node")
     @classmethod
-    def _is_a_name(cls, value: str) -> str:
-        return check_name(value)
+    def _is_a_node(cls, value: str) -> str:
+        split_node(value)
+        return value
 
     @model_validator(mode="after")
     def _one_role(self) -> "NodeConfig":

@@ -41,6 +41,8 @@ MOSTLY = 0.5
 """A channel that is stuck for more than this share of a run is not measured at all."""
 MAX_ROWS = 500_000
 """A longer run is handed on in pieces; about 30 MB of eight channels."""
+LEAST_ROWS = 50
+"""A shorter run is dropped."""
 LEAST_REPEATS = 10
 """A slow recording or a coarse encoder repeats a value a few times while the axis creeps."""
 MOVED = {ANGLE: MOVED_ANGLE_RAD, TABLE_POSITION: MOVED_TABLE_M, SETPOINT: MOVED_SETPOINT_M}
@@ -83,11 +85,8 @@ def uniform_runs(
     required: Sequence[str],
     *,
     optional: Sequence[str] = (),
-    period_s: float | None = None,
-    min_rows: int = 50,
-    max_rows: int = MAX_ROWS,
 ) -> Iterator[UniformRun]:
-    """Cut a recording into runs, in memory bounded by `max_rows`.
+    """Cut a recording into runs, in memory bounded by `MAX_ROWS`; its clock is its first frame's.
 
     Rows without a time, repeats, rows out of order and rows with a required value missing are
     dropped. A gap of more than `LARGEST_HOLE` periods, a clock that starts anew, or a channel that
@@ -98,20 +97,17 @@ def uniform_runs(
         frames: one recording in its order.
         required: channels that a row must have.
         optional: channels that come along where the recording has them throughout a run.
-        period_s: sampling period; the median step of the first frame if not given.
-        min_rows: shorter runs are dropped.
-        max_rows: longer runs are cut; neighbouring pieces share no row.
 
     Raises:
         ValueError: one line; a required channel is not there, or no clock can be made out.
     """
     buffer: list[SampleFrame] = []
-    held = 0
+    held, period_s = 0, 0.0
     for frame in [frames] if isinstance(frames, SampleFrame) else frames:
         clean = _clean(frame, required, optional)
         if len(clean) == 0:
             continue
-        if period_s is None:
+        if not period_s:
             forward = np.diff(clean.time_s)
             forward = forward[forward > 0.0]
             if forward.size == 0:
@@ -125,17 +121,17 @@ def uniform_runs(
                 if unbroken and buffer[-1].channels.keys() == piece.channels.keys():
                     fresh = _rows(piece, np.flatnonzero(piece.time_s > last_s))
                 else:
-                    yield from _finished(buffer, period_s, min_rows, required)
+                    yield from _finished(buffer, period_s, required)
                     buffer, held = [], 0
-            for start in range(0, len(fresh), max_rows):
-                part = _rows(fresh, slice(start, start + max_rows))
-                if held + len(part) > max_rows:
-                    yield from _finished(buffer, period_s, min_rows, required)
+            for start in range(0, len(fresh), MAX_ROWS):
+                part = _rows(fresh, slice(start, start + MAX_ROWS))
+                if held + len(part) > MAX_ROWS:
+                    yield from _finished(buffer, period_s, required)
                     buffer, held = [], 0
                 buffer.append(part)
                 held += len(part)
-    if buffer and period_s is not None:
-        yield from _finished(buffer, period_s, min_rows, required)
+    if buffer:
+        yield from _finished(buffer, period_s, required)
 
 
 def _clean(frame: SampleFrame, required: Sequence[str], optional: Sequence[str]) -> SampleFrame:
@@ -171,7 +167,7 @@ def _rows(frame: SampleFrame, index: slice | np.ndarray) -> SampleFrame:
 
 
 def _finished(
-    buffer: Sequence[SampleFrame], period_s: float, min_rows: int, required: Sequence[str]
+    buffer: Sequence[SampleFrame], period_s: float, required: Sequence[str]
 ) -> Iterator[UniformRun]:
     """Runs from consecutive pieces, parted where a channel is stuck; on an even clock."""
     time_s = np.concatenate([part.time_s for part in buffer])
@@ -186,7 +182,7 @@ def _finished(
     bad = np.logical_or.reduce([np.zeros(len(time_s), dtype=bool), *stuck.values()])
     edges = np.flatnonzero(np.diff(bad)) + 1
     for rows in np.split(np.arange(len(time_s)), edges):
-        if len(rows) < max(min_rows, 4) or bad[rows[0]]:
+        if len(rows) < LEAST_ROWS or bad[rows[0]]:
             continue
         times = time_s[rows]
         values = {name: all_[rows] for name, all_ in channels.items()}
@@ -200,40 +196,32 @@ def _finished(
 
 
 def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Booleans]:
-    """Rows in which torque, angle or table position is stuck, by channel, (n,) each.
-
-    Args:
-        time_s: increasing, (n,).
-        channels: at these times, (n,) each.
-    """
+    """Rows in which torque, angle or table position is stuck, by channel, (n,) each."""
     found = {}
     for name in (TORQUE, ANGLE, TABLE_POSITION):
-        values = channels.get(name)
-        if values is None:
+        if name not in channels:
             continue
-        stuck = np.zeros(len(values), dtype=bool)
+        values = channels[name]
+        found[name] = stuck = np.zeros(len(values), dtype=bool)
         greatest = LIMIT_SHARE * float(np.nanmax(np.abs(values), initial=0.0))
         starts = run_starts(values)
         ends = np.append(starts[1:], len(values)) - 1
         long = (ends - starts >= LEAST_REPEATS) & (time_s[ends] - time_s[starts] >= STUCK_S)
         for start, end in zip(starts[long].tolist(), ends[long].tolist(), strict=True):
             limited = name == TORQUE and abs(values[start]) >= greatest > 0.0
-            if not limited and _moved(channels, name, start, end):
+            if not limited and _moved(channels, name, slice(start, end + 1)):
                 stuck[start : end + 1] = True
-        found[name] = stuck
     return found
 
 
-def _moved(channels: Mapping[str, Floats], name: str, start: int, end: int) -> bool:
-    """True if another channel shows that the axis moved meanwhile."""
-    for other, least in MOVED.items():
-        if other == name or other not in channels:
-            continue
-        values = channels[other][start : end + 1]
+def _moved(channels: Mapping[str, Floats], name: str, rows: slice) -> bool:
+    """Whether another channel shows that the axis moved meanwhile."""
+    for other in (each for each in MOVED if each != name and each in channels):
+        values = channels[other][rows]
         steps = np.abs(np.diff(values))
         smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
         travel = float(np.nanmax(values) - np.nanmin(values))
-        if travel > least and travel > _STEPS * smallest:
+        if travel > MOVED[other] and travel > _STEPS * smallest:
             return True
     return False
 

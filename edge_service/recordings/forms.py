@@ -23,58 +23,37 @@ from .source import BYTE_ORDER_MARK, Source
 from .text import TextSource
 
 HEAD_BYTES = 1 << 16
-ARCHIVE = "unpack it first"
-CSV = "export it as CSV"
-PARQUET = "convert it to Parquet or CSV"
-WIDE = "UTF-16 text: save it as UTF-8"
-_MAGIC: tuple[tuple[bytes, str], ...] = (
-    (b"\x1f\x8b", f"a gzip archive: {ARCHIVE}"),
-    (b"BZh", f"a bzip2 archive: {ARCHIVE}"),
-    (b"\xfd7zXZ\x00", f"an xz archive: {ARCHIVE}"),
-    (b"\x28\xb5\x2f\xfd", f"a zstd archive: {ARCHIVE}"),
-    (b"7z\xbc\xaf\x27\x1c", f"a 7-Zip archive: {ARCHIVE}"),
-    (b"Rar!\x1a\x07", f"a RAR archive: {ARCHIVE}"),
-    (b"PK\x05\x06", "an empty zip archive"),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", f"an old Excel or Word document: {CSV}"),
-    (b"\x89PNG", "a PNG image"),
-    (b"\xff\xd8\xff", "a JPEG image"),
-    (b"GIF8", "a GIF image"),
-    (b"II*\x00", "a TIFF image"),
-    (b"MM\x00*", "a TIFF image"),
-    (b"%PDF", "a PDF document"),
-    (b"{\\rtf", f"a document in rich text: {CSV}"),
-    (
-        b"MATLAB 7.3 MAT-file",
-        "a MATLAB 7.3 file (HDF5): save it in MATLAB with save('x.mat', '-v7')",
+_ARCHIVE, _CSV = "unpack it first", "export it as CSV"
+_PARQUET, _UTF_16 = "write it as Parquet or CSV", "UTF-16 text: save it as UTF-8"
+_MAGIC: dict[bytes, str] = {
+    b"\x1f\x8b": f"a gzip archive: {_ARCHIVE}",
+    b"7z\xbc\xaf\x27\x1c": f"a 7-Zip archive: {_ARCHIVE}",
+    b"Rar!\x1a\x07": f"a RAR archive: {_ARCHIVE}",
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": f"an old Excel or Word document: {_CSV}",
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"%PDF": "a PDF document",
+    b"MATLAB 7.3 MAT-file": (
+        "a MATLAB 7.3 file (HDF5): save it in MATLAB with save('x.mat', '-v7')"
     ),
-    (b"\x89HDF\r\n\x1a\n", f"an HDF5 file: {PARQUET}"),
-    (b"CDF\x01", f"a NetCDF file: {PARQUET}"),
-    (b"CDF\x02", f"a NetCDF file: {PARQUET}"),
-    (b"SQLite format 3\x00", f"an SQLite database: {CSV}"),
-    (b"TDSm", f"a TDMS file of LabVIEW: {CSV}"),
-    (b"MDF     ", f"an MDF measurement: {CSV}"),
-    (b"UnFinMF ", f"an unfinished MDF measurement: {CSV}"),
-    (b"LOGG", f"a BLF log of a bus: {CSV}"),
-    (b"ARROW1", "an Arrow or Feather file: write it as Parquet"),
-    (b"ORC", "an ORC file: write it as Parquet"),
-    (b"Obj\x01", "an Avro file: write it as Parquet"),
-    (b"\x93NUMPY", "a NumPy array: write it with numpy.savetxt and a header"),
-    (b"\x80\x04\x95", "a Python pickle, which is never opened: write it as Parquet or CSV"),
-    (b"\x89MCAP", "an MCAP file, which is written but not read: keep the CSV or Parquet form"),
-    (b"\xff\xfe\x00\x00", "UTF-32 text: save it as UTF-8"),
-    (b"\xff\xfe", WIDE),
-    (b"\xfe\xff", WIDE),
-    (b"\x7fELF", "no text but a program"),
-    (b"MZ\x90\x00", "no text but a program of Windows"),
-    (b"version https://git-lfs", "a Git LFS pointer: fetch the file itself with `git lfs pull`"),
-)
+    b"\x89HDF\r\n\x1a\n": f"an HDF5 file: {_PARQUET}",
+    b"SQLite format 3\x00": f"an SQLite database: {_CSV}",
+    b"TDSm": f"a TDMS file of LabVIEW: {_CSV}",
+    b"MDF     ": f"an MDF measurement: {_CSV}",
+    b"ARROW1": f"an Arrow or Feather file: {_PARQUET}",
+    b"\x93NUMPY": "a NumPy array: write it with numpy.savetxt and a header",
+    b"\x80\x04\x95": f"a Python pickle, which is never opened: {_PARQUET}",
+    b"\x89MCAP": "an MCAP file, which is written but not read: keep the CSV or Parquet form",
+    b"\xff\xfe": _UTF_16,
+    b"\xfe\xff": _UTF_16,
+    b"version https://git-lfs": "a Git LFS pointer: fetch the file itself with `git lfs pull`",
+}
 _ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})")
-_MEDIA = {b"WAVE": "a WAV sound", b"AVI ": "a video"}
 _ZIP = "a zip archive or a spreadsheet: unpack it, or export it as CSV"
 _ZIPPED = {
-    b"xl/": f"an Excel workbook: {CSV}",
-    b"word/": f"a Word document: {CSV}",
-    b"mimetypeapplication/vnd.oasis": f"an OpenDocument: {CSV}",
+    b"xl/": f"an Excel workbook: {_CSV}",
+    b"word/": f"a Word document: {_CSV}",
+    b"mimetypeapplication/vnd.oasis": f"an OpenDocument: {_CSV}",
 }
 _TAR = 257
 _LOOKED_AT = 400
@@ -122,15 +101,14 @@ def foreign(head: bytes) -> str | None:
     plain = head.removeprefix(BYTE_ORDER_MARK).lstrip()
     looked = head[:_LOOKED_AT]  # every second byte is zero in UTF-16 text without a mark
     zeros = [looked[start::2].count(0) for start in (0, 1)]
-    found = [name for magic, name in _MAGIC if head.startswith(magic) or plain.startswith(magic)]
-    if found:
-        name: str | None = found[0]
-    elif head.startswith(b"PK\x03\x04"):
+    name: str | None = None
+    for magic, named in _MAGIC.items():
+        if head.startswith(magic) or plain.startswith(magic):
+            return named
+    if head.startswith(b"PK\x03\x04"):
         name = next((name for part, name in _ZIPPED.items() if part in head), _ZIP)
-    elif head.startswith(b"RIFF"):
-        name = _MEDIA.get(head[8:12], "a RIFF file")
     elif head[_TAR : _TAR + 5] == b"ustar":
-        name = f"a tar archive: {ARCHIVE}"
+        name = f"a tar archive: {_ARCHIVE}"
     elif is_tuning(plain) and plain.startswith(b"<"):
         name = "a servo tuning of a SINUMERIK: see `edge-service fingerprint`"
     elif plain.startswith(b"<"):
@@ -139,9 +117,7 @@ def foreign(head: bytes) -> str | None:
     elif plain.startswith((b"{", b"[{")):
         name = "JSON, and no recording of Industrial Edge (Header, Payload)"
     elif len(looked) > 8 and max(zeros) > 0.8 * len(looked[1::2]) and min(zeros) == 0:
-        name = WIDE
-    else:
-        name = None
+        name = _UTF_16
     return name
 
 

@@ -22,6 +22,9 @@ from .sinumerik.signals import (
 from .sinumerik.trace import SinumerikSource
 from .source import Block, Source, Text
 
+MOST_ROWS = 20_000_000
+"""Of a recording that is read into one frame."""
+
 
 class DirectionSign:
     """Signs of successive blocks: +1 or -1 from the last change on; NaN before the first one."""
@@ -263,7 +266,6 @@ def read_source(
 def read_trace(
     path: Path,
     columns: Mapping[str, ColumnLike] | None = None,
-    max_rows: int = 20_000_000,
     axis: ControllerAxis | None = None,
     *,
     keep_all: bool = False,
@@ -271,13 +273,13 @@ def read_trace(
     """Read a whole trace into one frame, for offline work; arguments as `open_trace`.
 
     Raises:
-        TraceError: like `open_trace`, and for a file of more than `max_rows` rows.
+        TraceError: like `open_trace`, and for a file of more than `MOST_ROWS` rows.
     """
     with open_trace(path, columns, axis, keep_all=keep_all) as reader:
         frames = []
         for frame in reader:
-            if reader.rows_read > max_rows:
-                raise TraceError(f"{path}: more than {max_rows} rows; cut the recording")
+            if reader.rows_read > MOST_ROWS:
+                raise TraceError(f"{path}: more than {MOST_ROWS} rows; cut the recording")
             frames.append(frame)
         time_s = np.concatenate([frame.time_s for frame in frames])
         channels = {

@@ -15,7 +15,7 @@ SIGNALS = [
     {"channel": "torque_command_nm", "node": "ns=2;s=X.torque"},
     {"channel": "motor_angle_rad", "node": "nsu=urn:edge-service:feed-drive;s=X.angle"},
     {"channel": "table_position_m", "node": "ns=2;s=X.position", "unit": "mm"},
-    {"channel": "temperature_c", "node": "{urn:edge-service:feed-drive}Housing/Temperature"},
+    {"channel": "temperature_c", "node": "nsu=urn:other;i=5"},
     {"heartbeat": True, "node": "ns=2;i=77"},
 ]
 

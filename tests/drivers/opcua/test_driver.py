@@ -115,10 +115,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"signals": [{"channel": TORQUE, "node": "nsu=urn:no;s=X.torque"}]},
         r"signals\[0\]\.node: .*no namespace 'urn:no'",
     ),
-    "no such path": (
-        {"signals": [{"channel": TORQUE, "node": "Machines/X"}]},
-        r"signals\[0\]\.node: 'Machines/X': BadNoMatch",
-    ),
     "an object": (
         {"signals": [{"channel": TORQUE, "node": "i=85"}]},
         r"signals\[0\]\.node: cannot be subscribed to: BadAttributeIdInvalid",
@@ -161,9 +157,9 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         {"signals": [{"channel": TORQUE, "node": "ns=2;x=5"}]},
         "signals[0].node: 'ns=2;x=5' is no node",
     ),
-    "an open brace": (
-        {"signals": [{"channel": TORQUE, "node": "{urn:x/X"}]},
-        "signals[0].node: '{urn:x/X' is no node",
+    "a path": (
+        {"signals": [{"channel": TORQUE, "node": "{urn:x}X/Torque"}]},
+        "signals[0].node: '{urn:x}X/Torque' is no node: expected ns=2;s=",
     ),
     "password of nobody": ({"password": "p"}, "user: missing"),
     "no role": ({"signals": [{"node": "i=1"}]}, "signals[0]: expected exactly one of channel"),

@@ -6,12 +6,7 @@ import pytest
 from asyncua.ua.status_codes import StatusCodes
 
 from drivers.opcua.driver import Change, RowMaker
-from drivers.opcua.variables import (
-    NodeConfig,
-    browse_path,
-    is_path,
-    node_id,
-)
+from drivers.opcua.variables import NodeConfig, node_id
 from drivers.signals import Scaling
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
 
@@ -112,14 +107,6 @@ def test_a_heartbeat_that_rests_makes_everything_stale() -> None:
 NAMESPACES = ["http://opcfoundation.org/UA/", "urn:app", "http://a/b/"]
 
 
-def test_paths_with_slashes_in_their_namespaces() -> None:
-    name = "{http://a/b/}Machines/Plain/{urn:app}Torque"
-    assert is_path(name)
-    assert is_path("Plain/Torque")
-    assert browse_path(name, NAMESPACES) == ["2:Machines", "0:Plain", "1:Torque"]
-
-
 def test_node_ids_by_index_and_by_namespace() -> None:
-    assert not is_path("ns=2;s=X.torque")
     assert node_id("nsu=http://a/b/;s=X.torque", NAMESPACES) == node_id("ns=2;s=X.torque", [])
     assert node_id("ns=2;i=77", []).Identifier == 77
