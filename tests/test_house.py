@@ -167,7 +167,7 @@ MOST_LINES = {
     "config": 663,
     "diagnose": 5203,
     "downsample": 1313,
-    "drivers": 3882,
+    "drivers": 3811,
     "estimate": 5312,
     "fingerprint": 3065,
     "health": 5014,
@@ -177,10 +177,10 @@ MOST_LINES = {
     "nodes": 3051,
     "offline": 6111,
     "outputs": 1880,
-    "recordings": 3469,
+    "recordings": 3435,
     "regression": 1084,
     "beside the rooms": 782,
-    "tests": 49666,
+    "tests": 49649,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 402
