@@ -9,7 +9,7 @@ from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFram
 from ..models.machine import Machine, Quantity
 from ..regression.interval_estimate import IntervalEstimate
 from ..regression.inverse_dynamics import InverseDynamics, identify_inverse_dynamics
-from ..regression.prepared_run import PreparationSettings, prepare
+from ..regression.prepared_run import DECIMATION, PreparationSettings, prepare
 from .channel_regression import CUTOFF_HZ, STANDSTILL_SHARE
 from .finding import Finding, Verdict, usual_mistake, wrongly
 from .positions import angle_is_misread
@@ -183,7 +183,7 @@ def _rows(
     found = [np.empty((0, 3))]
     for run in runs:
         columns = np.column_stack([run.channels[TORQUE], run.speed_rad_s, run.acceleration_rad_s2])
-        found.append(columns[run.moving][:: settings.decimation])
+        found.append(columns[run.moving][::DECIMATION])
     torque, speed, acceleration = np.concatenate(found).T
     return torque, speed, acceleration
 

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
+from ..models.effects.learned import learned_effects, model_effects
 from ..models.effects.registry import get_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
+from ..regression.run import Run
 from .candidates.design_matrix import DesignMatrix, healthy_priors
 from .candidates.regressors import candidates_of
 from .residual.noise import Noise
@@ -26,6 +28,7 @@ _OBSERVATIONS = 400.0
 _FLOOR_OF_NOISE = 2.0
 _PRELOAD_PERCENT = 7.0
 _NOTHING = 1e-9
+_LEAST_RUN_S = 0.3
 ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 """Durations at which motions without end are tried."""
 
@@ -55,25 +58,45 @@ def rehearsed(
 ) -> Session:
     """Simulate a healthy axis on a named motion; unless asked, at most `LONGEST_S` of it.
 
-    Args:
-        duration_s: of the rehearsal.
-
     Raises MotionError: the axis does not allow the motion.
     """
     limits = motion_limits(machine)
     plan = MOTIONS[motion]
     if duration_s is None:
         duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
-    count = round(duration_s * rate_hz)
     segments = iter(plan(limits, np.random.default_rng(1)))
-    setpoints = Setpoints(segments, limits.low_m, rate_hz).take(count)
+    setpoints = Setpoints(segments, limits.low_m, rate_hz).take(round(duration_s * rate_hz))
     settings = FeedDriveSettings.of_machine(machine, rate_hz)
-    settings = replace(settings, plant=rigid_plant(settings.plant))
-    drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, 1)
-    frame = drive.advance(setpoints, np.full(count, _PRELOAD_PERCENT))
-    kept = {name: frame.channels[name] for name in (ANGLE, TORQUE, TABLE_POSITION)}
+    frame = _driven(settings, setpoints, (ANGLE, TORQUE, TABLE_POSITION))
     baseline = rigid_baseline(machine)
-    return Session.of_runs(list(runs_of([SampleFrame(frame.time_s, kept)], baseline)), baseline)
+    return Session.of_runs(runs_of([frame], baseline), baseline)
+
+
+def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
+    """Simulate a healthy axis along the motion of recordings, of which it has the channels."""
+    baseline, made = rigid_baseline(machine), list[Run]()
+    for run in runs:
+        position = run.setpoint_m
+        if position is None:
+            position = machine.transmission_ratio_m_per_rad * run.motion.angle_rad
+        position = position[: round(LONGEST_S / run.period_s)]
+        speed = np.gradient(position, run.period_s)
+        setpoints = np.column_stack((position, speed, np.gradient(speed, run.period_s)))
+        there = {TORQUE: run.has_torque, TABLE_POSITION: run.transmission_m is not None}
+        names = (ANGLE, *(name for name, is_there in there.items() if is_there))
+        known = learned_effects(machine)
+        settings = FeedDriveSettings.of_machine(machine, 1.0 / run.period_s, known)
+        frame = _driven(settings, setpoints, names)
+        made += runs_of([frame], baseline, _LEAST_RUN_S)
+    return Session.of_runs(made, baseline, model_effects(machine))
+
+
+def _driven(settings: FeedDriveSettings, setpoints: Floats, names: Sequence[str]) -> SampleFrame:
+    """Channels of a healthy, stiff axis that follows setpoints (n, 3)."""
+    settings = replace(settings, plant=rigid_plant(settings.plant))
+    drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, 1)
+    frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
+    return SampleFrame(frame.time_s, {name: frame.channels[name] for name in names})
 
 
 def separations(
@@ -160,27 +183,17 @@ def _evidence(ratios: Sequence[float], strain: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class CandidateMotion:
-    """Motion that the axis allows.
+class Proposal:
+    """Motion and how well it separates what is tied.
 
     Attributes:
         given_s: duration to ask for; None where the motion has its own.
+        evidence: of the pair that it separates least.
     """
 
     motion: str
     duration_s: float
     given_s: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """Motion and how well it separates what is tied.
-
-    Attributes:
-        evidence: of the pair that it separates least.
-    """
-
-    candidate: CandidateMotion
     evidence: float
     separations: tuple[Separation, ...]
 
@@ -190,20 +203,22 @@ class Proposal:
         return self.evidence >= DECISIVE
 
 
-def candidates(machine: Machine, longest_s: float = LONGEST_S) -> list[CandidateMotion]:
-    """Motions within the axis' limits, the shortest first."""
+def allowed_motions(
+    machine: Machine, longest_s: float = LONGEST_S
+) -> list[tuple[str, float, float | None]]:
+    """Motions within the axis' limits, the shortest first: name, duration, duration to ask for."""
     limits = motion_limits(machine)
-    found = []
+    found: list[tuple[str, float, float | None]] = []
     for name, motion in MOTIONS.items():
         try:
             own_s = motion.duration_s(limits)
         except MotionError:
             continue
         if own_s is None:
-            found += [CandidateMotion(name, each, each) for each in ENDLESS_S if each <= longest_s]
+            found += [(name, each, each) for each in ENDLESS_S if each <= longest_s]
         elif own_s <= longest_s:
-            found.append(CandidateMotion(name, own_s, None))
-    return sorted(found, key=lambda each: each.duration_s)
+            found.append((name, own_s, None))
+    return sorted(found, key=lambda each: each[1])
 
 
 def propose(
@@ -225,15 +240,15 @@ def propose(
     """
     names = sorted(set(tied))
     found: list[Proposal] = []
-    for candidate in candidates(machine, longest_s):
-        progress(f"rehearsing {candidate.motion}, {candidate.duration_s:.0f} s")
+    for motion, duration_s, given_s in allowed_motions(machine, longest_s):
+        progress(f"rehearsing {motion}, {duration_s:.0f} s")
         try:
-            session = rehearsed(machine, candidate.motion, candidate.duration_s)
+            session = rehearsed(machine, motion, duration_s)
         except MotionError:
             continue
         pairs = [p for p in separations(session, machine, names, values) if p.rival is not None]
         least = min((pair.evidence for pair in pairs), default=0.0)
-        found.append(Proposal(candidate, least, tuple(pairs)))
+        found.append(Proposal(motion, duration_s, given_s, least, tuple(pairs)))
         if found[-1].decides:
             break
 

@@ -75,7 +75,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     """
     posterior, contributions = assessment.posterior, assessment.contributions
     problem, session, left = posterior.problem, posterior.problem.session, contributions.left
-    noise, healthy = problem.noise, session.healthy
+    noise = problem.noise
     torque_rms_nm = session.torque_rms_nm
     blind = TORQUE_GAP in noise.floor and is_blind(noise.floor[TORQUE_GAP], torque_rms_nm)
     channel_of = dict(contributions.channel_of)
@@ -99,13 +99,12 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     gap, left_rms = {}, {}
     beside_nuisances = contributions.left_beside_nuisances
     for name, rows in session.channels.items():
-        known = healthy is not None and name in healthy.floor
         left_rms[name] = rms(beside_nuisances[name])
         gap[name] = ChannelGap(
             before=rows.rms,
             after=rms(left[name]),
             noise_floor=noise.floor[name],
-            floor_source="reference" if known else "recording",
+            floor_source="reference" if name in session.healthy_floor else "recording",
             tolerance=noise.tolerance[name],
             unit=CHANNEL_UNITS[name],
             replayed=replayed.gap.get(name),

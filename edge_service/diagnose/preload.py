@@ -109,8 +109,7 @@ def diagnose_beside_loss(
         course: of the loss by the torque; its size is the estimator's reading.
     """
     modelled = (*session.modelled, course)
-    others = Session.of_runs(session.runs, session.baseline, modelled)
-    others = others if session.healthy is None else session.healthy.beside(others)
+    others = session.beside(Session.of_runs(session.runs, session.baseline, modelled))
     rest = diagnose_session(others, machine, progress=progress, loss=course)
     gap = {
         name: each.model_copy(update={"before": session.channels[name].rms})

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
-from pydantic import ConfigDict, Field, InstanceOf
+from pydantic import Field, InstanceOf
 from pydantic.json_schema import SkipJsonSchema
 
 from ..messages.interval import Frozen
@@ -27,13 +27,7 @@ class Verdict(StrEnum):
     BAD_DATA = "bad_data"
 
 
-class Document(Frozen):
-    """Part of the document; where its key is no name of Python's, another name stands for it."""
-
-    model_config = ConfigDict(populate_by_name=True)
-
-
-class Shrink(Document):
+class Shrink(Frozen):
     """Shrinkage 1 - RMS after / RMS before, with its 90 % interval."""
 
     estimate: float
@@ -41,7 +35,7 @@ class Shrink(Document):
     high: float
 
 
-class ParameterValue(Document):
+class ParameterValue(Frozen):
     """Value of a parameter with its 90 % interval, in `unit`.
 
     Attributes:
@@ -59,7 +53,7 @@ class ParameterValue(Document):
         return cls(value=value, low=finite_or_none(low), high=finite_or_none(high), unit=unit)
 
 
-class Place(Document):
+class Place(Frozen):
     """Interval of a variable in which a gap lives.
 
     Attributes:
@@ -76,7 +70,7 @@ class Place(Document):
     energy: float = Field(alias="energy_share")
 
 
-class NamedEffect(Document):
+class NamedEffect(Frozen):
     """Named cause of the gap.
 
     Attributes:
@@ -97,7 +91,7 @@ class NamedEffect(Document):
     entries: tuple[dict[str, float], ...]
 
 
-class ReplayedGap(Document):
+class ReplayedGap(Frozen):
     """Root mean squares of measured less simulated, held-out blocks.
 
     Attributes:
@@ -110,7 +104,7 @@ class ReplayedGap(Document):
     shrink: Shrink
 
 
-class ChannelGap(Document):
+class ChannelGap(Frozen):
     """Root mean squares of one channel, in `unit`.
 
     Attributes:
@@ -143,7 +137,7 @@ class ChannelGap(Document):
         return self.beyond > (self.tolerance or 0.0)
 
 
-class Unexplained(Document):
+class Unexplained(Frozen):
     """Remainder of the gap.
 
     Attributes:
@@ -155,21 +149,21 @@ class Unexplained(Document):
     nearest: str | None
 
 
-class WaterfallStep(Document):
+class WaterfallStep(Frozen):
     """Root mean square that is left with an effect, and all before it."""
 
     effect: str
     rms: float
 
 
-class ReplayStatus(Document):
+class ReplayStatus(Frozen):
     """Possibility of simulating the recordings; `reason` is why there is no replay."""
 
     possible: bool
     reason: str | None
 
 
-class Suspect(Document):
+class Suspect(Frozen):
     """Structure that an effect left which was named at first; null where it cannot be told."""
 
     structure: float | None
@@ -198,7 +192,7 @@ class Series:
     loss: Shrink | None = None
 
 
-class Diagnosis(Document):
+class Diagnosis(Frozen):
     """Diagnosis of a session, content of diagnosis.json.
 
     Attributes:

@@ -1,31 +1,33 @@
 """Downsampling of screened rows to statistics of intervals on a fixed grid of time."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
+from pydantic import PlainSerializer, PlainValidator
 
-from ..checks.live.channel_check import ChannelCheck
+from ..checks.live.channel_check import ChannelCheck, ChannelState
 from ..checks.live.channel_limits import ChannelLimits
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.row_faults import T
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame, is_uncertain
 from ..messages.stored import Stored, decoded, encoded
+from ..regression.run import Integers
 from .rows import RowScreen, Screened, table_of
 from .statistics import (
-    IntervalRows,
+    MAX_SPEED_RAD_S,
+    DownsampleSettings,
     MotionHistory,
-    PlausibilitySettings,
     absent_block,
     summarise,
 )
 
-_SNAPSHOT_SCHEMA = "downsampler/3"
-_SCREEN: Stored[RowScreen | None] = Stored(RowScreen | None)
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
+_MAX_HOLE_ROWS = 6  # native periods without a row that are bridged; more is a gap
+_DIRECTION_WINDOW_S = 0.004  # half width of the difference that gives the direction
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
 _MOST_DOUBTED = 1024
 _OF_TABLE = (
@@ -38,20 +40,20 @@ _OF_TABLE = (
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
 
 
-@dataclass(frozen=True, slots=True)
-class DownsampleSettings:
-    """Settings for the reduction of samples to intervals.
+def _stored_rows(text: object) -> Floats:
+    if not isinstance(text, str):
+        raise ValueError("expected text")
+    return decoded(text, np.float64).reshape(-1, 8)
 
-    Attributes:
-        interval_s: length of an interval, s.
-        max_hole_rows: so many native periods without a row are bridged; more is a gap.
-        channels: limits between the encoders; those of the lead alone unless given.
-    """
 
-    interval_s: float = 0.1
-    max_hole_rows: int = 6
-    plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
-    channels: ChannelLimits | None = None
+def _stored_faults(text: object) -> Integers:
+    if not isinstance(text, str):
+        raise ValueError("expected text")
+    return decoded(text, np.int64)
+
+
+_Rows = Annotated[Floats, PlainValidator(_stored_rows), PlainSerializer(encoded)]
+_Faults = Annotated[Integers, PlainValidator(_stored_faults), PlainSerializer(encoded)]
 
 
 @dataclass(slots=True, eq=False)
@@ -66,16 +68,11 @@ class _Segment:
         history: motion before the current interval.
     """
 
-    rows: Floats = field(default_factory=lambda: np.empty((0, 8)))
-    fault: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    rows: _Rows = field(default_factory=lambda: np.empty((0, 8)))
+    fault: _Faults = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     first: int = 0
     seen: int = 0
     history: MotionHistory = field(default_factory=MotionHistory)
-
-    def append(self, rows: Floats, fault: npt.NDArray[np.int64]) -> None:
-        """Add rows at the end."""
-        self.rows = np.concatenate([self.rows, rows])
-        self.fault = np.concatenate([self.fault, fault])
 
     def split(self, row: int) -> "_Segment":
         """Cut before `row`; return what followed."""
@@ -89,6 +86,36 @@ class _Segment:
         self.rows, self.fault = self.rows[drop:], self.fault[drop:]
         self.first -= drop
         self.seen = max(0, self.seen - drop)
+
+
+@dataclass(slots=True, eq=False)
+class _State:
+    """Everything that the next samples meet, as it is stored.
+
+    Attributes:
+        absent: interval -> bits of Fault, of values that its rows lack.
+        doubted: intervals with samples that the source doubts.
+        pending_fault: end of a segment without an interval left to report it.
+        last_kept: interval of the last row that was kept.
+        expected_faults: bits of Fault that can be.
+        faults: name of a fault -> intervals that had it.
+    """
+
+    schema: Literal["downsampler/4"] = "downsampler/4"
+    screen: RowScreen | None = None
+    segment: _Segment = field(default_factory=_Segment)
+    period_s: float | None = None
+    reach: int = 1
+    absent: dict[int, int] = field(default_factory=dict)
+    doubted: Annotated[set[int], PlainSerializer(sorted)] = field(default_factory=set)
+    pending_fault: int = 0
+    last_kept: int = -sys.maxsize
+    expected_faults: int = -1
+    channels: ChannelState = field(default_factory=ChannelState)
+    faults: dict[str, int] = field(default_factory=dict)
+
+
+_STORED: Stored[_State] = Stored(_State)
 
 
 class Downsampler:
@@ -106,166 +133,120 @@ class Downsampler:
         self._ratio = ratio_m_per_rad
         self._channels = ChannelCheck(
             settings.channels or ChannelLimits.of_ratio(ratio_m_per_rad),
-            settings.plausibility.max_speed_rad_s,
+            MAX_SPEED_RAD_S,
         )
-        self._screen: RowScreen | None = None
-        self._segment = _Segment()
-        self._period_s: float | None = None
-        self._reach = 1
-        self._absent: dict[int, Fault] = {}  # interval -> values that its rows lack
-        self._doubted: set[int] = set()  # intervals with samples that the source doubts
-        self._pending_fault = Fault.NONE  # end of a segment without an interval left to report it
-        self._last_kept = -sys.maxsize  # interval of the last row that was kept
-        self._expected_faults = ~Fault.NONE
-        self.faults: dict[str, int] = {}
+        self._state = _State()
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as JSON-able values; `restore` of it goes on bit-equal."""
-        segment = self._segment
-        return {
-            "schema": _SNAPSHOT_SCHEMA,
-            "screen": _SCREEN.dump(self._screen),
-            "rows": encoded(segment.rows),
-            "fault": encoded(segment.fault),
-            "first": segment.first,
-            "seen": segment.seen,
-            "direction": segment.history.direction,
-            "moving_since_s": encoded(np.array([segment.history.moving_since_s])),
-            "period_s": self._period_s,
-            "reach": self._reach,
-            "absent": [[interval, int(fault)] for interval, fault in self._absent.items()],
-            "doubted": sorted(self._doubted),
-            "untold": int(self._pending_fault),
-            "last_kept": self._last_kept,
-            "expected_faults": int(self._expected_faults),
-            "channels": self._channels.snapshot(),
-            "faults": self.faults,
-        }
+        self._state.channels = self._channels.state
+        return dict(_STORED.dump(self._state))
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot; ValueError if it is none."""
-        if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
-            raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
-        self._screen = _SCREEN.load(snapshot["screen"])
-        since_s = float(decoded(snapshot["moving_since_s"], np.float64)[0])
-        self._segment = _Segment(
-            decoded(snapshot["rows"], np.float64).reshape(-1, 8),
-            decoded(snapshot["fault"], np.int64),
-            int(snapshot["first"]),
-            int(snapshot["seen"]),
-            MotionHistory(float(snapshot["direction"]), since_s),
-        )
-        self._period_s, self._reach = snapshot["period_s"], int(snapshot["reach"])
-        self._absent = {int(interval): Fault(fault) for interval, fault in snapshot["absent"]}
-        self._doubted = set(snapshot["doubted"])
-        self._pending_fault = Fault(snapshot["untold"])
-        self._last_kept = int(snapshot["last_kept"])
-        self._expected_faults = Fault(snapshot["expected_faults"])
-        self._channels.restore(snapshot["channels"])
-        self.faults = dict(snapshot["faults"])
+        self._state = _STORED.load(snapshot)
+        self._channels.state = self._state.channels
+
+    @property
+    def faults(self) -> Mapping[str, int]:
+        """Name of a fault -> intervals that had it."""
+        return self._state.faults
 
     @property
     def due_s(self) -> float:
         """Time of the sample that completes the current interval, s; -inf while it is unknown."""
-        segment = self._segment
-        if self._period_s is None or segment.first >= len(segment.rows):
+        state, segment = self._state, self._state.segment
+        if state.period_s is None or segment.first >= len(segment.rows):
             return -np.inf
         interval = self._interval_of(segment.rows[segment.first, T])
         end_s = (interval + 1 - _GRID_SLACK) * self._settings.interval_s
-        return end_s + (self._reach - 0.5) * self._period_s
+        return end_s + (state.reach - 0.5) * state.period_s
 
     def push(self, frame: SampleFrame) -> list[FeatureBlock]:
         """Take the next samples; return the intervals that they complete."""
         if len(frame) == 0:
             return []
-        if self._screen is None:
-            self._screen = RowScreen(has_torque=TORQUE in frame.channels)
+        state = self._state
+        if state.screen is None:
+            state.screen = RowScreen(has_torque=TORQUE in frame.channels)
             if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
-                self._expected_faults = ~_OF_TABLE  # one encoder only: nothing is missing
-        self._note_doubts(frame)
+                state.expected_faults = int(~_OF_TABLE)  # one encoder only: nothing is missing
+        for name in frame.quality.keys() & _DOUBTED_CHANNELS:
+            doubted = frame.time_s[is_uncertain(frame.quality[name])]
+            state.doubted.update(map(self._interval_of, doubted[np.isfinite(doubted)]))
+        if len(state.doubted) > _MOST_DOUBTED:  # nothing was summarised meanwhile
+            state.doubted = set(sorted(state.doubted)[-_MOST_DOUBTED // 2 :])
         blocks: list[FeatureBlock] = []
-        for part in self._screen.split(table_of(frame, self._ratio)):
+        for part in state.screen.split(table_of(frame, self._ratio)):
             if part.new_clock:
                 blocks += self._end_segment(Fault.TIME_BACKWARDS)
-                self._period_s = None
-                self._channels.forget()
-                self._absent.clear()
-                self._doubted.clear()
-                self._last_kept = -sys.maxsize
+                state.period_s = None
+                self._channels.state = ChannelState()
+                state.absent.clear()
+                state.doubted.clear()
+                state.last_kept = -sys.maxsize
             for time_s, fault in part.missing:
                 interval = self._interval_of(time_s)
-                self._absent[interval] = self._absent.get(interval, Fault.NONE) | fault
+                state.absent[interval] = state.absent.get(interval, 0) | int(fault)
             blocks += self._take(part)
             if part.missing:
                 blocks += self._absent_so_far(part.missing[-1][0])
         return blocks
 
-    def _note_doubts(self, frame: SampleFrame) -> None:
-        for name in frame.quality.keys() & _DOUBTED_CHANNELS:
-            doubted = frame.time_s[is_uncertain(frame.quality[name])]
-            self._doubted.update(map(self._interval_of, doubted[np.isfinite(doubted)]))
-        if len(self._doubted) > _MOST_DOUBTED:  # nothing was summarised meanwhile
-            self._doubted = set(sorted(self._doubted)[-_MOST_DOUBTED // 2 :])
-
     def _take(self, part: Screened) -> list[FeatureBlock]:
         """Append rows; part them where a gap is."""
         blocks: list[FeatureBlock] = []
-        if len(part.rows) and not len(self._segment.rows):
+        state, segment = self._state, self._state.segment
+        if len(part.rows) and not len(segment.rows):
             blocks += self._absent_before(self._interval_of(part.rows[0, T]))
-        self._segment.append(part.rows, part.fault)
-        if self._period_s is None and not self._learn_period():
-            return blocks
-        while (gap := self._next_gap()) is not None:
-            rest = self._segment.split(gap)
+        segment.rows = np.concatenate([segment.rows, part.rows])
+        segment.fault = np.concatenate([segment.fault, part.fault])
+        if state.period_s is None:
+            if len(segment.rows) < _LEARN_ROWS:
+                return blocks
+            state.period_s = float(np.median(np.diff(segment.rows[:_LEARN_ROWS, T])))
+            state.reach = max(1, round(_DIRECTION_WINDOW_S / state.period_s))
+        while (gap := self._next_gap(state.period_s)) is not None:
+            rest = state.segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
             blocks += self._absent_before(self._interval_of(rest.rows[0, T]))
-            self._segment = rest
-        return blocks + self._cut(look_ahead=self._reach)
+            state.segment = rest
+        return blocks + self._cut(look_ahead=state.reach)
 
     def _interval_of(self, time_s: float) -> int:
         return int(np.floor(time_s / self._settings.interval_s + _GRID_SLACK))
 
     def _absent_so_far(self, newest_s: float) -> list[FeatureBlock]:
         """Blocks of intervals that had rows, but none with the values that are needed."""
-        rows = self._segment.rows
+        rows, period_s = self._state.segment.rows, self._state.period_s
         blocks: list[FeatureBlock] = []
         if len(rows):
-            longest_s = (self._settings.max_hole_rows + 0.5) * (self._period_s or 0.0)
-            if self._period_s is None or newest_s - rows[-1, T] <= longest_s:
+            longest_s = (_MAX_HOLE_ROWS + 0.5) * (period_s or 0.0)
+            if period_s is None or newest_s - rows[-1, T] <= longest_s:
                 return []
-            last = self._interval_of(rows[-1, T])
-            if self._interval_of(newest_s) <= last:
+            if self._interval_of(newest_s) <= self._interval_of(rows[-1, T]):
                 return []
             blocks = self._end_segment(Fault.GAP)
         return blocks + self._absent_before(self._interval_of(newest_s))
 
     def _absent_before(self, before: int) -> list[FeatureBlock]:
         """Blocks of intervals below `before` that had rows, but none that could be kept."""
-        earlier = sorted(interval for interval in self._absent if interval < before)
-        faults = [(interval, self._absent.pop(interval)) for interval in earlier]
+        state = self._state
+        earlier = sorted(interval for interval in state.absent if interval < before)
+        faults = [(interval, Fault(state.absent.pop(interval))) for interval in earlier]
         return [
             self._count(absent_block(interval, self._settings.interval_s, fault))
             for interval, fault in faults
-            if interval > self._last_kept
+            if interval > state.last_kept
         ]
 
-    def _learn_period(self) -> bool:
-        rows = self._segment.rows
-        if len(rows) < _LEARN_ROWS:
-            return False
-        self._period_s = float(np.median(np.diff(rows[:_LEARN_ROWS, T])))
-        window_s = self._settings.plausibility.direction_window_s
-        self._reach = max(1, round(window_s / self._period_s))
-        return True
-
-    def _next_gap(self) -> int | None:
+    def _next_gap(self, period_s: float) -> int | None:
         """First row after a gap that was not seen yet; marks the holes before it."""
-        assert self._period_s is not None
-        segment = self._segment
+        segment = self._state.segment
         start = max(segment.seen, 1)
-        steps = np.diff(segment.rows[start - 1 :, T]) / self._period_s
+        steps = np.diff(segment.rows[start - 1 :, T]) / period_s
         for hole in np.flatnonzero(steps > 1.5):
-            if steps[hole] > self._settings.max_hole_rows + 0.5:
+            if steps[hole] > _MAX_HOLE_ROWS + 0.5:
                 return int(hole) + start
             segment.fault[int(hole) + start] |= int(Fault.HOLE)
         segment.seen = len(segment.rows)
@@ -273,65 +254,66 @@ class Downsampler:
 
     def _cut(self, look_ahead: int) -> list[FeatureBlock]:
         """Summarise the complete intervals of the segment and drop their rows."""
-        segment = self._segment
-        if self._period_s is None or len(segment.rows) < 2:
+        state, segment = self._state, self._state.segment
+        if state.period_s is None or len(segment.rows) < 2:
             return []
         blocks = []
-        for end in self._interval_ends():
+        time_s = segment.rows[segment.first :, T]
+        interval = np.floor(time_s / self._settings.interval_s + _GRID_SLACK)
+        for end in (np.flatnonzero(np.diff(interval)) + 1 + segment.first).tolist():
             if end + look_ahead >= len(segment.rows):
                 break
-            blocks.append(self._summarise(int(end)))
-        segment.forget(self._reach)
-        if self._absent:  # those before the current interval were bridged or reported
+            blocks.append(self._summarise(end))
+        segment.forget(state.reach)
+        if state.absent:  # those before the current interval were bridged or reported
             current = self._interval_of(segment.rows[segment.first, T])
-            self._absent = {i: lacking for i, lacking in self._absent.items() if i >= current}
+            state.absent = {i: lacking for i, lacking in state.absent.items() if i >= current}
         return blocks
-
-    def _interval_ends(self) -> npt.NDArray[np.int64]:
-        """Rows after the current interval's first at which another interval begins."""
-        first = self._segment.first
-        time_s = self._segment.rows[first:, T]
-        interval = np.floor(time_s / self._settings.interval_s + _GRID_SLACK)
-        return np.asarray(np.flatnonzero(np.diff(interval)) + 1 + first)
 
     def _summarise(self, end: int) -> FeatureBlock:
         """Block of the interval from the segment's first row up to the time of row `end`."""
-        segment = self._segment
+        state, segment, interval_s = self._state, self._state.segment, self._settings.interval_s
         inside = np.bitwise_or.reduce(segment.fault[segment.first + 1 : end + 1], initial=0)
         # the speeds at both ends lean on one row outside
         beside = np.bitwise_or.reduce(segment.fault[max(segment.first, 1) : end + 2], initial=0)
         block, segment.history = summarise(
-            IntervalRows(segment.rows, segment.first, end, self._reach),
+            segment.rows,
+            segment.first,
+            end,
+            state.reach,
             Fault(int(inside)) | (Fault(int(beside)) & UNUSABLE),
             segment.history,
-            self._settings.plausibility,
+            self._settings,
             self._channels,
         )
         interval = self._interval_of(segment.rows[segment.first, T])
-        beyond = self._pending_fault | (Fault.DOUBTED if interval in self._doubted else Fault.NONE)
-        if (self._period_s or 0.0) * _LEAST_SAMPLES > self._settings.interval_s * (1 + _GRID_SLACK):
+        beyond = Fault(state.pending_fault)
+        if interval in state.doubted:
+            beyond |= Fault.DOUBTED
+        if (state.period_s or 0.0) * _LEAST_SAMPLES > interval_s * (1 + _GRID_SLACK):
             beyond |= Fault.SPARSE
-        self._pending_fault, segment.first = Fault.NONE, end
-        self._doubted = {later for later in self._doubted if later > interval}
-        fault = (block.fault | beyond) & self._expected_faults
+        state.pending_fault, segment.first = 0, end
+        state.doubted = {later for later in state.doubted if later > interval}
+        fault = (block.fault | beyond) & state.expected_faults
         return self._count(block if fault == block.fault else replace(block, fault=fault))
 
     def _count(self, block: FeatureBlock) -> FeatureBlock:
+        counts = self._state.faults
         for fault in block.fault:
-            self.faults[str(fault.name)] = self.faults.get(str(fault.name), 0) + 1
+            counts[str(fault.name)] = counts.get(str(fault.name), 0) + 1
         return block
 
     def _end_segment(self, reason: Fault) -> list[FeatureBlock]:
         """Close the segment: its last, open interval carries the reason as fault."""
         blocks = self._cut(look_ahead=0)
-        segment = self._segment
-        if self._period_s is not None and len(segment.rows) - 1 > segment.first:
+        state, segment = self._state, self._state.segment
+        if state.period_s is not None and len(segment.rows) - 1 > segment.first:
             segment.fault[-1] |= int(reason)
             blocks.append(self._summarise(len(segment.rows) - 1))
         elif len(segment.rows):
-            self._pending_fault = reason  # slow samples: no interval is left to report the gap
+            state.pending_fault = int(reason)  # slow samples: no interval is left to report the gap
         if len(segment.rows):
-            self._last_kept = self._interval_of(segment.rows[-1, T])
+            state.last_kept = self._interval_of(segment.rows[-1, T])
         self._channels.interrupt()
-        self._segment = _Segment()
+        state.segment = _Segment()
         return blocks

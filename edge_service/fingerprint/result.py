@@ -7,7 +7,7 @@ what is not finite is null.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,29 +35,11 @@ def _floats(value: Any) -> Floats:
     return np.array([math.nan if each is None else each for each in value], np.float64)
 
 
-def _figure(value: Any) -> IntervalEstimate:
-    if isinstance(value, IntervalEstimate):
-        return value
-    missing = {"value": math.nan, "low": -math.inf, "high": math.inf, "n_effective": math.inf}
-    known = {
-        name: float(each) for name, each in value.items() if name in missing and each is not None
-    }
-    return IntervalEstimate(**missing | known, unit=str(value["unit"]), note=str(value["note"]))
-
-
-def _null_for_infinite(figure: IntervalEstimate) -> dict[str, Any]:
-    return {
-        name: finite_or_none(each) if isinstance(each, float) else each
-        for name, each in asdict(figure).items()
-    }
-
-
 Values = Annotated[
     Floats,
     PlainValidator(_floats),
     PlainSerializer(lambda array: [finite_or_none(value) for value in array.tolist()]),
 ]
-Figure = Annotated[IntervalEstimate, PlainValidator(_figure), PlainSerializer(_null_for_infinite)]
 
 
 class Status(StrEnum):
@@ -96,7 +78,7 @@ class Section:
     status: Status
     reason: str
     motion: str
-    figures: Mapping[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
 
 

@@ -14,7 +14,6 @@ from ..config import (
     load_machine,
 )
 from ..downsample import Downsampler, DownsampleSettings
-from ..downsample.statistics import PhaseSettings, PlausibilitySettings
 from ..estimate import registry
 from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
@@ -34,20 +33,14 @@ def make_downsampler(
 ) -> Downsampler:
     """The downsampler of one axis: limits and interval from its machine file unless given."""
     steady = steady or steady_limits(machine)
-    limits = PlausibilitySettings(
+    settings = DownsampleSettings(
+        interval_s=interval_s or machine.interval_s,
         max_torque_nm=machine.axis.max_torque_nm,
-        phases=PhaseSettings(
-            min_speed_rad_s=steady.slowest_rad_s, cruise_rad_s2=steady.cruise_rad_s2
-        ),
+        min_speed_rad_s=steady.slowest_rad_s,
+        cruise_rad_s2=steady.cruise_rad_s2,
+        channels=channel_limits(machine),
     )
-    return Downsampler(
-        DownsampleSettings(
-            interval_s=interval_s or machine.interval_s,
-            plausibility=limits,
-            channels=channel_limits(machine),
-        ),
-        machine.transmission_ratio_m_per_rad,
-    )
+    return Downsampler(settings, machine.transmission_ratio_m_per_rad)
 
 
 def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:

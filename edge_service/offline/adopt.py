@@ -1,7 +1,7 @@
 """`edge-service adopt`: propose a machine file from recordings of any kind, with reasons."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..atomic import replaced_file
-from ..checks.columns.guess import Choice, Guess, Known, Question, Understanding
+from ..checks.columns.guess import Guess, Known, Question, Understanding
 from ..checks.columns.mechanics import (
     Ability,
     Mechanics,
@@ -200,9 +200,7 @@ def _read(
 ) -> SampleFrame:
     """The recording as the proposed columns give it: what any later command will read."""
     columns = {
-        channel: ColumnMap(each.column, each.scale, 0.0, each.minus, each.direction)
-        for channel, each in understood.columns.items()
-        if not each.is_plain(channel)
+        channel: each for channel, each in understood.columns.items() if each != ColumnMap(channel)
     }
     if not any(name in CHANNELS for name in understood.columns):
         asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
@@ -228,8 +226,7 @@ def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mech
         words = "neither inertia nor friction shows its sign; it is left as recorded"
         understood.say(TORQUE, words, assumed=True)
     if found.is_inverted:
-        turned = Choice(choice.column, -choice.scale, choice.minus, choice.direction)
-        understood.columns[TORQUE] = turned
+        understood.columns[TORQUE] = replace(choice, scale=-choice.scale)
         understood.say(TORQUE, "sign reversed: as recorded, it counts against the motion")
         for frame in frames:
             frame.channels[TORQUE][:] *= -1.0

@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 import tomlkit
 from pydantic import BaseModel
 
-from ..checks.columns.guess import Choice, Guess, Question, Understanding
+from ..checks.columns.guess import Guess, Question, Understanding
 from ..checks.columns.mechanics import Mechanics
 from ..config import ConfigError
 from ..messages.samples import SI
 from ..models.machine import AxisConfig, ModelConfig, ToleranceConfig
+from ..recordings.columns import ColumnMap
 from ..regression.interval_estimate import IntervalEstimate
 
 Sheet = dict[str, float | str]
@@ -155,7 +156,7 @@ def machine_text(
     lines += ["", "[columns]"]
     for channel, choice in understood.columns.items():
         lines += _comments(said, channel)
-        if not choice.is_plain(channel):
+        if choice != ColumnMap(channel):
             lines.append(f"{channel} = {_column(choice)}")
     left = [subject for subject in said if subject not in ("lead_m", *understood.columns)]
     if left:
@@ -211,7 +212,7 @@ def _quantity(found: IntervalEstimate) -> str:
     return f"{{ value = {found.value:.5g}, tolerance = {tolerance:.2g} }}"
 
 
-def _column(choice: Choice) -> str:
+def _column(choice: ColumnMap) -> str:
     members = [f"column = {_text(choice.column)}", f"scale = {choice.scale!r}"]
     if choice.minus:
         members.append(f"minus = {_text(choice.minus)}")

@@ -10,12 +10,12 @@ from ..command_answer import Answer
 from ..diagnose.experiment import (
     DECISIVE,
     Separation,
+    healthy_session,
     least_strength,
     propose,
     rehearsed,
     separations,
 )
-from ..diagnose.session.twin import healthy_session
 from ..models.effects.effect import Role
 from ..models.effects.registry import effect_names, get_effect
 from ..models.machine import Machine
@@ -105,9 +105,9 @@ def next_motion(
     pair = [worst.effect, worst.rival or "a healthy axis"]
     shown = [
         ProposedMotion(
-            motion=each.candidate.motion,
-            duration_s=each.candidate.duration_s,
-            given_s=each.candidate.given_s,
+            motion=each.motion,
+            duration_s=each.duration_s,
+            given_s=each.given_s,
             log_evidence=each.evidence,
         )
         for each in proposals[: 1 if best.decides else _SHOWN]
@@ -117,8 +117,8 @@ def next_motion(
     lines = [f"{head}: {shown[0].as_text()}", *(f"  or {each.as_text()}" for each in shown[1:])]
     document = {"decides": best.decides, "hardest_pair": pair, "proposals": shown, "file": None}
     if out is not None:
-        chosen = replace(settings, duration_s=settings.duration_s or best.candidate.given_s)
-        written = write_motion(best.candidate.motion, machine, out, chosen, progress)
+        chosen = replace(settings, duration_s=settings.duration_s or best.given_s)
+        written = write_motion(best.motion, machine, out, chosen, progress)
         document |= {"file": written}
         lines.append(written.as_text())
     return Answer("\n".join(lines), document)
@@ -157,7 +157,7 @@ def isolability(
     if subject in MOTIONS:
         session = rehearsed(machine, subject)
     elif Path(subject).exists():
-        session = healthy_session(machine, read_runs(machine, (Path(subject),)), 1)
+        session = healthy_session(machine, read_runs(machine, (Path(subject),)))
         subject = Path(subject).name
     else:
         raise DiagnosisError(f"no motion or recording {subject!r}; there are {', '.join(MOTIONS)}")

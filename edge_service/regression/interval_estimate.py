@@ -2,8 +2,17 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from pydantic import BeforeValidator, PlainSerializer
 from scipy import stats
+
+from ..messages.stored import finite_or_none
+
+_NULL = PlainSerializer(finite_or_none)
+_Value = Annotated[float, BeforeValidator(lambda v: math.nan if v is None else v), _NULL]
+_Low = Annotated[float, BeforeValidator(lambda v: -math.inf if v is None else v), _NULL]
+_High = Annotated[float, BeforeValidator(lambda v: math.inf if v is None else v), _NULL]
 
 LEVEL = 0.95
 """Probability with which [low, high] aims to hold the truth."""
@@ -11,7 +20,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
-    """One identified quantity.
+    """One identified quantity; in a document null stands for what is not finite.
 
     Attributes:
         value: the estimate; NaN where the data says nothing.
@@ -22,11 +31,11 @@ class IntervalEstimate:
         note: why it is undetermined, or what to keep in mind.
     """
 
-    value: float
-    low: float
-    high: float
+    value: _Value
+    low: _Low
+    high: _High
     unit: str
-    n_effective: float
+    n_effective: _High
     note: str = ""
 
     @property

@@ -15,7 +15,13 @@ import numpy as np
 from ..messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from .interval_estimate import IntervalEstimate, normal_quantile
 from .linear import LinearFit, instrumental_variables, least_squares, total_least_squares
-from .prepared_run import PreparationSettings, PreparedRun, derivative_noise_rms, prepare
+from .prepared_run import (
+    DECIMATION,
+    PreparationSettings,
+    PreparedRun,
+    derivative_noise_rms,
+    prepare,
+)
 
 UNITS = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
 """Parameters in the order of the regressors: acceleration, speed, direction, one."""
@@ -91,7 +97,7 @@ def fit_inverse_dynamics(runs: Iterable[PreparedRun]) -> InverseDynamics:
             instruments.append(run.moving_rows(regressors(*commanded)))
         noisy = derivative_noise_rms(run, ANGLE, 2), derivative_noise_rms(run, ANGLE, 1)
         power += len(torques[-1]) * np.array([*noisy, 0.0, 0.0]) ** 2
-        seconds += len(torques[-1]) * run.period_s * run.settings.decimation
+        seconds += len(torques[-1]) * run.period_s * DECIMATION
     if not designs:
         raise ValueError("no unbroken run long enough in the recording")
     design, torque, names = np.concatenate(designs), np.concatenate(torques), tuple(UNITS)

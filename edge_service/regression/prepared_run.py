@@ -41,6 +41,10 @@ from ..recordings.conditioning import (
 )
 
 OPTIONAL = (TORQUE, ANGLE, TABLE_POSITION, SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
+ORDER = 4
+"""Of the Butterworth filter in each direction."""
+DECIMATION = 10
+"""Samples of which one row of a regression is taken."""
 _REACH_PERIODS = 2.0
 
 
@@ -51,8 +55,6 @@ class PreparationSettings:
     Attributes:
         ratio_m_per_rad: R_t of (4.3.5); a recording without a rotary encoder gets x / R_t.
         cutoff_hz: of the low-pass, run forwards and backwards.
-        order: of the Butterworth filter in each direction.
-        decimation: every how many samples one row of a regression is taken.
         edge_s: cut from both ends of a run, where the filters have no past or no future.
         standstill_rad_s: motor speed below which friction is undetermined.
         torque_delay_s: by how much the middle of a torque's action lies after its time stamp; half
@@ -61,8 +63,6 @@ class PreparationSettings:
 
     ratio_m_per_rad: float
     cutoff_hz: float = 100.0
-    order: int = 4
-    decimation: int = 10
     edge_s: float = 0.02
     standstill_rad_s: float = 0.1
     torque_delay_s: float = 0.0
@@ -129,9 +129,8 @@ class PreparedRun:
 
     def moving_rows(self, values: Floats) -> Floats:
         """Decimated rows of motion; rest beside it counts as zero, (n,) or (n, p) -> fewer rows."""
-        step = self.settings.decimation
         rows = np.where(self.moving if values.ndim == 1 else self.moving[:, None], values, 0.0)
-        return (rows if step == 1 else decimate(rows, step))[self.moving[::step]]
+        return decimate(rows, DECIMATION)[self.moving[::DECIMATION]]
 
 
 def prepare(
@@ -150,13 +149,13 @@ def prepare(
     angled = with_angle(frames, settings.ratio_m_per_rad)
     for run in uniform_runs(angled, (ANGLE, *required), optional=OPTIONAL):
         edge, period_s = math.ceil(settings.edge_s / run.period_s), run.period_s
-        if len(run) < 2 * edge + 10 * settings.decimation:
+        if len(run) < 2 * edge + 10 * DECIMATION:
             continue
         raw = dict(run.channels)
         if settings.torque_delay_s != 0.0 and TORQUE in raw:
             raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / period_s)
         smooth = {
-            name: low_pass(values, settings.cutoff_hz, settings.order, period_s)
+            name: low_pass(values, settings.cutoff_hz, ORDER, period_s)
             for name, values in raw.items()
         }
         speed = central_difference(smooth[ANGLE], period_s)
@@ -185,12 +184,11 @@ def derivative_noise_rms(run: PreparedRun, name: str, times: int) -> float:
     It is the noise's standard deviation times the norm of the impulse response of the whole chain.
     """
     settings, period_s = run.settings, run.period_s
-    reach = max(round(8.0 / (settings.cutoff_hz * period_s)), 20 * settings.decimation)
+    reach = max(round(8.0 / (settings.cutoff_hz * period_s)), 20 * DECIMATION)
     response = np.zeros(2 * reach + 1)
     response[reach] = 1.0
-    response = low_pass(response, settings.cutoff_hz, settings.order, period_s)
+    response = low_pass(response, settings.cutoff_hz, ORDER, period_s)
     for _ in range(times):
         response = central_difference(response, period_s)
-    if settings.decimation > 1:
-        response = anti_alias(response, settings.decimation)
+    response = anti_alias(response, DECIMATION)
     return run.noise_rms.get(name, 0.0) * float(np.linalg.norm(response))

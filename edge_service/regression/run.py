@@ -54,14 +54,6 @@ class Filter:
         """Frequency at which half of an amplitude passes."""
         return min(CUTOFF_HZ, CUTOFF_SHARE / self.period_s)
 
-    def gain(self, frequency_hz: Floats) -> Floats:
-        """Part of an amplitude that passes at some frequencies, (n,)."""
-        if len(self.taps) == 1:
-            return np.ones_like(frequency_hz)
-        share = (frequency_hz / self.cutoff_hz) ** 2
-        passed: Floats = 1.0 / (1.0 + share**FILTER_ORDER)
-        return passed
-
     def __call__(self, values: Floats) -> Floats:
         """Filtered rows, (n,) -> (ceil(n / step),)."""
         return self.at(values, np.arange(-(-len(values) // self.step)))

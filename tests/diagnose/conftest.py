@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 
 from edge_service.config import load_machine
-from edge_service.diagnose.session.recordings import Run, runs_of
+from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import Session
 from edge_service.diagnose.session.twin import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.learned import model_effects
 from edge_service.models.machine import Machine
+from edge_service.regression.run import Run
 
 from .. import foreign_plant
 

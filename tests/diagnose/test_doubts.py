@@ -39,8 +39,3 @@ def test_a_lag_that_the_causes_lack_is_tied_with_what_it_passes_for(machine: Mac
     assert compliance.tied == ("compliance", "timestamp_skew")
     assert compliance.probability <= 0.5
     assert beside_doubts(found, []) is found
-
-
-def test_a_lag_between_encoders_says_nothing_of_friction(machine: Machine) -> None:
-    found = diagnose_session(session_of(machine, frame_of(recorded(("drag_error",), 3))), machine)
-    assert beside_doubts(found, [LAG]) is found

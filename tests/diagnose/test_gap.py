@@ -8,9 +8,9 @@ import pytest
 from scipy import signal
 
 from edge_service.cli.entry import main
-from edge_service.diagnose.session.recordings import Filter
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.machine import Machine
+from edge_service.regression.run import Filter
 
 from .conftest import frame_of, recorded, session_of
 

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.interval_kernels import lever
-from edge_service.downsample.statistics import PlausibilitySettings
 from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.messages.samples import (
     ANGLE,
@@ -50,12 +49,8 @@ def blocks_of(
     columns: dict[str, Floats],
     cuts: Sequence[int] = (),
     interval_s: float = 0.1,
-    limits: PlausibilitySettings | None = None,
 ) -> list[FeatureBlock]:
-    downsampler = Downsampler(
-        DownsampleSettings(interval_s=interval_s, plausibility=limits or PlausibilitySettings()),
-        RATIO,
-    )
+    downsampler = Downsampler(DownsampleSettings(interval_s=interval_s), RATIO)
     edges = [0, *sorted(set(cuts)), len(columns["time_s"])]
     return [
         block

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
-from edge_service.downsample.statistics import PhaseSettings
+from edge_service.downsample.statistics import GATE_S
 from edge_service.messages.features import PHASES, FeatureBlock, Phase
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 
@@ -109,13 +109,13 @@ def test_short_intervals_sum_to_long_ones(part: str) -> None:
 def test_phases_follow_the_sign_of_the_acceleration_along_the_motion() -> None:
     for block in blocks_of(swing()):
         s = block.steady_direction
-        limit = PhaseSettings().cruise_rad_s2
+        limit = DownsampleSettings().cruise_rad_s2
         if block.accelerating.steady_s:
             assert s * block.accelerating.acceleration_rad_s2 > limit
         if block.braking.steady_s:
             assert s * block.braking.acceleration_rad_s2 < -limit
         for phase in block.phases:
-            assert s * phase.speed_rad_s >= PhaseSettings().min_speed_rad_s
+            assert s * phase.speed_rad_s >= DownsampleSettings().min_speed_rad_s
 
 
 def test_a_start_is_left_out_for_as_long_as_the_gate() -> None:
@@ -132,8 +132,7 @@ def test_a_start_is_left_out_for_as_long_as_the_gate() -> None:
     assert first.time_s == pytest.approx(0.6)
     left_out_s = first.time_s - 0.5 - sum(phase.steady_s for phase in first.phases)
     window_s = 5e-3  # half width of the acceleration's window, which must lie behind the gate
-    gate_s = PhaseSettings().gate_s
-    assert gate_s - 2 * window_s <= left_out_s <= gate_s + 2 * window_s
+    assert GATE_S - 2 * window_s <= left_out_s <= GATE_S + 2 * window_s
 
 
 def test_an_interval_that_turns_round_tells_of_one_direction_only() -> None:

@@ -41,7 +41,7 @@ def measured(response: np.ndarray, noise: float = 1e-3, seed: int = 1) -> Freque
     coherence = np.full(COUNT, 1.0 / (1.0 + 2.0 * averages * noise**2))
     error = relative_error(coherence, averages)
     np.testing.assert_allclose(error, noise, rtol=1e-9)
-    return FrequencyResponse(FREQUENCY, noisy, error, coherence, averages, "", 0.0, 0.0)
+    return FrequencyResponse(FREQUENCY, noisy, error, coherence)
 
 
 TWO = chain([MOTOR, TABLE], [STIFFNESS])

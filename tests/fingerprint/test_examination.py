@@ -97,12 +97,6 @@ def test_a_clock_that_counts_no_seconds_is_named(
     assert f"time_s looks like {unit}seconds" in forbidding(MACHINE, frame)["rate"]
 
 
-@pytest.mark.parametrize("every", [20, 40, 200])
-def test_slow_samples_are_no_other_unit(every: int, healthy: SampleFrame) -> None:
-    rare = {name: values[::every] for name, values in healthy.channels.items()}
-    assert forbidding(MACHINE, SampleFrame(healthy.time_s[::every], rare)) == {}
-
-
 @pytest.mark.parametrize(
     "header", ["Torque [Nm]", "CURRENT|3", "i_q", "Moment", "Strom A", "Last %"]
 )
@@ -110,12 +104,6 @@ def test_an_unknown_header_of_a_torque_is_named(header: str, healthy: SampleFram
     found = forbidding(MACHINE, without(healthy, TORQUE), ("tool", header))
     assert repr(header) in found["columns"] and "'tool'" not in found["columns"]
     assert forbidding(MACHINE, healthy, ("tool", header)) == {}
-
-
-@pytest.mark.parametrize("header", ["tool", "program name", "feed rate", "DES_POS|1"])
-def test_other_columns_are_no_torque(header: str, healthy: SampleFrame) -> None:
-    found = examined(MACHINE, without(healthy, TORQUE), (header,))["columns"]
-    assert found.is_doubtful and not found.forbids and repr(header) in found.sentence
 
 
 @pytest.mark.parametrize("value", [0.0, 0.3, math.nan])

@@ -152,19 +152,6 @@ def test_the_simulated_drive_is_found_within_its_intervals(
         assert parameters[name].sigma < max(0.01 * truth, 0.002)
 
 
-@pytest.mark.slow
-def test_coverage_on_the_simulated_drive(
-    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
-) -> None:
-    truth, runs = simulated_truth(bench), 30
-    hits = dict.fromkeys(truth, 0)
-    for seed in range(runs):
-        parameters = identify_simulated(bench, drive, seed, rows=30_000)
-        for name in truth:
-            hits[name] += parameters[name].holds(truth[name])
-    assert min(hits.values()) >= stats.binom.ppf(0.001, runs, 0.95), hits
-
-
 # Janot, Gautier and Brunot, 2019: force domain, IDIM-LS, Butterworth of order 4 at 100 Hz run both
 # ways, central differences, decimated by 10. They do not say how much they cut at the ends. The
 # three samples below were chosen because their residuals come out: any cut gives the parameters,

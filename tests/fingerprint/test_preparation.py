@@ -19,6 +19,7 @@ from edge_service.recordings.conditioning import (
     white_noise_rms,
 )
 from edge_service.regression.prepared_run import (
+    DECIMATION,
     PreparationSettings,
     derivative_noise_rms,
     prepare,
@@ -116,7 +117,7 @@ def test_white_noise_is_seen_beneath_the_motion_and_carried_through_the_filters(
     settings = PreparationSettings(RATIO)
     (plain,), (run,) = prepare(clean, settings), prepare(noisy, settings)
     for times, name in ((1, "speed_rad_s"), (2, "acceleration_rad_s2")):
-        left = decimate(getattr(run, name) - getattr(plain, name), settings.decimation)
+        left = decimate(getattr(run, name) - getattr(plain, name), DECIMATION)
         assert derivative_noise_rms(run, ANGLE, times) == pytest.approx(np.std(left), rel=0.1)
 
 

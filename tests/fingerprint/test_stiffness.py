@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from edge_service.fingerprint.transmission.nut_preload import preload_from_stiffness
 from edge_service.fingerprint.transmission.stiffness import (
@@ -120,34 +119,6 @@ def test_the_simulated_drive_has_the_stiffness_of_its_plant(
         assert point.stiffness.holds(1.0 / truth)
         assert point.stiffness.sigma < 0.02 / truth
         assert point.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
-
-
-@pytest.mark.slow
-def test_coverage_on_springs(bench: Machine) -> None:
-    runs, hits = 30, np.zeros(2)
-    for seed in range(runs):
-        found = fit_stiffness(prepared(spring_axis(bench, seed)), (0.1, 0.7), MASS)
-        near, far = found.points
-        hits += (
-            near.stiffness.holds(1.0 / compliance(np.array(0.1))),
-            far.stiffness.holds(1.0 / compliance(np.array(0.7))),
-        )
-    assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
-
-
-@pytest.mark.slow
-def test_coverage_on_the_simulated_drive(
-    bench: Machine,
-    settings: FeedDriveSettings,
-    drive: Callable[[Floats, int], SampleFrame],
-) -> None:
-    runs, hits = 30, np.zeros(len(PLACES_M))
-    truth = [1.0 / axial_compliance(settings.plant, place, FRESH) for place in PLACES_M]
-    for seed in range(runs):
-        frame = drive(production_setpoints(bench, 60_000, seed), seed)
-        found = fit_stiffness(prepared(frame), PLACES_M, MASS)
-        hits += [s.stiffness.holds(t) for s, t in zip(found.points, truth, strict=True)]
-    assert hits.min() >= stats.binom.ppf(0.001, runs, 0.95), hits
 
 
 def point(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessPoint:

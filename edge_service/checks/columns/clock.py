@@ -3,9 +3,9 @@
 import numpy as np
 
 from ...messages.samples import TIME, Floats
-from ...recordings.columns import ROW_NUMBER
+from ...recordings.columns import ROW_NUMBER, ColumnMap
 from ..sampling import clock_of
-from .guess import Choice, Known, Understanding
+from .guess import Known, Understanding
 from .names import ColumnName, Quantity
 from .relations import changes, proportion, travelled
 
@@ -38,7 +38,7 @@ def find_clock(
             if each.quantity is quantity:
                 scale = _scale(each, values[each.name], known, found)
                 if scale is not None:
-                    found.columns[TIME] = Choice(each.name, scale)
+                    found.columns[TIME] = ColumnMap(each.name, scale)
                     return scale * values[each.name]
     return _by_rows(names, values, known, found)
 
@@ -92,7 +92,7 @@ def _by_rows(
     if period_s is None:
         found.ask("--period", "Length of a sample, s", "no column holds the time")
         return None
-    found.columns[TIME] = Choice(ROW_NUMBER, period_s)
+    found.columns[TIME] = ColumnMap(ROW_NUMBER, period_s)
     words = f"no column holds it; a row is {period_s:.4g} s ({why})"
     found.say(TIME, words, assumed=why.startswith("assumed"))
     return rows * period_s

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
+from ...recordings.columns import ColumnMap
+
 
 @dataclass(frozen=True, slots=True)
 class Guess:
@@ -34,20 +36,6 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """Column of one channel: SI value = scale * (column - minus), with the sign of `direction`."""
-
-    column: str
-    scale: float
-    minus: str = ""
-    direction: str = ""
-
-    def is_plain(self, channel: str) -> bool:
-        """Column that a reader takes for the channel without being told."""
-        return self == Choice(channel, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
 class Known:
     """Statements of the owner; None where nothing is said.
 
@@ -76,11 +64,10 @@ class Known:
 class Understanding:
     """The columns of one axis as they are understood."""
 
-    columns: dict[str, Choice] = field(default_factory=dict)
+    columns: dict[str, ColumnMap] = field(default_factory=dict)
     guesses: list[Guess] = field(default_factory=list)
     questions: list[Question] = field(default_factory=list)
     lead_m: float | None = None
-    lead_sigma_m: float = 0.0
 
     def say(self, subject: str, words: str, *, assumed: bool = False) -> None:
         """Add a guess."""

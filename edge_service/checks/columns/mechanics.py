@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
+from ...recordings.columns import ColumnMap
 from ...regression.interval_estimate import IntervalEstimate, around, undetermined
 from ...regression.inverse_dynamics import identify_inverse_dynamics
 from ...regression.prepared_run import PreparationSettings, prepare
 from ..channel_regression import CUTOFF_HZ
 from ..sampling import TOO_SLOW, clock_of
-from .guess import Choice
 
 _STEADY_SHARE = 0.7
 """Of the top speed of a run: faster than this it is not starting or stopping."""
@@ -133,7 +133,11 @@ class Ability:
 
 
 def abilities(
-    columns: Mapping[str, Choice], mechanics: Mechanics | None, rate_hz: float, *, has_rating: bool
+    columns: Mapping[str, ColumnMap],
+    mechanics: Mechanics | None,
+    rate_hz: float,
+    *,
+    has_rating: bool,
 ) -> list[Ability]:
     """Answers that these recordings allow or not, in the order in which people ask."""
     unsigned = TORQUE in columns and bool(columns[TORQUE].direction)

@@ -13,8 +13,9 @@ from ...messages.samples import (
     TORQUE,
     Floats,
 )
+from ...recordings.columns import ColumnMap
 from .clock import find_clock
-from .guess import Choice, Known, Understanding
+from .guess import Known, Understanding
 from .motion import Motion
 from .names import ColumnName, Quantity
 from .relations import follows, is_unsigned
@@ -54,7 +55,7 @@ def understand(
             if each.quantity is quantity and channel not in found.columns:
                 known_unit = each.unit if each.si_unit == unit else ""
                 if known_unit or quantity is Quantity.TEMPERATURE:
-                    found.columns[channel] = Choice(each.name, SI[known_unit or unit][0])
+                    found.columns[channel] = ColumnMap(each.name, SI[known_unit or unit][0])
                     found.say(channel, f"{each.name!r} in {known_unit or unit}")
     return found
 
@@ -75,7 +76,7 @@ def _find_effort(
     scale, words = _effort_scale(column, effort, known, found)
     direction = _direction(column.name, effort, speed, found)
     if scale is not None:
-        found.columns[TORQUE] = Choice(column.name, scale, direction=direction)
+        found.columns[TORQUE] = ColumnMap(column.name, scale, direction=direction)
         found.say(TORQUE, words)
 
 

@@ -5,16 +5,15 @@ the screw for a while, and its level counts as new then.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ...messages.features import FAULT_WORDS, Fault
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
-from ...messages.stored import Number, Stored
+from ...messages.stored import Number
 from .channel_limits import ChannelLimits
-from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, AgreementState, pieces_of
+from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, limits_of, pieces_of
 from .repeats import EncoderResolution, OpenRun, followed, standing
 
 TRIAL_S = 1.0
@@ -105,14 +104,6 @@ class _Trial:
 
 
 @dataclass(slots=True)
-class _Runs:
-    """Runs of repeated values in which the channels end."""
-
-    table: OpenRun = field(default_factory=OpenRun)
-    angle: OpenRun = field(default_factory=OpenRun)
-
-
-@dataclass(slots=True)
 class _Torque:
     """Least and most torque of the interval before, and the value at which it is stuck, N m."""
 
@@ -121,39 +112,48 @@ class _Torque:
     stuck: Number = np.nan
 
 
-@dataclass(slots=True)
-class _State:
-    """Everything on which the next interval is checked, by the keys of a snapshot."""
+@dataclass(slots=True, eq=False)
+class ChannelState:
+    """Everything on which the next interval is checked.
 
-    agreement: AgreementState
-    level: AgreementState
-    manners: EncoderResolution
-    trial: _Trial
-    runs: _Runs
-    torque: _Torque
+    Attributes:
+        agreement: of the encoders; `level` is that before the linear one was doubted.
+        table_run, angle_run: of a repeated value, in which the channels end.
+    """
 
-
-_STORED: Stored[_State] = Stored(_State)
+    agreement: Agreement = field(default_factory=Agreement)
+    level: Agreement = field(default_factory=Agreement)
+    resolution: EncoderResolution = field(default_factory=EncoderResolution)
+    trial: _Trial = field(default_factory=_Trial)
+    table_run: OpenRun = field(default_factory=OpenRun)
+    angle_run: OpenRun = field(default_factory=OpenRun)
+    torque: _Torque = field(default_factory=_Torque)
 
 
 class ChannelCheck:
-    """Check of the channels of one axis against the limits of a sound one."""
+    """Check of the channels of one axis against the limits of a sound one.
+
+    Attributes:
+        state: a new one begins anew, as on a new clock.
+    """
 
     def __init__(self, limits: ChannelLimits, fastest_rad_s: float) -> None:
-        self._limits = limits
+        self._limits, self._numbers = limits, limits_of(limits)
         self._fastest_rad_s = fastest_rad_s
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin anew, as on a new clock."""
-        self._agreement, self._level = Agreement(self._limits), Agreement(self._limits)
-        self._resolution, self._trial = EncoderResolution.unknown(), _Trial()
-        self._runs, self._torque = _Runs(), _Torque()
+        self.state = ChannelState()
 
     def interrupt(self) -> None:
         """Take a gap: nothing that continues from row to row is known."""
-        self._agreement.interrupt()
-        self._runs.angle = OpenRun()
+        self.state.agreement.interrupt()
+        self.state.angle_run = OpenRun()
+
+    def torque_stays(self, torque: Floats, stuck: bool) -> bool:
+        """Flag of a torque (n,) that continues with the value that it was stuck at."""
+        state = self.state.torque
+        goes_on = bool(torque[0] == state.stuck)
+        whole = goes_on and bool((torque == torque[0]).all())
+        state.stuck = float(torque[-1]) if stuck or whole else np.nan
+        return goes_on
 
     def check(self, inside: Floats, ahead: Floats) -> Verdict:
         """Check the positions of an interval.
@@ -163,123 +163,91 @@ class ChannelCheck:
             ahead: (m, 8), rows after these that are known already.
         """
         way = inside[:, THETA] * self._limits.ratio_m_per_rad
-        table = inside[:, X]
-        span_nm = self._torque_span(inside[:, U])
+        state, table, torque = self.state, inside[:, X], self.state.torque
+        least, most = float(inside[:, U].min()), float(inside[:, U].max())
+        span_nm = float(np.fmax(most, torque.most) - np.fmin(least, torque.least))
+        torque.least, torque.most = least, most
         if np.isnan(table).any():
             return self._without_table(inside, way)
-        self._trial.missing_s = 0.0
+        state.trial.missing_s = 0.0
         verdict = self._check_both(inside, ahead, way, span_nm)
-        self._runs.table = followed(table[:-1], way[:-1], self._runs.table)
-        self._runs.angle = followed(way[:-1], table[:-1], self._runs.angle)
+        state.table_run = followed(table[:-1], way[:-1], state.table_run)
+        state.angle_run = followed(way[:-1], table[:-1], state.angle_run)
         return verdict
 
-    def torque_stays(self, torque: Floats, stuck: bool) -> bool:
-        """Flag of a torque (n,) that continues with the value that it was stuck at."""
-        goes_on = bool(torque[0] == self._torque.stuck)
-        whole = goes_on and bool((torque == torque[0]).all())
-        self._torque.stuck = float(torque[-1]) if stuck or whole else np.nan
-        return goes_on
-
-    def _torque_span(self, torque: Floats) -> float:
-        """Span between the least and the most torque of this interval and the one before, N m."""
-        least, most = float(torque.min()), float(torque.max())
-        low, high = np.fmin(least, self._torque.least), np.fmax(most, self._torque.most)
-        self._torque.least, self._torque.most = least, most
-        return float(high - low)
-
     def _without_table(self, inside: Floats, way: Floats) -> Verdict:
+        state = self.state
         known = np.flatnonzero(~np.isnan(inside[:-1, X]))
         if known.size:
-            self._runs.table = followed(inside[known, X], way[known], self._runs.table)
-        self._runs.angle = OpenRun()
-        self._agreement.interrupt()
-        self._trial.missing_s += float(inside[-1, T] - inside[0, T])
-        if self._trial.missing_s >= LOST_S:
-            self._doubt()
+            state.table_run = followed(inside[known, X], way[known], state.table_run)
+        state.angle_run = OpenRun()
+        state.agreement.interrupt()
+        state.trial.missing_s += float(inside[-1, T] - inside[0, T])
+        if state.trial.missing_s >= LOST_S:
+            _doubt(state)
         return _MISSING
 
     def _check_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
+        state = self.state
         if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
-            self._agreement.interrupt()
-            return self._verdict(Fault.NONE, has_stretch=False)
-        limits, resolution, table = self._limits, self._resolution, inside[:, X]
+            state.agreement.interrupt()
+            return _verdict(state.trial, Fault.NONE, has_stretch=False)
+        limits, resolution, table = self._limits, state.resolution, inside[:, X]
         pieces = pieces_of(inside, limits.ratio_m_per_rad, limits.skew_s)
         speed_m_s = float(np.abs(pieces[:, SPEED]).max())
         resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
-        angle_m, _ = standing(way, table, self._runs.angle)
+        angle_m, _ = standing(way, table, state.angle_run)
         if angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
-            self._agreement.interrupt()
-            return self._verdict(Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
+            state.agreement.interrupt()
+            return _verdict(state.trial, Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
         later = ahead[~np.isnan(ahead[:, X])]
         tables = np.concatenate([table, later[:, X]])
         ways = np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad])
-        table_m, open_m = standing(tables, ways, self._runs.table)
+        table_m, open_m = standing(tables, ways, state.table_run)
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         rough = np.array([resolution.noise_m, resolution.lag_s(period_s), span_nm])
-        pushed = self._agreement.closed
-        parted_m = self._agreement.parted_m(pieces, rough)
-        hidden_m = stretch_m + (0.0 if pushed and self._agreement.closed else limits.play_m)
-        if table_m > max(hidden_m, limits.periodic_m) + coarse_m:
-            return self._fail(Fault.TABLE_STUCK)
-        if parted_m > 0.0:
-            stuck = open_m > 0.5 * parted_m
-            return self._fail(Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES)
+        pushed = state.agreement.closed
+        parted_m = state.agreement.parted_m(pieces, self._numbers, rough)
+        hidden_m = stretch_m + (0.0 if pushed and state.agreement.closed else limits.play_m)
+        table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
+        if table_stands or parted_m > 0.0:
+            _doubt(state)
+            stuck = table_stands or open_m > 0.5 * parted_m
+            why = Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES
+            return Verdict(why | Fault.NO_TABLE, False, False)
         suspect = max(angle_m, table_m) > resolution_m
         if not suspect:
             self._agreed(inside, way, pieces, rough)
-        return self._verdict(Fault.NONE, has_stretch=not suspect)
+        return _verdict(state.trial, Fault.NONE, has_stretch=not suspect)
 
     def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Floats) -> None:
         """Learn from an interval in which nothing is wrong."""
-        speeds = pieces[:, SPEED]
+        state, trial, speeds = self.state, self.state.trial, pieces[:, SPEED]
         turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
         moving = np.abs(speeds) > RESTING_RAD_S * self._limits.ratio_m_per_rad
         one_way = bool(moving.all()) and bool((speeds[0] * speeds > 0.0).all())
         duration_s = float(inside[-1, T] - inside[0, T])
-        self._resolution.learn(inside[:, X], way, duration_s if one_way else 0.0)
-        if self._trial.doubted and moving.any():
-            self._trial.elsewhere = self._level.is_elsewhere(pieces[-1], rough)
-        self._trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
+        state.resolution.learn(inside[:, X], way, duration_s if one_way else 0.0)
+        if trial.doubted and moving.any():
+            trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
+        trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
 
-    def _doubt(self) -> None:
-        if not self._trial.doubted:
-            self._level, self._agreement = self._agreement, Agreement(self._limits)
-        self._agreement.forget()
-        self._trial.begin()
 
-    def _fail(self, why: Fault) -> Verdict:
-        self._doubt()
-        return Verdict(why | Fault.NO_TABLE, False, False)
+def _doubt(state: ChannelState) -> None:
+    if not state.trial.doubted:
+        state.level = state.agreement
+    state.agreement = Agreement()
+    state.trial.begin()
 
-    def _verdict(self, fault: Fault, has_stretch: bool) -> Verdict:
-        trial = self._trial
-        if trial.doubted:
-            fault |= Fault.NO_TABLE | Fault.TABLE_DOUBTED
-            if trial.elsewhere:
-                fault |= Fault.TABLE_SHIFTED
-            return Verdict(fault, False, False)
-        if trial.returned:
-            trial.returned = False
+
+def _verdict(trial: _Trial, fault: Fault, has_stretch: bool) -> Verdict:
+    if trial.doubted:
+        fault |= Fault.NO_TABLE | Fault.TABLE_DOUBTED
+        if trial.elsewhere:
             fault |= Fault.TABLE_SHIFTED
-        return Verdict(fault, True, has_stretch)
-
-    def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values."""
-        state = _State(
-            agreement=self._agreement.state,
-            level=self._level.state,
-            manners=self._resolution,
-            trial=self._trial,
-            runs=self._runs,
-            torque=self._torque,
-        )
-        return dict(_STORED.dump(state))
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continue from a snapshot; ValueError if it is none."""
-        state = _STORED.load(snapshot)
-        self._agreement = Agreement(self._limits, state.agreement)
-        self._level = Agreement(self._limits, state.level)
-        self._resolution, self._trial = state.manners, state.trial
-        self._runs, self._torque = state.runs, state.torque
+        return Verdict(fault, False, False)
+    if trial.returned:
+        trial.returned = False
+        fault |= Fault.TABLE_SHIFTED
+    return Verdict(fault, True, has_stretch)

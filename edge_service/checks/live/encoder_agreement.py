@@ -3,13 +3,15 @@
 Compared piece by piece, as machine code.
 """
 
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
+from pydantic import AfterValidator
 
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
-from ...messages.stored import Number
+from ...messages.stored import StoredFloats
 from ...models.compiled import compiled
 from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH, ChannelLimits
 
@@ -35,104 +37,54 @@ RATIO, PLAY, PERIODIC, LENGTH, STRETCH = range(5)
 NOISE, LAG, SPAN = range(3)
 """Places of the channels' roughness: noise of the encoders' difference from row to row, m; longest
 hold of a slow channel, s; span of the torque around the interval, N m, NaN if unknown."""
-_ANCHORS = ("held", "rest", "begun", "newest")
+_FREE = (0.0, np.nan, np.nan, np.nan, 0.0)
+"""Contact of a nut that pushes nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Means over a few rows, as stored.
-
-    Attributes:
-        parted_m: way of the screw less that of the table, less the skew that is known.
-        way_m: of the screw.
-    """
-
-    time_s: Number
-    parted_m: Number
-    way_m: Number
-    speed_m_s: Number
-    torque_nm: Number
+_Contact = Annotated[StoredFloats, AfterValidator(lambda each: each.reshape(5))]
+_Anchors = Annotated[StoredFloats, AfterValidator(lambda each: each.reshape(4, 5))]
 
 
-@dataclass(slots=True)
-class Contact:
-    """Contact of the nut: pushing the table with the same flank all the while, or not.
-
-    Attributes:
-        pushed_from_m: way of the screw at which it began to push; NaN while it does not.
-    """
-
-    direction: Number = 0.0
-    speed_m_s: Number = np.nan
-    time_s: Number = np.nan
-    pushed_from_m: Number = np.nan
+def limits_of(limits: ChannelLimits) -> Floats:
+    """Limits in their places, (5,)."""
+    first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
+    return np.array([*first, limits.length_m, limits.stretch_m(1.0)])
 
 
-@dataclass(slots=True)
-class AgreementState:
-    """Everything on which the next piece is compared, as stored; see Agreement.
-
-    Attributes:
-        contact: of the nut.
-        closed: no play can hide between the encoders.
-        anchors: earlier pieces by name.
-    """
-
-    contact: Contact = field(default_factory=Contact)
-    closed: bool = False
-    anchors: dict[str, Chunk] = field(default_factory=dict)
-
-
+@dataclass(slots=True, eq=False)
 class Agreement:
     """Comparison of both encoders with earlier pieces at which they agreed.
 
     `held` is the last piece of pushed motion, `rest` the last one at rest: a reversal may add the
     play to them. `begun` is where the present push began and `newest` its last piece: nothing may
     be added to them but what goes with way, torque and speed.
+
+    Attributes:
+        contact: of the nut: pushing the table with the same flank all the while, or not, (5,).
+        anchors: earlier pieces, (4, 5).
     """
 
-    def __init__(self, limits: ChannelLimits, state: AgreementState | None = None) -> None:
-        first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
-        self._limits = np.array([*first, limits.length_m, limits.stretch_m(1.0)])
-        self.restore(state or AgreementState())
-
-    def forget(self) -> None:
-        """Forget all earlier pieces."""
-        self.restore(AgreementState())
+    contact: _Contact = field(default_factory=lambda: np.array(_FREE))
+    anchors: _Anchors = field(default_factory=lambda: np.full((4, 5), np.nan))
 
     def interrupt(self) -> None:
         """Take a gap: the present push may have ended."""
-        self._contact = np.array([*astuple(Contact()), 0.0])
-        self._anchors[[BEGUN, NEWEST]] = np.nan
+        self.contact[:] = _FREE
+        self.anchors[[BEGUN, NEWEST]] = np.nan
 
     @property
     def closed(self) -> bool:
         """True while no play can hide between the encoders."""
-        return bool(self._contact[CLOSED])
+        return bool(self.contact[CLOSED])
 
-    def parted_m(self, pieces: Floats, rough: Floats) -> float:
+    def parted_m(self, pieces: Floats, limits: Floats, rough: Floats) -> float:
         """Take the next pieces (k, 5), as of `pieces_of`; the parting of the encoders
         beyond a sound axis' limits at the first that does, m, or 0. `rough`: noise, lag, span."""
-        return _parted_m(pieces, self._contact, self._anchors, self._limits, rough)
+        return _parted_m(pieces, self.contact, self.anchors, limits, rough)
 
-    def is_elsewhere(self, piece: Floats, rough: Floats) -> bool:
+    def is_elsewhere(self, piece: Floats, limits: Floats, rough: Floats) -> bool:
         """Piece at another level than the last that agreed."""
-        return _is_elsewhere(piece, self._anchors, self._limits, rough)
-
-    @property
-    def state(self) -> AgreementState:
-        """Everything on which the next piece is compared."""
-        rows = zip(_ANCHORS, self._anchors.tolist(), strict=True)
-        anchors = {name: Chunk(*row) for name, row in rows if not np.isnan(row[0])}
-        return AgreementState(Contact(*self._contact[:-1].tolist()), self.closed, anchors)
-
-    def restore(self, state: AgreementState) -> None:
-        """Continue from a state."""
-        self._contact = np.array([*astuple(state.contact), float(state.closed)])
-        self._anchors = np.full((len(_ANCHORS), 5), np.nan)
-        for row, name in enumerate(_ANCHORS):
-            if name in state.anchors:
-                self._anchors[row] = astuple(state.anchors[name])
+        return _is_elsewhere(piece, self.anchors, limits, rough)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """Runs of one repeated value with the travel meanwhile, and what resolution explains of them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -118,14 +118,9 @@ class ChannelResolution:
 class EncoderResolution:
     """Resolution of both position channels, and the noise of their difference."""
 
-    table: ChannelResolution
-    angle: ChannelResolution
+    table: ChannelResolution = field(default_factory=ChannelResolution)
+    angle: ChannelResolution = field(default_factory=ChannelResolution)
     noise_m: Number = 0.0
-
-    @classmethod
-    def unknown(cls) -> "EncoderResolution":
-        """Before the first interval."""
-        return cls(ChannelResolution(), ChannelResolution())
 
     def learn(self, table_m: Floats, way_m: Floats, moved_s: float) -> None:
         """Take both channels (n,) of an interval that is believed."""

@@ -30,7 +30,6 @@ _LEAST_OF_FAMILY = 1e-8
 """Energy of a regressor over that of the strongest of its family, below which it is not there."""
 _STRICT_SIGMA = 0.05
 """Of the strength, about 1, of an effect whose column holds the measured torque."""
-_DISTURBED_S = 0.2
 _MOST_PULSES = 10
 FORCE = disturbance()
 """Effect that no motion predicts: what the motion predicts is no force."""
@@ -258,13 +257,6 @@ class ForcePulse:
             return None
         shape = {"start_s": max(self.start_s, 0.0), "duration_s": self.end_s - self.start_s}
         return entry_regressor(get_effect(FORCE), "force_n", shape)
-
-    def covers(self, time_s: Floats) -> Booleans:
-        """Mask of the times that it disturbs, with the controller's answer to its end, (n,)."""
-        inside: Booleans = (time_s >= self.start_s - _DISTURBED_S) & (
-            time_s < self.end_s + _DISTURBED_S
-        )
-        return inside
 
 
 def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:

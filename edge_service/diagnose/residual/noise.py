@@ -140,7 +140,7 @@ class Noise:
 
 def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:
     """Floor, at least that by which healthy recordings part from one another."""
-    healthy = {} if session.healthy is None else session.healthy.floor
+    healthy = session.healthy_floor
     return {name: max(each.rms, healthy.get(name, 0.0)) for name, each in floor.items()}
 
 

@@ -74,7 +74,7 @@ class Reference:
             name: replace(rows, gap=rows.gap - self.gap(name, rows))
             for name, rows in session.channels.items()
         }
-        return replace(session, channels=channels, healthy=self)
+        return replace(session, channels=channels, beside=self.beside, healthy_floor=self.floor)
 
 
 def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> Machine:

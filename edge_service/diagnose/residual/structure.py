@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from ...messages.samples import Floats
-from ...regression.run import Filter
+from ...regression.run import FILTER_ORDER, Filter
 from ..session.session import FOLDS, TORQUE_GAP, TRANSMISSION_GAP, Session
 
 _HIGHEST_ORDER = {TORQUE_GAP: 96, TRANSMISSION_GAP: 12}
@@ -124,7 +124,12 @@ def _wave(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floa
 
 def _gain(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floats:
     """Part of an order's amplitude that passes at each speed, (n,)."""
-    return low_pass.gain(order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi))
+    frequency_hz = order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi)
+    if len(low_pass.taps) == 1:
+        return np.ones_like(frequency_hz)
+    share = (frequency_hz / low_pass.cutoff_hz) ** 2
+    passed: Floats = 1.0 / (1.0 + share**FILTER_ORDER)
+    return passed
 
 
 def _strongest(

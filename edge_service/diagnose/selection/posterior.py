@@ -22,6 +22,8 @@ PARAMETERS = tuple(map(error_of, (Term.COULOMB, Term.VISCOUS, Term.INERTIA, Term
 _SIMPLER = 2.0
 _AS_LITTLE = 1.0 / 3.0
 """Of the tolerance: by so much more a set may leave and still leave as little."""
+_DISTURBED_S = 0.2
+"""Before and after a force, with the controller's answer to its end."""
 LEAST_FREE_SHARE = 0.3
 """Share of the motion that must be free of a force for other causes to be sought there alone."""
 
@@ -124,7 +126,9 @@ def _beside_force(posterior: Posterior) -> Posterior:
         if isinstance(pulse, ForcePulse):
             pulses.append(a)
             for channel, rows in problem.session.channels.items():
-                free[channel] &= ~pulse.covers(rows.variables["time_s"])
+                time_s = rows.variables["time_s"]
+                before = time_s < pulse.start_s - _DISTURBED_S
+                free[channel] &= before | (time_s >= pulse.end_s + _DISTURBED_S)
     if min(float(each.mean()) for each in free.values()) < LEAST_FREE_SHARE:
         return posterior
     first = next(k for k, each in enumerate(regressors) if isinstance(each, ForcePulse))

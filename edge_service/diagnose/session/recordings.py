@@ -31,8 +31,6 @@ from ...recordings.conditioning import (
 from ...regression.run import FILTER_ORDER, Filter, Run, misses_acceleration
 from .clock import on_one_clock
 
-__all__ = ["Filter", "Run", "runs_of", "unbroken_runs"]
-
 MOTION_CUTOFF_HZ = 100.0
 """Low-pass of the measured angle before it is differentiated."""
 STILL_RAD_S = 0.1

@@ -3,8 +3,8 @@
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol, Self
+from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -58,17 +58,6 @@ class Rows:
         return self if every == 1 else self.at(slice(None, None, every))
 
 
-class Healthy(Protocol):
-    """Healthy machine that is known from recordings."""
-
-    @property
-    def floor(self) -> Mapping[str, float]:
-        """Root mean square by which another healthy recording may part from it, by channel."""
-
-    def beside(self, session: "Session") -> "Session":
-        """Session with what it has beyond the healthy machine as its gap."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
     """Runs and the rows that follow from them.
@@ -78,7 +67,10 @@ class Session:
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
         rows: channel -> its rows in each run, thinned to those of the session, (k,) each; none
             in a run without the channel.
-        healthy: machine whose own gap is no part of this one; None where only the model is known.
+        beside: session with what it has beyond the healthy machine as its gap; itself where only
+            the model is known.
+        healthy_floor: channel -> root mean square by which another healthy recording may part from
+            that machine.
     """
 
     runs: tuple[Run, ...]
@@ -86,7 +78,8 @@ class Session:
     modelled: tuple[ActiveEffect, ...]
     channels: Mapping[str, Rows]
     rows: Mapping[str, tuple[Integers, ...]]
-    healthy: "Healthy | None" = None
+    beside: "Callable[[Session], Session]" = lambda session: session
+    healthy_floor: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of_runs(

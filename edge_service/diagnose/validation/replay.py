@@ -103,5 +103,4 @@ def _beginning(session: Session) -> Session:
     runs = session.runs[:count]
     if not any(run.compared_rows.any() for run in runs):
         raise ValueError(f"the axis rests for the first {_LONGEST_S:g} s")
-    beginning = Session.of_runs(runs, session.baseline)
-    return beginning if session.healthy is None else session.healthy.beside(beginning)
+    return session.beside(Session.of_runs(runs, session.baseline))

@@ -20,8 +20,7 @@ from ...messages.samples import Floats
 from ...recordings.sinumerik.tuning import MeasuredResponse
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve, Section, examined
-from .frequency_response import LEAST_COHERENCE, FrequencyResponse
-from .segment_spectra import Complexes
+from .frequency_response import LEAST_COHERENCE, Complexes, FrequencyResponse
 from .two_mass_fit import TwoMassFit, fit_two_mass, modes
 
 LOWEST_HZ = 5.0
@@ -77,10 +76,6 @@ def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:
         response=measured.response,
         relative_error=relative_error(measured.coherence, measured.averages),
         coherence=measured.coherence,
-        averages=measured.averages,
-        unit=measured.unit,
-        period_s=0.0,
-        resolution_hz=0.0,
     )
     section = examined(
         "multisine",

@@ -10,8 +10,12 @@ from ...messages.samples import Floats, SampleFrame
 from ...regression.interval_estimate import IntervalEstimate, undetermined
 from ...regression.nonlinear import Residual, Unknown, best_values, fit_profiled, unexplained_share
 from ..result import Contents, Curve
-from .frequency_response import FrequencyResponse, drive_response, drive_responses_along
-from .segment_spectra import Complexes
+from .frequency_response import (
+    Complexes,
+    FrequencyResponse,
+    drive_response,
+    drive_responses_along,
+)
 from .two_mass_model import Sight, TwoMasses
 
 _FIRST_ERROR = 0.01

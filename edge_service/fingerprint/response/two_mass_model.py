@@ -7,8 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ...messages.samples import Floats
-from .frequency_response import FrequencyResponse, sampling_correction
-from .segment_spectra import Complexes
+from .frequency_response import Complexes, FrequencyResponse, sampling_correction
 
 
 class TwoMasses(NamedTuple):

@@ -15,7 +15,7 @@ from scipy import ndimage
 from ...messages.samples import Booleans, Floats
 from ...recordings.conditioning import low_pass
 from ...regression.linear import effective_size
-from ...regression.prepared_run import PreparedRun
+from ...regression.prepared_run import ORDER, PreparedRun
 
 SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """First candidates for the force at which the flank turns, over the greatest load against the
@@ -106,9 +106,8 @@ def _candidates(run: PreparedRun, against: Floats, levels: Floats) -> Floats:
     """Rows of sgn(v) where the load against the motion (n,) exceeds each level, (m, k)."""
     way = np.sign(run.speed_rad_s)
     columns = np.column_stack([np.where(against > level, way, 0.0) for level in levels])
-    settings = run.settings
     for column in columns.T:
-        column[:] = low_pass(column, settings.cutoff_hz, settings.order, run.period_s)
+        column[:] = low_pass(column, run.settings.cutoff_hz, ORDER, run.period_s)
     return run.moving_rows(columns)
 
 

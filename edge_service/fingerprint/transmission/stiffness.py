@@ -21,7 +21,7 @@ from ...messages.samples import ANGLE, EXTERNAL_FORCE, TABLE_POSITION, Floats
 from ...models.machine import Machine, Quantity
 from ...regression.interval_estimate import IntervalEstimate, normal_quantile, undetermined
 from ...regression.linear import least_squares
-from ...regression.prepared_run import PreparedRun, derivative_noise_rms
+from ...regression.prepared_run import DECIMATION, PreparedRun, derivative_noise_rms
 from ..result import Contents, Curve
 from .load_reversal import find_load_reversal
 
@@ -177,7 +177,7 @@ def _rows(
     return (
         run.moving_rows(columns),
         run.moving_rows(stretch),
-        noise[:: run.settings.decimation][run.moving[:: run.settings.decimation]],
+        noise[::DECIMATION][run.moving[::DECIMATION]],
     )
 
 

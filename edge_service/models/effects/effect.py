@@ -158,13 +158,10 @@ class Trace:
     Attributes:
         prior: sampling period, s, and Coulomb level, N m -> mean and standard deviation of the
             amount at the values `shape`; of the share of the effect where it has no amount.
-        ranges: parameter -> lowest value, and spread above it, among healthy axes that are
-            simulated; a torque is over the Coulomb level.
     """
 
     prior: Callable[[float, float], tuple[float, float]] | None = None
     shape: Values = field(default_factory=dict)
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

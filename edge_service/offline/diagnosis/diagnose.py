@@ -201,7 +201,7 @@ def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
         best = propose(machine, tied, values)[:1]
     except MotionError:
         return found
-    return found.model_copy(update={"next_motion": best[0].candidate.motion}) if best else found
+    return found.model_copy(update={"next_motion": best[0].motion}) if best else found
 
 
 def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:

@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ...diagnose.session.recordings import Run, runs_of
+from ...diagnose.session.recordings import runs_of
 from ...diagnose.session.session import Session
 from ...diagnose.session.twin import rigid_baseline
 from ...exit_status import BAD_DATA, BadInputError
 from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
+from ...regression.run import Run
 from ..recordings import open_recording, reported
 
 NOTHING_TO_COMPARE = (

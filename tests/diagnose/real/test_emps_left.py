@@ -19,9 +19,6 @@ PUBLISHED_RESIDUAL_N = {"emps_estimation.csv": 2.1843, "emps_validation_pulses.c
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the EMPS recordings are not here")
 
 
-INERTIA_KG_M2 = 95.1089 * RATIO**2
-
-
 @cache
 def session_of_record(name: str) -> Session:
     """Remainder of a record beside the published friction."""
@@ -54,27 +51,3 @@ def test_the_published_friction_leaves_the_published_residual_and_a_small_ripple
     left = rows.gap - columns @ np.linalg.lstsq(columns, rows.gap, rcond=None)[0]
     shrink = 1.0 - float(np.sqrt(np.mean(left**2))) / rows.rms
     assert 0.002 < shrink < 0.06
-
-
-def test_the_pulses_ask_for_the_lag_of_a_held_command_and_for_no_spring():
-    """A command that acts T late is ahead of the torque by T d/dt; a spring of the load adds
-    -(J^2 / K) d2a/dt2. One is odd in time, the other even: one encoder tells them apart."""
-    session = session_of_record("emps_validation_pulses.csv")
-    rows = session.channels[TORQUE_GAP]
-
-    def inertial(motion):
-        return INERTIA_KG_M2 * motion.acceleration_rad_s2
-
-    lag = session.column(TORQUE_GAP, lambda m: np.gradient(inertial(m), m.time_s))
-    spring = session.column(
-        TORQUE_GAP, lambda m: -np.gradient(np.gradient(inertial(m), m.time_s), m.time_s)
-    )
-    assert abs(np.corrcoef(lag, spring)[0, 1]) < 0.01
-    amounts = [float(each @ rows.gap) / float(each @ each) for each in (lag, spring)]
-    shrinks = [
-        1.0 - float(np.sqrt(np.mean((rows.gap - k * each) ** 2))) / rows.rms
-        for k, each in zip(amounts, (lag, spring), strict=True)
-    ]
-    assert 0.5e-3 < amounts[0] < 1.0e-3  # half a period of 1 ms, and a current loop
-    assert shrinks[0] > 0.15
-    assert shrinks[1] < 0.01

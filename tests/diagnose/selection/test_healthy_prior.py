@@ -8,13 +8,10 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
-from edge_service.diagnose.candidates.design_matrix import healthy_priors
 from edge_service.diagnose.residual.noise import (
     INTERPOLATION_M,
     TOLERANCE_OF_FLOOR,
 )
-from edge_service.diagnose.session.twin import parameter_tolerances
-from edge_service.models.effects.effect import MATERIAL_TOLERANCES
 
 from ..conftest import recorded
 
@@ -63,26 +60,6 @@ def test_a_tolerance_that_is_none_is_refused_in_a_line(
     said = capsys.readouterr().err
     assert "tolerance.torque_nm" in said
     assert said.count("\n") == 1
-
-
-def test_an_inertia_hardly_known_says_nothing_of_the_torque(machine_file: Path) -> None:
-    machine = load_machine(machine_file)
-    loose = machine.model.inertia_kg_m2.model_copy(update={"tolerance": 0.3})
-    model = machine.model.model_copy(update={"inertia_kg_m2": loose})
-    sigma = parameter_tolerances(machine.model_copy(update={"model": model}))
-    assert sigma["torque_gain_error"] <= 0.01
-    assert sigma["inertia_error"] == pytest.approx(0.3 * loose.value)
-
-
-def test_a_torque_may_be_recorded_as_it_acts_or_as_it_is_commanded(machine_file: Path) -> None:
-    for period_s in (1e-3, 2e-3, 8e-3):
-        prior = {
-            each.regressor.name: each
-            for each in healthy_priors(load_machine(machine_file), period_s, 0.2)
-        }["delay"]
-        reach_s = MATERIAL_TOLERANCES * prior.sigma
-        assert prior.mean - reach_s < 0.0
-        assert prior.mean + reach_s > 0.5 * period_s + 3e-4
 
 
 @pytest.mark.slow

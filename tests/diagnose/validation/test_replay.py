@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.session.prescribed_motion import PrescribedMotionAxis
-from edge_service.diagnose.session.recordings import Run, runs_of
+from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
 from edge_service.diagnose.validation import replay as replay_module
@@ -18,6 +18,7 @@ from edge_service.models.effects.signature import transmission_signature
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.plant.encoders import Sensors
+from edge_service.regression.run import Run
 
 from ..conftest import frame_of, recorded, runs, session_of
 from ..test_diagnosis import diagnosed

@@ -26,5 +26,5 @@ EFFECT = Effect(
     contributions=lambda values: (Change(Constant.TORQUE_LAG, values["lag_s"]),),
     term=Term.LAG,
     least_rate_hz=ACCELERATION_HZ,
-    trace=Trace(_healthy_lag, ranges={"lag_s": (1e-4, 3e-4)}),
+    trace=Trace(_healthy_lag),
 )

@@ -31,5 +31,5 @@ EFFECT = Effect(
     imitates=frozenset({"backlash", "compliance", "quadratic_friction", "stribeck"}),
     most_shapes=1,
     most_entries=1,
-    trace=Trace(_healthy_share, {"reach_m": 1e-6}, {"reach_m": (3e-7, 1.5e-6)}),
+    trace=Trace(_healthy_share, {"reach_m": 1e-6}),
 )

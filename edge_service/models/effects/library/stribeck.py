@@ -63,10 +63,6 @@ EFFECT = Effect(
     imitates=frozenset({"presliding", "quadratic_friction"}),
     most_shapes=2,
     most_entries=1,
-    trace=Trace(
-        _healthy_excess,
-        {"speed_rad_s": 1.5, "exponent": 1.0},
-        {"excess_nm": (0.0, 0.06), "speed_rad_s": (1.0, 2.0)},
-    ),
+    trace=Trace(_healthy_excess, {"speed_rad_s": 1.5, "exponent": 1.0}),
     empirical_forms=_empirical_forms,
 )

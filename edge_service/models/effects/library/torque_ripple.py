@@ -1,7 +1,7 @@
 """A motor whose torque wavers with its angle."""
 
 from ..contribution import Over, Side, SmoothTorque
-from ..effect import ACCELERATION_HZ, Effect, Kind, Trace, amount, harmonic, order, phase
+from ..effect import ACCELERATION_HZ, Effect, Kind, amount, harmonic, order, phase
 
 EFFECT = Effect(
     name="torque_ripple",
@@ -17,5 +17,4 @@ EFFECT = Effect(
         SmoothTorque(Over.ANGLE, harmonic(values, "amplitude_nm"), Side.MOTOR),
     ),
     least_rate_hz=ACCELERATION_HZ,
-    trace=Trace(ranges={"amplitude_nm": (0.0, 0.01)}),
 )
