@@ -17,9 +17,8 @@ from edge_service.health.axis_events import (
     recording_kept,
     recording_name,
 )
+from edge_service.health.consistency import CHANNELS, Disagreement
 from edge_service.health.inputs import DataFaults
-from edge_service.health.model_watch.channel_model import CHANNELS
-from edge_service.health.model_watch.consistency import Disagreement
 from edge_service.http_api.words import words_in
 from edge_service.messages.codec import Header
 from edge_service.messages.event import (

@@ -20,10 +20,10 @@ from ..messages.interval import Interval, rfc3339
 from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
+from .consistency import CHANNEL_WORDS
 from .headline import clock, condition_words, limit_words
 from .inputs import NS_PER_S, moved
 from .limits import AlarmSettings
-from .model_watch.consistency import CHANNEL_WORDS
 from .trend import is_over
 
 _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}

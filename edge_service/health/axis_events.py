@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 
 from ..messages.command import Command
 from ..messages.event import AxisCondition, Code, Event, told
+from .consistency import CHANNEL_WORDS, Disagreement
 from .inputs import NS_PER_S
-from .model_watch.consistency import CHANNEL_WORDS, Disagreement
 
 
 def preload_rose(axis: str, before: float, after: float, now_ns: int) -> Event:

@@ -22,11 +22,10 @@ from .alarm_latch import LatchSnapshot
 from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition import ConditionMonitor
+from .consistency import ConsistencyWatch, Disagreement, LearnedChannel
+from .friction import FrictionClasses, FrictionWatch
 from .inputs import NS_PER_S, moved
 from .limits import AlarmSettings
-from .model_watch.channel_model import LearnedChannel
-from .model_watch.consistency import ConsistencyWatch, Disagreement
-from .model_watch.friction_watch import FrictionClasses, FrictionWatch
 from .trend import PreloadHistory, PreloadSteps, as_of, preload_trend
 from .usage import ScrewGeometry, UsageCounter
 

@@ -1,6 +1,7 @@
 """The last word on one axis: what may be read of it now, and nothing else."""
 
 from ..messages.answer import AxisAnswer, of_fresh
+from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition
 from ..messages.health import AxisHealth, Limits
@@ -20,6 +21,16 @@ class AxisState:
         self.health_input = InputWatch(HEALTH.stale_after_s)
         self.estimate: PreloadEstimate | None = None
         self.health: AxisHealth | None = None
+
+    def hear_estimate(self, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
+        """Take an estimate in."""
+        self.preload_input.hear(header, now_ns)
+        self.estimate = estimate
+
+    def hear_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
+        """Take a condition in."""
+        self.health_input.hear(header, now_ns)
+        self.health = health
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why nothing current can be said; empty if it can."""
@@ -63,6 +74,7 @@ class AxisState:
             "method": estimate.method,
             "measured_time_ns": self.preload_input.measured_ns,
             "limits": limits,
+            "components": self._components.reports(now_ns, self.axis) or last.components,
         }
         missing = self.missing(now_ns)
         is_known = last.condition is not unavailable and not missing

@@ -67,10 +67,16 @@ class ComponentWatch:
             key: (report, heard_ns + step_ns) for key, (report, heard_ns) in self._reports.items()
         }
 
-    def reports(self, now_ns: int) -> tuple[ComponentHealth, ...]:
-        """Present status of every component heard, in the order of first hearing."""
+    def reports(self, now_ns: int, axis: str | None = "") -> tuple[ComponentHealth, ...]:
+        """Present status of the components heard, in the order of first hearing.
+
+        Args:
+            axis: of this one alone; None: of those that serve all axes; empty: of all.
+        """
         found = []
         for report, heard_ns in self._reports.values():
+            if axis not in ("", report.axis):
+                continue
             silent = abs(now_ns - heard_ns) > self._silent_after_s * NS_PER_S
             if silent and report.status not in _ENDED:
                 reason = f"silent: no report for more than {self._silent_after_s:g} s"

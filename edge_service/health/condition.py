@@ -45,9 +45,8 @@ class ConditionMonitor:
     def on_preload(
         self, header: Header, estimate: PreloadEstimate, now_ns: int
     ) -> tuple[Event, ...]:
-        """Take an estimate in; one that is older than the last is ignored."""
-        if not self._preload_input.accept(header, now_ns):
-            return ()
+        """Take an estimate in."""
+        self._preload_input.hear(header, now_ns)
         before, self.estimate = self.estimate, estimate
         if estimate.status is EstimateStatus.ESTIMATED:
             self._estimated_ns = now_ns
@@ -59,9 +58,8 @@ class ConditionMonitor:
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
-        """Count the data faults of an interval; one that is older than the last is ignored."""
-        if not self._feature_input.accept(header, now_ns):
-            return ()
+        """Count the data faults of an interval."""
+        self._feature_input.hear(header, now_ns)
         return self._data_faults.count(block.fault, now_ns)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:

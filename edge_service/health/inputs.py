@@ -1,4 +1,4 @@
-"""Messages in their order, how old the last one is, and the faults of the data in them."""
+"""How old the last message is, and the faults of the data in it."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ def moved(time_ns: int | None, step_ns: int) -> int | None:
 
 
 class InputWatch:
-    """Freshness and order of one topic of one axis.
+    """Freshness of one topic of one axis; the bus has judged order and publisher.
 
     Two times count, and the older one decides: the newest sample's (`source_time_ns`), so that old
     data that arrive late are old, and the arrival's, so that a source whose clock runs ahead goes
@@ -29,26 +29,10 @@ class InputWatch:
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._arrival_ns = 0
         self.header: Header | None = None
-        self.lost = 0
-        """Payloads missing in the sequence since the first one heard."""
 
-    def accept(self, header: Header, now_ns: int) -> bool:
-        """Take a payload in; False if it is older than one already heard.
-
-        A higher boot epoch is a restarted publisher, whose sequence begins again. A lower one is a
-        latecomer, unless the known publisher fell silent (its host's clock may have been set back).
-        """
-        last = self.header
-        if last is not None:
-            if header.boot_epoch == last.boot_epoch:
-                if header.sequence <= last.sequence:
-                    return False
-                self.lost += header.sequence - last.sequence - 1
-            elif header.boot_epoch < last.boot_epoch and not self._silent(now_ns):
-                return False
-        self.header = header
-        self._arrival_ns = now_ns
-        return True
+    def hear(self, header: Header, now_ns: int) -> None:
+        """Take a payload in."""
+        self.header, self._arrival_ns = header, now_ns
 
     def age_s(self, now_ns: int) -> float | None:
         """Time since the newest sample, s; None if nothing was heard."""
@@ -58,7 +42,7 @@ class InputWatch:
 
     def is_stale(self, now_ns: int) -> bool:
         """No payload may still be read as present."""
-        if self.header is None or self._silent(now_ns):
+        if self.header is None or abs(now_ns - self._arrival_ns) > self._stale_after_ns:
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns
 
@@ -80,9 +64,6 @@ class InputWatch:
         if self.header is None:
             return 0
         return min(self.header.source_time_ns, self._arrival_ns) + self._stale_after_ns
-
-    def _silent(self, now_ns: int) -> bool:
-        return abs(now_ns - self._arrival_ns) > self._stale_after_ns
 
 
 class DataFaults:

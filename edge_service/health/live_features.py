@@ -15,6 +15,8 @@ _LOST_BY = {
     "motor angle": Fault.NO_POSITION | Fault.ANGLE_STUCK,
     "table position": Fault.NO_TABLE,
 }
+_CHANNELS = (*_LOST_BY, "temperature", "external force")
+_DOUBTFUL = Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ class LiveFeatures:
     """The last intervals of one axis, in bounded memory."""
 
     def __init__(self, ratio_m_per_rad: float | None) -> None:
-        self._ratio = ratio_m_per_rad
+        self._ratio = math.nan if ratio_m_per_rad is None else ratio_m_per_rad
         self._points: deque[LivePoint] = deque(maxlen=KEPT)
         self._good: deque[tuple[bool, ...]] = deque(maxlen=_QUALITY_MEMORY)
         self._present: tuple[bool, ...] = ()
@@ -61,15 +63,13 @@ class LiveFeatures:
 
     def add(self, time_ns: int, block: FeatureBlock) -> None:
         """Take an interval in."""
-        speed = 0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)
-        position = block.table_mean_m
-        way = math.nan if self._ratio is None else block.angle_mean_rad * self._ratio
+        position, way = block.table_mean_m, block.angle_mean_rad * self._ratio
         self.temperature_c = block.temperature_c
         self._points.append(
             LivePoint(
                 time_ns=time_ns,
                 torque_nm=_shown(block.torque_mean_nm),
-                speed_rad_s=_shown(speed),
+                speed_rad_s=_shown(0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)),
                 position_m=_shown(position if math.isfinite(position) else way),
                 transmission_m=_shown(position - way),
                 temperature_c=_shown(block.temperature_c),
@@ -77,8 +77,8 @@ class LiveFeatures:
             )
         )
         self._present = _present(block)
-        doubtful = bool(block.fault & (Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE))
-        self._good.append(tuple(each and not doubtful for each in self._present))
+        is_sure = not block.fault & _DOUBTFUL
+        self._good.append(tuple(each and is_sure for each in self._present))
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -96,14 +96,12 @@ class LiveFeatures:
 
     def channels(self) -> tuple[ChannelQuality, ...]:
         """State of each channel; empty before the first interval."""
-        if not self._good:
-            return ()
-        names = (*_LOST_BY, "temperature", "external force")
-        shares = [sum(column) / len(self._good) for column in zip(*self._good, strict=True)]
-        return tuple(
-            ChannelQuality(name, _state(present, share), share)
-            for name, present, share in zip(names, self._present, shares, strict=True)
-        )
+        found = []
+        for k, (name, present) in enumerate(zip(_CHANNELS, self._present, strict=False)):
+            share = sum(each[k] for each in self._good) / len(self._good)
+            state = "missing" if not present else "ok" if share == 1.0 else "faulty"
+            found.append(ChannelQuality(name, state, share))
+        return tuple(found)
 
 
 def _shown(value: float) -> float | None:
@@ -118,9 +116,3 @@ def _present(block: FeatureBlock) -> tuple[bool, ...]:
     known[1] = known[1] and math.isfinite(block.angle_mean_rad)
     more = (block.temperature_c, block.external_force_n)
     return (*known, *(math.isfinite(each) for each in more))
-
-
-def _state(present: bool, share: float) -> str:
-    if not present:
-        return "missing"
-    return "ok" if share == 1.0 else "faulty"

@@ -78,9 +78,9 @@ class ServiceState:
         return tuple(self._axes)
 
     def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
-        """Take an estimate in; one that is older than the last is ignored."""
-        if self._knows(axis) and self._axes[axis].preload_input.accept(header, now_ns):
-            self._axes[axis].estimate = estimate
+        """Take an estimate in."""
+        if self._knows(axis):
+            self._axes[axis].hear_estimate(header, estimate, now_ns)
             if now_ns - header.source_time_ns < _LATEST_NS:
                 temperature_c = self._live[axis].temperature_c
                 self.history.append(axis, header.source_time_ns, estimate, temperature_c)
@@ -93,11 +93,10 @@ class ServiceState:
             self._mark(FEAT.name, axis)
 
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
-        """Take the condition of an axis in; one that is older than the last is ignored."""
-        axis = health.axis
-        if self._knows(axis) and self._axes[axis].health_input.accept(header, now_ns):
-            self._axes[axis].health = health
-            self._mark(HEALTH.name, axis)
+        """Take the condition of an axis in."""
+        if self._knows(health.axis):
+            self._axes[health.axis].hear_health(header, health, now_ns)
+            self._mark(HEALTH.name, health.axis)
 
     def concerns(self, event: Event) -> bool:
         """An event is of the service or of one of its axes."""
@@ -123,16 +122,11 @@ class ServiceState:
 
     def health(self, axis: str, now_ns: int) -> AxisHealth:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
-        told = self._axes[axis].told(self._started_ns, now_ns)
-        own = {report.component: report for report in told.components}
-        heard = self._components.reports(now_ns)
-        own |= {report.component: report for report in heard if report.axis == axis}
-        return told.model_copy(update={"components": tuple(own.values())})
+        return self._axes[axis].told(self._started_ns, now_ns)
 
     def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
         """Components that serve all axes."""
-        reports = self._components.reports(now_ns)
-        return tuple(report for report in reports if report.axis is None)
+        return self._components.reports(now_ns, None)
 
     def renew(self, axis: str, limits: Limits | None, ratio_m_per_rad: float | None) -> None:
         """Show an axis by another machine file from now on, or a new axis."""
@@ -165,11 +159,6 @@ class ServiceState:
     def version(self, topic: str, axis: str) -> int:
         """A number that changes with every payload of a topic."""
         return self._versions[topic, axis]
-
-    def lost_payloads(self, axis: str) -> dict[str, int]:
-        """Payloads missing in the sequence, per topic."""
-        state = self._axes[axis]
-        return {PRELOAD.name: state.preload_input.lost, HEALTH.name: state.health_input.lost}
 
     def unready(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why the service cannot answer for every axis; empty if it can."""

@@ -30,7 +30,7 @@ class UsageCounter:
     """Counts what every usable interval of one axis adds."""
 
     def __init__(self, geometry: ScrewGeometry, now_ns: int) -> None:
-        self._geometry = geometry
+        self._ratio, self._stroke_m = geometry.ratio_m_per_rad, geometry.stroke_m
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
@@ -38,25 +38,35 @@ class UsageCounter:
         self._since_ns = now_ns
         self._moving_s = self._observed_s = self.distance_m = 0.0
         self._reversals = 0
-        self._way_m: Floats = np.zeros(_PARTS if self._geometry.stroke_m else 0)
+        self._way_m: Floats = np.zeros(_PARTS if self._stroke_m else 0)
         self._force_way_m: Floats = np.zeros(len(FORCE_EDGES_N) - 1)
 
     def add(self, block: FeatureBlock) -> None:
-        """Count one interval; unusable ones are left out."""
+        """Count one interval; unusable ones are left out.
+
+        Turning round inside an interval is its straight way: less than was worked.
+        """
         if not block.usable or not math.isfinite(block.moving_fraction):
             return
         self._observed_s += block.duration_s
         self._moving_s += block.moving_fraction * block.duration_s
         self._reversals += block.reversal_count
-        way_m = self._way_of(block)
+        way_m = abs(block.angle_end_rad - block.angle_start_rad) * self._ratio
+        if not math.isfinite(way_m):
+            way_m = abs(block.table_end_m - block.table_start_m)
         if not way_m > 0.0:
             return
         self.distance_m += way_m
-        self._count_place(block, way_m)
-        force_n = abs(block.torque_mean_nm) / self._geometry.ratio_m_per_rad
+        place_m = block.table_mean_m
+        if not math.isfinite(place_m):
+            place_m = block.angle_mean_rad * self._ratio
+        if self._stroke_m and math.isfinite(place_m):
+            part = int(place_m / self._stroke_m * _PARTS)
+            self._way_m[min(max(part, 0), _PARTS - 1)] += way_m
+        force_n = abs(block.torque_mean_nm) / self._ratio
         if math.isfinite(force_n):
-            part = np.searchsorted(FORCE_EDGES_N, force_n, side="right") - 1
-            self._force_way_m[min(int(part), self._force_way_m.size - 1)] += way_m
+            part = int(np.searchsorted(FORCE_EDGES_N, force_n, side="right")) - 1
+            self._force_way_m[min(part, self._force_way_m.size - 1)] += way_m
 
     def use(self) -> Use:
         """Use counted so far."""
@@ -67,7 +77,7 @@ class UsageCounter:
             distance_m=self.distance_m,
             reversals=self._reversals,
             stroke_from_m=0.0,
-            stroke_to_m=self._geometry.stroke_m or 0.0,
+            stroke_to_m=self._stroke_m or 0.0,
             way_m=tuple(round(each, 3) for each in self._way_m.tolist()),
             force_edges_n=FORCE_EDGES_N,
             force_way_m=tuple(round(each, 3) for each in self._force_way_m.tolist()),
@@ -87,20 +97,3 @@ class UsageCounter:
             self._way_m = np.array(use.way_m)
         if len(use.force_way_m) == self._force_way_m.size:
             self._force_way_m = np.array(use.force_way_m)
-
-    def _way_of(self, block: FeatureBlock) -> float:
-        """Way of the table, m; turning round inside the interval is the way at mean speed."""
-        ratio = self._geometry.ratio_m_per_rad
-        straight_m = abs(block.angle_end_rad - block.angle_start_rad) * ratio
-        if not math.isfinite(straight_m):
-            straight_m = abs(block.table_end_m - block.table_start_m)
-        return straight_m
-
-    def _count_place(self, block: FeatureBlock, way_m: float) -> None:
-        stroke_m = self._geometry.stroke_m
-        place_m = block.table_mean_m
-        if not math.isfinite(place_m):
-            place_m = block.angle_mean_rad * self._geometry.ratio_m_per_rad
-        if stroke_m and math.isfinite(place_m):
-            part = min(max(int(place_m / stroke_m * _PARTS), 0), _PARTS - 1)
-            self._way_m[part] += way_m

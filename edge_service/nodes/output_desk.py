@@ -11,11 +11,14 @@ from ..health.service_state import ServiceState
 from ..health.store.outbox import Counts, Outbox
 from ..health.store.store import Store, StoreFailedError
 from ..http_api.problems import RefusedError
+from ..messages.topics import FEAT, PRELOAD
 from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
 from .context import NodeContext
 from .output_node import make_output, outbox_of, send_test
 
 T = TypeVar("T")
+_READS = {"http": PRELOAD.name, "estimate": FEAT.name}
+"""Topic whose payloads a component counts."""
 Action = Literal["test", "requeue", "drop"]
 
 
@@ -81,16 +84,17 @@ class Scrape:
     async def text(self) -> tuple[bytes, str]:
         """Text and its content type."""
         state, at_ns = self._state, now_ns()
-        components = [*state.components(at_ns)]
+        components = state.all_components(at_ns)
         temperature_c = {}
         dropped: Counter[tuple[str, str]] = Counter()
         for axis in state.axes:
-            components += state.health(axis, at_ns).components
             newest = state.live_now(axis)
             if newest is not None and newest.temperature_c is not None:
                 temperature_c[axis] = newest.temperature_c
-            for topic, count in state.lost_payloads(axis).items():
-                dropped[topic, "gap"] += count
+        for report in state.components(at_ns):
+            if report.component in _READS:
+                lost = report.counters.get("lost_payloads", 0)
+                dropped[_READS[report.component], "gap"] += lost
         for (key, _), count in state.refused().items():
             dropped[key.rpartition("/")[2], "refused"] += count
         dropped["", "unknown"] += state.ignored_payloads

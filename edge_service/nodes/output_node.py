@@ -88,16 +88,12 @@ class LatestAnswers:
         self._states = {axis: AxisState(axis, None, silent) for axis in context.machines}
 
     def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
-        """Take an estimate in; one that is older than the last is ignored."""
-        state = self._states[axis]
-        if state.preload_input.accept(header, now_ns()):
-            state.estimate = estimate
+        """Take an estimate in."""
+        self._states[axis].hear_estimate(header, estimate, now_ns())
 
     def take_health(self, axis: str, header: Header, health: AxisHealth) -> None:
-        """Take a condition in; one that is older than the last is ignored."""
-        state = self._states[axis]
-        if state.health_input.accept(header, now_ns()):
-            state.health = health
+        """Take a condition in."""
+        self._states[axis].hear_health(header, health, now_ns())
 
     def now(self) -> tuple[AxisAnswer, ...]:
         """Answers as they hold now, an axis each."""

@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.health.model_watch.channel_model import COMPARED, LEARNED
-from edge_service.health.model_watch.consistency import STRETCH_S, ConsistencyWatch, Disagreement
+from edge_service.health.consistency import (
+    COMPARED,
+    LEARNED,
+    STRETCH_S,
+    ConsistencyWatch,
+    Disagreement,
+)
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.health import ConsistencyState
 

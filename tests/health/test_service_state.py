@@ -152,13 +152,6 @@ def test_components_are_the_monitor_s_with_the_newer_own_reports():
     assert state.components(START_NS) == (shared,)
 
 
-def test_lost_payloads_are_counted_from_the_sequence():
-    state = _state()
-    for sequence in (5, 6, 9, 8, 10):
-        state.on_preload("X", _header(sequence, START_NS), _estimate(), START_NS)
-    assert state.lost_payloads("X")["preload"] == 2
-
-
 async def test_slow_reader_loses_the_oldest_events_and_is_told():
     readers = FanOut(capacity=10)
     with readers.subscribe() as slow, readers.subscribe() as fast:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from edge_service.health.friction import FrictionWatch
 from edge_service.health.live_features import LiveFeatures
-from edge_service.health.model_watch.friction_watch import FrictionWatch
 from edge_service.health.usage import FORCE_EDGES_N, ScrewGeometry, UsageCounter
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 

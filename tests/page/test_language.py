@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from edge_service.health.model_watch.channel_model import CHANNELS
+from edge_service.health.consistency import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobCommand, JobState
 from edge_service.messages.event import AxisCondition

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.features import FeatureBlock
-from ...messages.samples import Floats
-from ...messages.stored import StoredFloats
-from ...messages.trend import FrictionCurve
+from ..messages.features import FeatureBlock
+from ..messages.samples import Floats
+from ..messages.stored import StoredFloats
+from ..messages.trend import FrictionCurve
 
 _STEPS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])
 EDGES_RAD_S: Floats = np.concatenate([-_STEPS[::-1], _STEPS])
@@ -37,33 +37,28 @@ class FrictionWatch:
 
     def restart(self) -> None:
         """Begin anew: a new part came into use."""
-        classes = EDGES_RAD_S.size - 1
-        self._count: Floats = np.zeros(classes)
-        self._recent: Floats = np.zeros(classes)
-        self._speed: Floats = np.full(classes, np.nan)
-        self._now: Floats = np.full(classes, np.nan)
-        self._first: Floats = np.full(classes, np.nan)
+        self._columns: Floats = np.zeros((5, EDGES_RAD_S.size - 1))
+        self._count, self._recent, self._speed, self._now, self._first = self._columns
 
     def restart_newest(self) -> None:
         """The axis changed suddenly: what was before is no longer what is now."""
-        self._count = np.where(self._count > 0.0, np.maximum(self._count, _BASELINE_COUNT), 0.0)
+        seen = self._count > 0.0
+        self._count[seen] = np.maximum(self._count[seen], _BASELINE_COUNT)
         self._recent[:] = 0.0
-        self._now[:] = np.nan
 
     def add(self, block: FeatureBlock) -> None:
         """Take an interval in; only those at steady speed count."""
         speed = 0.5 * (block.speed_start_rad_s + block.speed_end_rad_s)
-        if not _steady(block, speed):
-            return
         k = int(np.searchsorted(EDGES_RAD_S, speed, side="right")) - 1
-        if not 0 <= k < self._count.size or EDGES_RAD_S[k] == -1.0:
+        is_class = 0 <= k < self._count.size and EDGES_RAD_S[k] != -1.0
+        if not is_class or not _steady(block, speed):
             return
         self._count[k] += 1.0
         self._recent[k] = min(self._recent[k] + 1.0, _MEMORY_COUNT)
-        _blend(self._speed, k, speed, self._recent[k])
-        _blend(self._now, k, block.torque_mean_nm, self._recent[k])
+        self._speed[k] += (speed - self._speed[k]) / self._recent[k]
+        self._now[k] += (block.torque_mean_nm - self._now[k]) / self._recent[k]
         if self._count[k] <= _BASELINE_COUNT:
-            _blend(self._first, k, block.torque_mean_nm, self._count[k])
+            self._first[k] += (block.torque_mean_nm - self._first[k]) / self._count[k]
 
     def curve(self) -> FrictionCurve:
         """Classes of speed that were seen lately, most negative first."""
@@ -77,23 +72,13 @@ class FrictionWatch:
 
     def snapshot(self) -> FrictionClasses:
         """State that outlives the process."""
-        columns = (self._count, self._recent, self._speed, self._now, self._first)
-        return FrictionClasses(np.nan_to_num(columns, nan=0.0))
+        return FrictionClasses(self._columns.copy())
 
     def restore(self, snapshot: FrictionClasses) -> None:
         """Go on from a snapshot. Raises ValueError."""
-        columns = snapshot.columns
-        if columns.shape != (5, self._count.size):
+        if snapshot.columns.shape != self._columns.shape:
             raise ValueError("a friction curve of another version")
-        self._count, self._recent, speed, now, first = columns
-        self._speed = np.where(self._count > 0.0, speed, np.nan)
-        self._now = np.where(self._recent > 0.0, now, np.nan)
-        self._first = np.where(self._count > 0.0, first, np.nan)
-
-
-def _blend(column: Floats, k: int, value: float, count: float) -> None:
-    """Mean of `count` values, or one that forgets as slowly as if there were so many."""
-    column[k] = value if math.isnan(column[k]) else column[k] + (value - column[k]) / count
+        self._columns[:] = snapshot.columns
 
 
 def _steady(block: FeatureBlock, speed_rad_s: float) -> bool:
