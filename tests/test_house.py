@@ -170,7 +170,7 @@ MOST_LINES = {
     "drivers": 3811,
     "estimate": 5312,
     "fingerprint": 2980,
-    "health": 5014,
+    "health": 4940,
     "http_api": 2776,
     "messages": 2072,
     "models": 5906,
@@ -180,10 +180,10 @@ MOST_LINES = {
     "recordings": 3435,
     "regression": 1089,
     "beside the rooms": 782,
-    "tests": 49233,
+    "tests": 49202,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 401
+MOST_FILES = 399
 """Modules of the product."""
 
 
