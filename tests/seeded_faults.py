@@ -40,8 +40,8 @@ FAULTS = (
     ),
     Fault(
         "bus",
-        "self.lost += header.sequence - self._header.sequence - 1",
-        "self.lost += header.sequence - self._header.sequence",
+        "self.lost += step - 1",
+        "self.lost += step",
         ("tests/bus",),
     ),
     Fault(

@@ -163,14 +163,6 @@ def test_every_command_and_option_that_a_document_names_exists(path: str) -> Non
         assert wrong_uses(parts) == []
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["`edge-service gap --speed 3`", "`--speed` of `edge-service gap`", "`edge-service judge`"],
-)
-def test_a_wrong_command_or_option_is_found(text: str) -> None:
-    assert [wrong_uses(parts) for parts in passages(text) if parts] != [[]]
-
-
 def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
     text = guide()
     example = Machine.model_validate(tomllib.loads(block("deploy/README.md", "toml", "lead_m")))

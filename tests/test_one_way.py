@@ -68,7 +68,14 @@ def grows_a_pause(node: ast.AST) -> bool:
 WAYS: dict[str, tuple[Does, str]] = {
     "change a file": (changes_a_file, "edge_service/atomic.py"),
     "begin a thread": (
-        calls("Thread", "Timer", "ThreadPoolExecutor", "to_thread", "run_in_executor"),
+        calls(
+            "Thread",
+            "Timer",
+            "ThreadPoolExecutor",
+            "to_thread",
+            "run_in_executor",
+            "run_in_threadpool",
+        ),
         "edge_service/threads.py",
     ),
     "start a command": (

@@ -1,6 +1,5 @@
 """Threads of one kind of work: bounded, and blocked ones starve no other kind."""
 
-import ast
 import asyncio
 import threading
 from collections.abc import Iterator
@@ -11,8 +10,6 @@ import pytest
 
 from edge_service.http_api.context import from_history
 from edge_service.threads import Threads
-
-from .documents import ROOT
 
 PATIENCE_S = 60.0
 HUNG = 40
@@ -90,24 +87,3 @@ async def test_requests_that_hang_starve_no_driver(tmp_path: Path) -> None:
             assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
         go_on.set()
         assert all(await asyncio.gather(*asked))
-
-
-SHARED = {"to_thread", "run_in_executor", "run_in_threadpool"}
-
-
-def shared_by(path: Path) -> set[str]:
-    """Calls in a module that use the thread pool that all share."""
-    called = (
-        each.func
-        for each in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(each, ast.Call)
-    )
-    return SHARED & {
-        each.attr if isinstance(each, ast.Attribute) else ast.unparse(each) for each in called
-    }
-
-
-def test_nobody_works_in_the_pool_that_all_share() -> None:
-    paths = [path for house in ("edge_service", "drivers") for path in (ROOT / house).rglob("*.py")]
-    found = {path.relative_to(ROOT).as_posix(): shared_by(path) for path in paths}
-    assert {place: names for place, names in found.items() if names} == {}

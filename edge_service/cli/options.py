@@ -1,4 +1,4 @@
-"""What makes a function a command: parameters that say by annotation how they are given."""
+"""Commands made of functions: parameters say by annotation how they are given."""
 
 import json
 import sys

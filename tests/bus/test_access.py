@@ -148,20 +148,6 @@ async def test_everybody_hears_everything_and_commands_nothing(mode: str, router
     answering.close()
 
 
-async def test_a_bus_for_nodes_lets_them_publish() -> None:
-    router = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", read_only=False))
-    node = await Bus.open(BusSettings(router.endpoint, "client"))
-    scene = Scene(router)
-
-    def publish() -> bool:
-        node._session.put(KEYS.key("X", RAW), b"true")
-        return bool(scene.heard)
-
-    await until(publish)
-    await node.close()
-    await router.close()
-
-
 async def test_zenohs_own_file_adds_endpoints_with_tls(tmp_path: Path) -> None:
     certificate, key = write_certificates(tmp_path)
     place = f"tls/127.0.0.1:{free_port()}"

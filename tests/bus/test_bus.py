@@ -157,16 +157,6 @@ async def test_the_last_payload_answers_a_query(router: Bus, client: Bus) -> Non
     await answered(ask, expected)
 
 
-async def test_presence_shows_by_a_liveliness_token(router: Bus, client: Bus) -> None:
-    router.declare_alive(KEYS.alive)
-
-    def ask() -> list[bytes]:
-        replies = client._session.liveliness().get(KEYS.alive)
-        return [str(reply.ok.key_expr).encode() for reply in replies if reply.ok]
-
-    await answered(ask, KEYS.alive.encode())
-
-
 @pytest.mark.parametrize(
     "endpoint", ["tcp/0.0.0.0:0", "tcp/192.0.2.1:7447", "udp/127.0.0.1:0", "127.0.0.1", "tcp/x:1"]
 )
