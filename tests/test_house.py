@@ -172,7 +172,7 @@ MOST_LINES = {
     "recordings": 3435,
     "regression": 1089,
     "beside the rooms": 782,
-    "tests": 49202,
+    "tests": 48866,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 399
