@@ -1,6 +1,7 @@
 """Programs started beside the service: in the background, and ended with all that they started."""
 
 import asyncio
+import ctypes
 import os
 import signal
 import sys
@@ -11,6 +12,7 @@ PROGRAM = (sys.executable, "-m", "edge_service")
 NICE = 10
 PATIENCE_S = 5.0
 """Time that a program has to end by itself when it is asked to."""
+_PR_SET_PDEATHSIG = 1
 ENVIRONMENT = {
     "EDGE_SERVICE_PROGRESS": "1",
     "MALLOC_ARENA_MAX": "2",
@@ -32,6 +34,12 @@ async def started(*words: str, **streams: Any) -> asyncio.subprocess.Process:
         os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
         _let_go_first(process.pid)
     return process
+
+
+def end_with_parent() -> None:
+    """Let a process that `started` began end when its service is killed: prctl(2), on Linux."""
+    if "EDGE_SERVICE_PROGRESS" in os.environ and sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 async def end(process: asyncio.subprocess.Process) -> None:

@@ -79,6 +79,11 @@ class Subscriber(Generic[T]):
             "publisher_restarts": sum(sender.restarts for sender in senders),
         }
 
+    @property
+    def has_unread(self) -> bool:
+        """Payloads wait, and may still be read."""
+        return not self._closed and bool(self._rings)
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""
         key, now_s = str(sample.key_expr), time.monotonic()

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 BACKOFF_FIRST_S, BACKOFF_CAP_S = 0.5, 5.0
 LET_GO_S = 10.0  # after which a driver that does not close is left to itself
 CREDIT_S = 3.0  # axis time that an unpaced source may run ahead of its estimates
-CREDIT_PATIENCE_S = 1.0  # wall time after which it goes on without an answer
+CREDIT_PATIENCE_S = 1.0  # wall time after which it goes on unless something is still unread
 
 
 def make_driver(axis: AxisConfig) -> Driver:
@@ -184,7 +184,8 @@ class Acquisition:
                             _, _, estimate = await anext(answers)
                         answered_s = estimate.time_s
                     except TimeoutError:
-                        answered_s = newest_s
                         answers = aiter(subscriber)
+                        if not self._context.bus.has_unread():
+                            answered_s = newest_s
         finally:
             subscriber.close()

@@ -29,7 +29,7 @@ from .stages import load_machines, make_estimator
 log = logging.getLogger(__name__)
 PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 CLOCK_PERIOD_S = 1.0
-DRAIN_S = 0.5
+DRAIN_PERIOD_S = 0.02
 LOOK_PERIOD_S, HELD_UP_S, TOLD_AGAIN_S = 0.5, 1.0, 60.0
 _JOIN_FIRST_S, _JOIN_CAP_S = 0.5, 5.0
 _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
@@ -196,6 +196,11 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
         axis = next(each for each in context.config.axes if each.name == name)
         sources[name] = process.start(acquire_node.run(context, axis))
 
+    async def drain(of: list[asyncio.Task[None]]) -> None:
+        """Stop when sources have ended, and what they gave has passed all nodes."""
+        await asyncio.wait(of)
+        process.repeat(DRAIN_PERIOD_S, lambda: None if context.bus.has_unread() else stop.set())
+
     known = {*context.machines}
     context.renewals.append(changed)
     try:
@@ -215,19 +220,12 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
             if "http" not in names:
                 notify_systemd("READY=1")
             if context.is_replay:
-                process.start(_stop_after([*sources.values()], stop))
+                process.start(drain([*sources.values()]))
             await stop.wait()
             notify_systemd("STOPPING=1")
     finally:
         context.dispatcher.flush()
         context.store.close()
-
-
-async def _stop_after(sources: list[asyncio.Task[None]], stop: asyncio.Event) -> None:
-    """Stop when all sources have ended, and what they gave has passed all nodes."""
-    await asyncio.wait(sources)
-    await asyncio.sleep(DRAIN_S)
-    stop.set()
 
 
 async def _watch_loop() -> None:
