@@ -33,10 +33,10 @@ def node(name: str, config: Path | None, port: Port, endpoint: Endpoint) -> None
     NAME is bus (the router that all others connect to), acquire, downsample, estimate, health, http
     or an output.
     """
-    from ..nodes.service import run_node
+    from ..nodes.service import run_service
 
     log_to_stderr()
-    asyncio.run(run_node(partial(configured, config, port, endpoint), name, announce))
+    asyncio.run(run_service(partial(configured, config, port, endpoint), announce, name))
 
 
 @command("check-config deploy/edge.toml", "check-config")

@@ -2,13 +2,13 @@
 
 import asyncio
 import gc
-import getpass
 import logging
 import os
 import signal
 import socket
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from .. import __version__
@@ -31,7 +31,6 @@ PIPELINE = ("http", "health", "estimate", "downsample", "acquire")
 CLOCK_PERIOD_S = 1.0
 DRAIN_PERIOD_S = 0.02
 LOOK_PERIOD_S, HELD_UP_S, TOLD_AGAIN_S = 0.5, 1.0, 60.0
-_JOIN_FIRST_S, _JOIN_CAP_S = 0.5, 5.0
 _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
     "downsample": downsample_node.run,
     "estimate": estimate_node.run,
@@ -40,44 +39,55 @@ _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def run_service(read: Callable[[], EdgeConfig], on_http_ready: Callable[[str], None]) -> None:
-    """All nodes in one process, until SIGINT or SIGTERM.
+async def run_service(
+    read: Callable[[], EdgeConfig], on_http_ready: Callable[[str], None], name: str | None = None
+) -> None:
+    """All nodes in one process, or one alone, until SIGINT or SIGTERM.
 
-    The process is the bus' router: others connect to its endpoint.
+    All together are the router of the bus, to which others connect; else the node `bus` is, and
+    every other one waits for it and joins it.
 
     Args:
         read: reads the configuration, now and again at each SIGHUP.
     """
     config = read()
-    await check_service(config)
-    check_access(config)
-    place = config.bus
-    bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))
-    await _run_on(bus, config, (*config.outputs, *PIPELINE), on_http_ready, read)
-
-
-async def run_node(
-    read: Callable[[], EdgeConfig], name: str, on_http_ready: Callable[[str], None]
-) -> None:
-    """One node alone: `bus` is the router, every other node waits for it and joins it."""
-    config = read()
     there = ("bus", *PIPELINE, *config.outputs)
-    if name not in there:
+    if name is not None and name not in there:
         raise ConfigError(f"no node {name!r}; there are {', '.join(sorted(there))}")
     await check_service(config)
-    place = config.bus
-    if name == "http":
+    if name in (None, "http"):
         check_access(config)
-    if name == "bus":  # its nodes publish from processes of their own: so may others
-        bus = await Bus.open(BusSettings(place.endpoint, "router", False, place.zenoh_file))
+    # Around a router alone nodes publish from processes of their own: so may others.
+    place = config.bus
+    settings = BusSettings(place.endpoint, "client", name != "bus", place.zenoh_file)
+    bus = await _joined(replace(settings, role="router") if name in (None, "bus") else settings)
+    if name == "bus":
         log.info("bus at %s", bus.endpoint)
-    else:
-        bus = await _join(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
-    await _run_on(bus, config, (name,), on_http_ready, read)
+    names = (*config.outputs, *PIPELINE) if name is None else (name,)
+    try:
+        bus.declare_alive(config.keys.alive)
+        context = NodeContext(config, bus, on_http_ready)
+        started = Event(
+            axis="",
+            kind="service_started",
+            level=AxisCondition.NORMAL,
+            text=f"edge-service {__version__} started: {' '.join(names)}",
+            time_ns=now_ns(),
+            who=os.environ.get("USER") or str(os.getuid()),
+            origin=f"process {os.getpid()}",
+            data={"version": __version__, "configuration_digest": config.digest},
+        )
+        context.events.put((started,), now_ns())
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGHUP, reread, context, read)
+        await run_nodes(context, names, install_stop())
+    finally:
+        await bus.close()
 
 
-async def _join(settings: BusSettings) -> Bus:
-    retry, is_told = Retry(_JOIN_FIRST_S, _JOIN_CAP_S), False
+async def _joined(settings: BusSettings) -> Bus:
+    """The bus; a client waits for its router."""
+    retry, is_told = Retry(0.5, 5.0), False
     while True:
         try:
             return await Bus.open(settings)
@@ -86,39 +96,6 @@ async def _join(settings: BusSettings) -> Bus:
                 log.warning("%s; waiting for it", error)
             is_told = True
             await asyncio.sleep(retry.pause_s())
-
-
-async def _run_on(
-    bus: Bus,
-    config: EdgeConfig,
-    names: tuple[str, ...],
-    on_http_ready: Callable[[str], None],
-    read: Callable[[], EdgeConfig],
-) -> None:
-    try:
-        bus.declare_alive(config.keys.alive)
-        context = NodeContext(config, bus, on_http_ready)
-        try:
-            who = getpass.getuser()
-        except (KeyError, OSError):  # a user without a name
-            who = str(os.getuid())
-        started = Event(
-            axis="",
-            kind="service_started",
-            level=AxisCondition.NORMAL,
-            text=f"edge-service {__version__} started: {' '.join(names)}",
-            time_ns=now_ns(),
-            who=who,
-            origin=f"process {os.getpid()}",
-            data={"version": __version__, "configuration_digest": config.digest},
-        )
-        context.events.put((started,), now_ns())
-        with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
-            loop = asyncio.get_running_loop()
-            loop.add_signal_handler(signal.SIGHUP, reread, context, read)
-        await run_nodes(context, names, install_stop())
-    finally:
-        await bus.close()
 
 
 def install_stop() -> asyncio.Event:
@@ -167,8 +144,7 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
     """
     gc.collect()
     gc.freeze()  # a full collection over the imported libraries would stop the loop for 0.2 s
-    name = "service" if len(names) > 1 else f"{names[0]}_process"
-    process = Component(context, name)
+    process = Component(context, "service" if len(names) > 1 else f"{names[0]}_process")
     tell_url = context.on_http_ready
 
     def served(url: str) -> None:
@@ -176,56 +152,72 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
         tell_url(url)
 
     context.on_http_ready = served
-    sources: dict[str, asyncio.Task[None]] = {}
-    outputs: dict[str, asyncio.Task[None]] = {}
-
-    def changed(name: str) -> None:
-        """Read an axis that is new, or no longer; outputs begin anew with the axes that are."""
-        if (name in context.machines) == (name in known):
-            return
-        known.symmetric_difference_update((name,))
-        for output, task in outputs.items():
-            task.cancel()
-            outputs[output] = process.start(output_node.run(context, output))
-        if name in sources:
-            sources.pop(name).cancel()
-        elif "acquire" in names:
-            read(name)
-
-    def read(name: str) -> None:
-        axis = next(each for each in context.config.axes if each.name == name)
-        sources[name] = process.start(acquire_node.run(context, axis))
-
-    async def drain(of: list[asyncio.Task[None]]) -> None:
-        """Stop when sources have ended, and what they gave has passed all nodes."""
-        await asyncio.wait(of)
-        process.repeat(DRAIN_PERIOD_S, lambda: None if context.bus.has_unread() else stop.set())
-
-    known = {*context.machines}
-    context.renewals.append(changed)
+    nodes = _Nodes(context, process, names)
+    context.renewals.append(nodes.renew)
     try:
         async with process.running():
             process.to(ComponentStatus.OK)
             process.repeat(CLOCK_PERIOD_S, CLOCK.follow)
             process.start(_watch_loop())
-            process.start(_feed_watchdog(context, name))
+            process.start(_feed_watchdog(context, process.name))
             process.start(context.dispatcher.run(process.bears))
             for each in names:
-                if each in context.config.outputs:
-                    outputs[each] = process.start(output_node.run(context, each))
-                elif each in _RUNS:
+                if each in _RUNS:
                     process.start(_RUNS[each](context))
-            for axis in context.config.axes if "acquire" in names else ():
-                read(axis.name)
+            nodes.tell_outputs()
+            for axis in context.machines:
+                nodes.read(axis)
             if "http" not in names:
                 notify_systemd("READY=1")
             if context.is_replay:
-                process.start(drain([*sources.values()]))
+                process.start(nodes.drain(stop))
             await stop.wait()
             notify_systemd("STOPPING=1")
     finally:
         context.dispatcher.flush()
         context.store.close()
+
+
+class _Nodes:
+    """Nodes of which there is one for each axis, or which begin anew with an axis."""
+
+    def __init__(self, context: NodeContext, process: Component, names: tuple[str, ...]) -> None:
+        self._context, self._process, self._names = context, process, names
+        self._known = {*context.machines}
+        self._sources: dict[str, asyncio.Task[None]] = {}
+        self._outputs: list[asyncio.Task[None]] = []
+
+    def renew(self, axis: str) -> None:
+        """Read an axis that is new, or no longer; outputs begin anew with the axes that are."""
+        if (axis in self._context.machines) == (axis in self._known):
+            return
+        self._known ^= {axis}
+        self.tell_outputs()
+        if axis in self._sources:
+            self._sources.pop(axis).cancel()
+        else:
+            self.read(axis)
+
+    def read(self, axis: str) -> None:
+        """Read an axis."""
+        if "acquire" in self._names:
+            table = next(each for each in self._context.config.axes if each.name == axis)
+            self._sources[axis] = self._process.start(acquire_node.run(self._context, table))
+
+    def tell_outputs(self) -> None:
+        """Begin with the outputs, or begin anew."""
+        for task in self._outputs:
+            task.cancel()
+        there = [each for each in self._names if each in self._context.config.outputs]
+        self._outputs = [
+            self._process.start(output_node.run(self._context, each)) for each in there
+        ]
+
+    async def drain(self, stop: asyncio.Event) -> None:
+        """Stop when all sources have ended, and what they gave has passed all nodes."""
+        await asyncio.wait([*self._sources.values()])
+        bus = self._context.bus
+        self._process.repeat(DRAIN_PERIOD_S, lambda: None if bus.has_unread() else stop.set())
 
 
 async def _watch_loop() -> None:
