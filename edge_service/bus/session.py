@@ -93,10 +93,6 @@ class Bus:
         """Payloads that the subscribers of this process refused, by key and reason."""
         return together(list(self._refusals))
 
-    def has_unread(self) -> bool:
-        """Return whether something waits that was published here and is heard in this process."""
-        return any(each.has_unread for each in self._subscribers)
-
     def answer(self, key_expr: str, answer: Answer) -> Answering:
         """Answer the questions that are put on `key_expr`, until that is closed."""
         answering = Answering(self._session, key_expr, answer)

@@ -185,7 +185,7 @@ class Acquisition:
                         answered_s = estimate.time_s
                     except TimeoutError:
                         answers = aiter(subscriber)
-                        if not self._context.bus.has_unread():
+                        if not self._context.has_unread():
                             answered_s = newest_s
         finally:
             subscriber.close()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..bus.publisher import Publisher
 from ..bus.session import Bus
@@ -52,6 +52,7 @@ class NodeContext:
         self.store = Store(None if folder is None else folder / FILE_NAME)
         self.events = EventLog(self.store)
         self.dispatcher = EventDispatcher(self.events)
+        self._subscribers: list[Subscriber[Any]] = []
         self.renewals: list[Callable[[str], None]] = []
         """Told of every axis that begins, begins anew or is gone from `machines`."""
 
@@ -94,7 +95,13 @@ class NodeContext:
         """Subscribe to one topic of every configured axis."""
         names, keys = self.config.keys, set[str]()
         self._for_every_axis(lambda axis: keys.add(names.key(axis, topic)))
-        return self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
+        subscriber = self.bus.subscribe(names.all_axes(topic), topic, depth=depth, keys=keys)
+        self._subscribers.append(subscriber)
+        return subscriber
+
+    def has_unread(self) -> bool:
+        """Return whether something that was published waits for a node of this process."""
+        return any(each.has_unread for each in self._subscribers)
 
     def subscribe_to_components(self, topic: Topic[T]) -> Subscriber[T]:
         """Subscribe to one topic of every component."""

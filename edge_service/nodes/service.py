@@ -216,8 +216,8 @@ class _Nodes:
     async def drain(self, stop: asyncio.Event) -> None:
         """Stop when all sources have ended, and what they gave has passed all nodes."""
         await asyncio.wait([*self._sources.values()])
-        bus = self._context.bus
-        self._process.repeat(DRAIN_PERIOD_S, lambda: None if bus.has_unread() else stop.set())
+        context = self._context
+        self._process.repeat(DRAIN_PERIOD_S, lambda: None if context.has_unread() else stop.set())
 
 
 async def _watch_loop() -> None:
