@@ -24,7 +24,7 @@ from .consistency import CHANNEL_WORDS
 from .headline import clock, condition_words, limit_words
 from .inputs import NS_PER_S, moved
 from .limits import AlarmSettings
-from .trend import is_over
+from .wear.trend import is_over
 
 _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
 _NIS_MEMORY = 0.98
@@ -78,7 +78,7 @@ class SuddenDrop:
 
 @dataclass(slots=True)
 class _Fit:
-    """How well the estimator's model fits.
+    """Fit of the estimator's model.
 
     Attributes:
         used_s: motion that the newest estimate rests on, s.
@@ -232,7 +232,7 @@ class AxisAlarms:
     def _causes(
         self, health: AxisHealth, trend: Trend | None, now_ns: int
     ) -> dict[AlarmKind, _Cause]:
-        """Whether the cause of each kind holds (None: nobody can tell), with its words."""
+        """State of the cause of each kind (None: nobody can tell), with its words."""
         known = health.condition is not AxisCondition.UNAVAILABLE
         low = health.condition is AxisCondition.WARNING
         lost = health.condition is AxisCondition.FAULT

@@ -23,11 +23,11 @@ from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition import ConditionMonitor
 from .consistency import ConsistencyWatch, Disagreement, LearnedChannel
-from .friction import FrictionClasses, FrictionWatch
 from .inputs import NS_PER_S, moved
 from .limits import AlarmSettings
-from .trend import PreloadHistory, PreloadSteps, as_of, preload_trend
-from .usage import ScrewGeometry, UsageCounter
+from .wear.friction import FrictionClasses, FrictionWatch
+from .wear.trend import PreloadHistory, PreloadSteps, as_of, preload_trend
+from .wear.usage import ScrewGeometry, UsageCounter
 
 SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
 MOST_ANSWERED = 100

@@ -12,7 +12,7 @@ from ..health.axis_monitor import AxisMonitor
 from ..health.limits import AlarmSettings
 from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
-from ..health.usage import ScrewGeometry
+from ..health.wear.usage import ScrewGeometry
 from ..messages.codec import CodecError, Header
 from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate

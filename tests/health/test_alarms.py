@@ -9,7 +9,7 @@ from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
 from edge_service.health.alarms import SuddenDrop
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate

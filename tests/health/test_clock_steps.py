@@ -10,8 +10,8 @@ import pytest
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.trend import PreloadHistory, preload_trend
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.trend import PreloadHistory, preload_trend
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from edge_service.health.advice import announced
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate

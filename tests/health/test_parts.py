@@ -5,7 +5,7 @@ import pytest
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 
 NS = 1_000_000_000

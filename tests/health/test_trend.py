@@ -5,14 +5,14 @@ import pytest
 from scipy.signal import lfilter
 
 from edge_service.health.alarms import slowest_loss
-from edge_service.health.trend import (
+from edge_service.health.wear.trend import (
     MOST_POINTS,
     PreloadHistory,
     PreloadSteps,
     preload_trend,
     project_wear,
 )
-from edge_service.health.wear_laws import draw_trends
+from edge_service.health.wear.wear_laws import draw_trends
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.trend_coverage import coverage, simulate_life

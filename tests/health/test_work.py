@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.health.friction import FrictionWatch
 from edge_service.health.live_features import LiveFeatures
-from edge_service.health.usage import FORCE_EDGES_N, ScrewGeometry, UsageCounter
+from edge_service.health.wear.friction import FrictionWatch
+from edge_service.health.wear.usage import FORCE_EDGES_N, ScrewGeometry, UsageCounter
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 
 RATIO = 0.02 / (2.0 * math.pi)

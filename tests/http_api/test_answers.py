@@ -6,7 +6,7 @@ import pytest
 
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import ComponentStatus

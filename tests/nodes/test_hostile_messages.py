@@ -15,7 +15,7 @@ from edge_service.downsample.vibration import AxisVibration
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.http_api.routes.service import service_answer
 from edge_service.messages.codec import CodecError, Header
 from edge_service.messages.topics import EVENT, FEAT, HEALTH, PRELOAD, TOPICS

@@ -19,7 +19,7 @@ from edge_service.estimate.registry import make_estimator
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.store.store import State
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.nodes import estimate_node, health_node

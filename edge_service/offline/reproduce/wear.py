@@ -16,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...command_answer import Answer
-from ...health.trend import NS_PER_S, preload_trend
+from ...health.inputs import NS_PER_S
+from ...health.wear.trend import preload_trend
 from ...messages.samples import Floats
 from ...recordings.columns import TraceError
 from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, write_study

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edge_service.health.trend import CERTAIN, LEVEL, project_wear
+from edge_service.health.wear.trend import CERTAIN, LEVEL, project_wear
 from edge_service.messages.samples import Floats
 
 from ..table import Table

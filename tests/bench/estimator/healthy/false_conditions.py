@@ -14,7 +14,7 @@ from edge_service.estimate.interface import PreloadEstimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
-from edge_service.health.usage import ScrewGeometry
+from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.interval import Interval
-from ..messages.samples import Floats
-from ..messages.stored import StoredFloats
-from ..messages.trend import Crossing, Trend, TrendStatus
-from .headline import clock
-from .inputs import NS_PER_S
+from ...messages.interval import Interval
+from ...messages.samples import Floats
+from ...messages.stored import StoredFloats
+from ...messages.trend import Crossing, Trend, TrendStatus
+from ..headline import clock
+from ..inputs import NS_PER_S
 from .wear_laws import TrendDraws, draw_trends
 
 MOST_POINTS = 400

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..messages.samples import Floats
+from ...messages.samples import Floats
 
 _MEMORIES = (0.0, 0.01, 0.03, 0.1, 0.3)
 """Memory of the errors, share of the history: one that drifts longer cannot be told from wear."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.features import FeatureBlock
-from ..messages.samples import Floats
-from ..messages.trend import Use
+from ...messages.features import FeatureBlock
+from ...messages.samples import Floats
+from ...messages.trend import Use
 
 FORCE_EDGES_N = (0.0, 50.0, 100.0, 200.0, 350.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)
 _PARTS = 40

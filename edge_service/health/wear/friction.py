@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.features import FeatureBlock
-from ..messages.samples import Floats
-from ..messages.stored import StoredFloats
-from ..messages.trend import FrictionCurve
+from ...messages.features import FeatureBlock
+from ...messages.samples import Floats
+from ...messages.stored import StoredFloats
+from ...messages.trend import FrictionCurve
 
 _STEPS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])
 EDGES_RAD_S: Floats = np.concatenate([-_STEPS[::-1], _STEPS])
