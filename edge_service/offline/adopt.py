@@ -1,6 +1,6 @@
 """`edge-service adopt`: propose a machine file from recordings of any kind, with reasons."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..atomic import replaced_file
-from ..checks.columns.guess import Guess, Known, Question, Understanding
+from ..checks.columns.guess import Known, Understanding
 from ..checks.columns.mechanics import (
     Ability,
     Mechanics,
@@ -19,16 +19,15 @@ from ..checks.columns.mechanics import (
 )
 from ..checks.columns.names import Quantity
 from ..checks.columns.understand import understand
+from ..checks.finding import Finding
 from ..checks.sampling import clock_of
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
 from ..messages.samples import CHANNELS, TABLE_POSITION, TORQUE, SampleFrame
-from ..messages.stored import finite_or_none
 from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
-from .document import Document
 from .examination import examine
 from .machine_text import Ask, Sheet, asked, machine_text
 from .raw_columns import RawColumns, read_columns
@@ -61,72 +60,6 @@ class Request:
     plot: Path | None = None
 
 
-class Found(Document):
-    """A parameter with its 95 % interval in `unit`; null where it is not determined."""
-
-    name: str
-    value: float | None
-    low: float | None
-    high: float | None
-    unit: str
-
-    def as_text(self) -> str:
-        """One line."""
-        if self.value is None:
-            return f"{self.name}: not determined"
-        interval = f"{self.low:.3g} to {self.high:.3g}"
-        return f"{self.name}: {self.value:.4g} {self.unit} ({interval})"
-
-
-class Doubt(Document):
-    """A check of the machine file against the recordings that raised a doubt."""
-
-    name: str
-    sentence: str
-
-
-class Adopted(Document):
-    """Machine file of recordings; it was not examined where `checks` is null.
-
-    Attributes:
-        motion_s: motion behind what was found; null where nothing was.
-        able: what these recordings answer; an empty reason stands for yes.
-    """
-
-    out: str
-    understood: list[Guess]
-    unknown: list[Question]
-    motion_s: float | None
-    found: list[Found]
-    checks: int | None
-    doubts: list[Doubt]
-    able: list[Ability]
-    picture: str | None
-
-    def lines(self) -> Iterator[str]:
-        """The answer in words."""
-        yield f"{self.out}: written"
-        yield "understood:"
-        for guess in self.understood:
-            mark = "assumed" if guess.assumed else ""
-            yield f"  {mark:<8}{guess.subject}: {guess.words.removeprefix('assumed: ')}"
-        for question in self.unknown:
-            yield f"  unknown {question.option}: {question.words} ({question.why})"
-        if self.motion_s is not None:
-            yield f"found, from {self.motion_s:.3g} s of motion (95 %):"
-            yield from (f"  {each.as_text()}" for each in self.found)
-        if self.checks is None:
-            missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
-            yield f"not examined: {missing}"
-        else:
-            yield f"examined: {self.checks} checks, {len(self.doubts)} of them doubtful"
-            yield from (f"  {each.name}: {each.sentence}" for each in self.doubts)
-        yield "these recordings answer:"
-        yield from (f"  {each.as_text()}" for each in self.able)
-        if self.picture is not None:
-            yield f"{self.picture}: the channels as they were understood"
-
-
 def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
     """Write the machine file; returns what was understood.
 
@@ -152,37 +85,74 @@ def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent)
     with replaced_file(out) as file:
         file.write(machine_text(names, understood, mechanics, named, number, sheet, travel))
     findings = None
-    if mechanics is not None:
+    has_inertia = mechanics is not None or "inertia_kg_m2" in sheet
+    if understood.lead_m is not None and has_inertia:
         findings = examine(load_machine(out), request.files, progress)
-    doubts = [each for each in findings or () if each.is_doubtful]
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
     rated = {"dynamic_load_rating_n", "preload_n"} <= sheet.keys()
+    able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
     if picture is not None:
         _draw(frames[0], names[0], picture)
-    adopted = Adopted(
-        out=str(out),
-        understood=list(understood.guesses),
-        unknown=list(understood.questions),
-        motion_s=None if mechanics is None else mechanics.seconds,
-        found=[] if mechanics is None else _found(mechanics),
-        checks=None if findings is None else len(findings),
-        doubts=[Doubt(name=each.name, sentence=each.sentence) for each in doubts],
-        able=abilities(understood.columns, mechanics, rate_hz, has_rating=rated),
-        picture=None if picture is None else str(picture),
-    )
-    return Answer("\n".join(adopted.lines()), adopted)
+    return _answer(out, understood, mechanics, findings, able, picture)
+
+
+def _answer(
+    out: Path,
+    understood: Understanding,
+    mechanics: Mechanics | None,
+    findings: Sequence[Finding] | None,
+    able: Sequence[Ability],
+    picture: Path | None,
+) -> Answer:
+    """The machine file was not examined where `findings` is None."""
+    lines = [f"{out}: written", "understood:"]
+    for guess in understood.guesses:
+        mark = "assumed" if guess.assumed else ""
+        lines.append(f"  {mark:<8}{guess.subject}: {guess.words.removeprefix('assumed: ')}")
+    for question in understood.questions:
+        lines.append(f"  unknown {question.option}: {question.words} ({question.why})")
+    found = []
+    if mechanics is not None:
+        lines.append(f"found, from {mechanics.seconds:.3g} s of motion (95 %):")
+        for name, each in mechanics.named().items():
+            value, low, high = (each.value, each.low, each.high) if each.determined else [None] * 3
+            numbers = {"value": value, "low": low, "high": high, "unit": each.unit}
+            found.append({"name": name} | numbers)
+            said = "not determined"
+            if each.determined:
+                said = f"{value:.4g} {each.unit} ({low:.3g} to {high:.3g})"
+            lines.append(f"  {name}: {said}")
+    doubts = [each for each in findings or () if each.is_doubtful]
+    if findings is None:
+        missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
+        lines.append(f"not examined: {missing}")
+    else:
+        lines.append(f"examined: {len(findings)} checks, {len(doubts)} of them doubtful")
+        lines += [f"  {each.name}: {each.sentence}" for each in doubts]
+    lines += ["these recordings answer:", *(f"  {each.as_text()}" for each in able)]
+    if picture is not None:
+        lines.append(f"{picture}: the channels as they were understood")
+    document = {
+        "out": str(out),
+        "understood": understood.guesses,
+        "unknown": understood.questions,
+        "motion_s": None if mechanics is None else mechanics.seconds,
+        "found": found,
+        "checks": None if findings is None else len(findings),
+        "doubts": [{"name": each.name, "sentence": each.sentence} for each in doubts],
+        "able": able,
+        "picture": None if picture is None else str(picture),
+    }
+    return Answer("\n".join(lines), document)
 
 
 def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Understanding:
     names = raw.of_axis(axis)
     found = understand(names, raw.values, known)
     answered: set[str] = set()
-    while ask is not None:
-        question = next((each for each in found.questions if each.option not in answered), None)
-        if question is None:
-            break
-        answered.add(question.option)
-        known = known.answered(question, ask(question))
+    while ask and (open_ := [each for each in found.questions if each.option not in answered]):
+        answered.add(open_[0].option)
+        known = known.answered(open_[0], ask(open_[0]))
         found = understand(names, raw.values, known)
     used = {name for each in found.columns.values() for name in (each.column, each.minus)}
     unused = [
@@ -238,21 +208,6 @@ def _travel(frames: Sequence[SampleFrame]) -> float | None:
     if not values:
         return None
     return float(max(map(np.nanmax, values)) - min(map(np.nanmin, values)))
-
-
-def _found(mechanics: Mechanics) -> list[Found]:
-    parameters = {
-        "inertia": mechanics.inertia,
-        "dry friction": mechanics.coulomb,
-        "viscous friction": mechanics.viscous,
-        "constant load": mechanics.offset,
-    }
-    found = []
-    for name, each in parameters.items():
-        numbers = (each.value, each.low, each.high) if each.determined else (None, None, None)
-        value, low, high = (None if n is None else finite_or_none(n) for n in numbers)
-        found.append(Found(name=name, value=value, low=low, high=high, unit=each.unit))
-    return found
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:

@@ -1,6 +1,6 @@
 """Recordings of a healthy, cold axis in, a commissioned machine file out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import tomlkit
@@ -12,10 +12,9 @@ from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
 from ..estimate.commissioning.shares import doubt_of_fresh_screw
 from ..messages.features import FeatureBlock
-from ..models.machine import Machine, Quantity
+from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler
-from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 from .report.quantities import tolerated
@@ -27,30 +26,6 @@ _IDENTIFIED = (
     "bearing_drag_nm",
     "table_mass_kg",
 )
-
-
-class Stretch(Document):
-    """Stiffness in series between two encoders, and the nut's share of it."""
-
-    stiffness_n_per_m: float
-    reference_m: float
-    nut_share: float
-    nut_share_sigma: float
-    nut_stiffness_is_stated: bool
-
-
-class Learned(Document):
-    """Result of commissioning; `assumed_fresh_because` is null where the screw is not in doubt."""
-
-    out: str
-    motion_s: float
-    inertia_kg_m2: Quantity
-    viscous_nm_s_per_rad: Quantity
-    coulomb_nm: float
-    guide_force_n: float
-    bearing_drag_nm: float
-    stretch: Stretch | None
-    assumed_fresh_because: str | None
 
 
 def commission_to_file(
@@ -107,8 +82,7 @@ def commission_to_file(
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    learned = _learned(out, machine, None if doubt is None else doubt.words)
-    return Answer("\n".join(_lines(learned)), learned)
+    return _learned(out, machine, None if doubt is None else doubt.words)
 
 
 def _learning(machine: Machine, **more: float | bool) -> Machine:
@@ -152,53 +126,54 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
         document["effects"] = effects
 
 
-def _learned(out: Path, machine: Machine, doubt: str | None) -> Learned:
+def _learned(out: Path, machine: Machine, doubt: str | None) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
-    transmission, mass, stretch = learned.transmission, model.table_mass_kg, None
-    if transmission is not None and mass is not None:
-        stretch = Stretch(
-            stiffness_n_per_m=mass.value / transmission.stretch_per_acceleration_s2,
-            reference_m=transmission.reference_m,
-            nut_share=transmission.nut_share,
-            nut_share_sigma=transmission.nut_share_sigma,
-            nut_stiffness_is_stated=model.nut_stiffness_n_per_m is not None,
-        )
-    return Learned(
-        out=str(out),
-        motion_s=learned.motion_s,
-        inertia_kg_m2=model.inertia_kg_m2,
-        viscous_nm_s_per_rad=model.viscous_nm_s_per_rad,
-        coulomb_nm=learned.coulomb_nm,
-        guide_force_n=model.guide_force_n.value,
-        bearing_drag_nm=model.bearing_drag_nm.value,
-        stretch=stretch,
-        assumed_fresh_because=doubt,
-    )
-
-
-def _lines(found: Learned) -> Iterator[str]:
-    yield f"{found.out}: commissioned"
-    yield f"from {found.motion_s:.0f} s of steady motion:"
-    yield f"  inertia {tolerated(found.inertia_kg_m2, 'kg m2')}"
-    yield f"  viscous friction {tolerated(found.viscous_nm_s_per_rad, 'N m s/rad')}"
-    yield (
-        f"  Coulomb friction {found.coulomb_nm:.4g} N m in all, of it "
-        f"guides {found.guide_force_n:.3g} N, bearings {found.bearing_drag_nm:.3g} N m"
-    )
-    stretch = found.stretch
-    if stretch is None:
-        yield (
+    guides_n, bearings_nm = model.guide_force_n.value, model.bearing_drag_nm.value
+    transmission, mass = learned.transmission, model.table_mass_kg
+    lines = [
+        f"{out}: commissioned",
+        f"from {learned.motion_s:.0f} s of steady motion:",
+        f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
+        f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
+        f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
+        f"guides {guides_n:.3g} N, bearings {bearings_nm:.3g} N m",
+    ]
+    stretch: dict[str, float | bool] | None = None
+    if transmission is None or mass is None:
+        lines.append(
             "  no stretch between two encoders: preload will rest on torque alone, and its "
             "interval will hold what warm-up and lubrication may do to friction"
         )
     else:
-        yield (
-            f"  series stiffness {stretch.stiffness_n_per_m:.3g} N/m at "
-            f"{stretch.reference_m:.3g} m, "
-            f"nut's share {stretch.nut_share:.2f} +- {stretch.nut_share_sigma:.2f}"
+        is_stated = model.nut_stiffness_n_per_m is not None
+        stretch = {
+            "stiffness_n_per_m": mass.value / transmission.stretch_per_acceleration_s2,
+            "reference_m": transmission.reference_m,
+            "nut_share": transmission.nut_share,
+            "nut_share_sigma": transmission.nut_share_sigma,
+            "nut_stiffness_is_stated": is_stated,
+        }
+        lines.append(
+            f"  series stiffness {stretch['stiffness_n_per_m']:.3g} N/m at "
+            f"{transmission.reference_m:.3g} m, "
+            f"nut's share {transmission.nut_share:.2f} +- {transmission.nut_share_sigma:.2f}"
         )
-        if not stretch.nut_stiffness_is_stated:
-            yield "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
-    if found.assumed_fresh_because is not None:
-        yield f"  the screw is assumed to be fresh: {found.assumed_fresh_because}"
+        if not is_stated:
+            lines.append(
+                "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
+            )
+    if doubt is not None:
+        lines.append(f"  the screw is assumed to be fresh: {doubt}")
+    document = {
+        "out": str(out),
+        "motion_s": learned.motion_s,
+        "inertia_kg_m2": model.inertia_kg_m2,
+        "viscous_nm_s_per_rad": model.viscous_nm_s_per_rad,
+        "coulomb_nm": learned.coulomb_nm,
+        "guide_force_n": guides_n,
+        "bearing_drag_nm": bearings_nm,
+        "stretch": stretch,
+        "assumed_fresh_because": doubt,
+    }
+    return Answer("\n".join(lines), document)

@@ -1,7 +1,6 @@
 """`edge-service check-config`: a configuration checked as a whole, and what it means."""
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,35 +14,9 @@ from ..config import ConfigError, EdgeConfig, load_machine, read_config
 from ..nodes.http_rights import check_access
 from ..nodes.service import check_service
 from ..outputs.base import load_output
-from .document import Document
 
 SECRET, HIDDEN = "**********", "***"
 """A secret as pydantic writes it, and as it is shown."""
-
-
-class ConfiguredAxis(Document):
-    """One axis; without what `missing_for_percent` names there is a drag only."""
-
-    name: str
-    driver: str
-    machine: str
-    missing_for_percent: str | None
-
-
-class CheckedConfiguration(Document):
-    """A configuration that is right; sources that do not answer now are `not_reachable`.
-
-    Attributes:
-        effective: every key with its value, defaults included; secrets are ***.
-    """
-
-    axes: list[ConfiguredAxis]
-    not_reachable: list[str]
-    http_access: str
-    bus_access: str
-    outputs: list[str]
-    drivers_installed: list[str]
-    effective: dict[str, Any]
 
 
 def check_configuration(path: Path) -> Answer:
@@ -51,7 +24,7 @@ def check_configuration(path: Path) -> Answer:
     settings, mistakes = read_config(path)
     if settings is None:
         raise ConfigError(*mistakes, file=path)
-    access, axes = "", []
+    access, axes, lines = "", [], []
     unreachable: list[str] = []
     for axis in settings.axes:
         try:
@@ -61,12 +34,10 @@ def check_configuration(path: Path) -> Answer:
         except ConfigError as error:
             mistakes += error.mistakes
             continue
-        machine = str(axis.machine)
-        axes.append(
-            ConfiguredAxis(
-                name=axis.name, driver=axis.driver, machine=machine, missing_for_percent=missing
-            )
-        )
+        said = f"drag only ({missing} is unknown)" if missing else "preload in %"
+        lines.append(f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}")
+        described = {"name": axis.name, "driver": axis.driver, "machine": str(axis.machine)}
+        axes.append(described | {"missing_for_percent": missing})
     for name, table in settings.outputs.items():
         try:
             alone = settings.model_copy(update={"axes": (), "outputs": {name: table}})
@@ -83,16 +54,30 @@ def check_configuration(path: Path) -> Answer:
         mistakes += [f"{path}: {each}" for each in error.mistakes]
     if mistakes:
         raise ConfigError(*mistakes, file=path)
-    checked = CheckedConfiguration(
-        axes=axes,
-        not_reachable=unreachable,
-        http_access=access,
-        bus_access="bus for others to read (of node bus: to publish too)",
-        outputs=[_output(name, table) for name, table in settings.outputs.items()],
-        drivers_installed=list(driver_names()),
-        effective=effective(settings),
-    )
-    return Answer("\n".join(_lines(settings, checked)), checked)
+    bus_access = "bus for others to read (of node bus: to publish too)"
+    outputs = [_output(name, table) for name, table in settings.outputs.items()]
+    http, store, drivers = settings.http, settings.store, list(driver_names())
+    history = "history in memory, it ends with the service ([store] folder)"
+    if store.folder is not None:
+        history = f"history in {store.folder}, up to {store.budget_mb:g} MB"
+    lines += [
+        *(f"not reachable now: {line}" for line in unreachable),
+        f"bus {bus.endpoint}, http {http.host}:{http.port}",
+        f"access: {access}; {bus_access}",
+        *(f"output {output}" for output in outputs),
+        history,
+        f"drivers installed: {', '.join(drivers)}",
+    ]
+    document = {
+        "axes": axes,
+        "not_reachable": unreachable,
+        "http_access": access,
+        "bus_access": bus_access,
+        "outputs": outputs,
+        "drivers_installed": drivers,
+        "effective": effective(settings),
+    }
+    return Answer("\n".join(lines), document)
 
 
 def effective(settings: EdgeConfig) -> dict[str, Any]:
@@ -123,22 +108,3 @@ def _output(name: str, table: dict[str, Any]) -> str:
     """An output in words: its kind, and where it is if a table says so."""
     kind, place = table.get("kind", name), table.get("endpoint") or table.get("url")
     return " ".join([name, *([f"({kind})"] if kind != name else []), *([place] if place else [])])
-
-
-def _lines(settings: EdgeConfig, checked: CheckedConfiguration) -> Iterator[str]:
-    for each in checked.axes:
-        missing = each.missing_for_percent
-        said = f"drag only ({missing} is unknown)" if missing else "preload in %"
-        yield f"axis {each.name}: driver {each.driver}, machine {each.machine}, {said}"
-    for line in checked.not_reachable:
-        yield f"not reachable now: {line}"
-    http, store = settings.http, settings.store
-    yield f"bus {settings.bus.endpoint}, http {http.host}:{http.port}"
-    yield f"access: {checked.http_access}; {checked.bus_access}"
-    for output in checked.outputs:
-        yield f"output {output}"
-    if store.folder is None:
-        yield "history in memory, it ends with the service ([store] folder)"
-    else:
-        yield f"history in {store.folder}, up to {store.budget_mb:g} MB"
-    yield f"drivers installed: {', '.join(checked.drivers_installed)}"

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from contextlib import aclosing, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +17,9 @@ from ..config import AxisConfig, ConfigError, EdgeConfig, EstimatorConfig, load_
 from ..estimate.registry import ESTIMATORS
 from ..exit_status import DONE
 from ..messages.samples import Quality, SampleFrame, is_bad, is_uncertain
-from ..messages.stored import finite_or_none
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator
-from .document import Document
 from .examination import examine
 from .recordings import Progress, silent
 from .report.quantities import against
@@ -30,42 +29,6 @@ FEW = 0.01
 DOUBTED = 1
 """Exit status of a source that was examined and is not all right."""
 _MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
-
-
-class Number(Document):
-    """A measured number beside what was expected, in `unit`; null where there is none."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    unit: str
-    expected: float | None
-
-
-class FindingDocument(Document):
-    """One check."""
-
-    name: str
-    verdict: Verdict
-    sentence: str
-    figure: Number | None
-    compared: str
-    remedy: str
-
-
-class Examined(Document):
-    """Findings about one axis, and the method that would estimate its preload; null: none."""
-
-    axis: str
-    source: str
-    findings: list[FindingDocument]
-    method: str | None
-
-
-class ExaminedAxes(Document):
-    """Findings about the axes of a configuration."""
-
-    axes: list[Examined]
 
 
 def examine_traces(
@@ -91,8 +54,8 @@ async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: floa
         names = ", ".join(each.name for each in config.axes)
         raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
     found = await asyncio.gather(*(_examined(each, duration_s) for each in chosen))
-    document = ExaminedAxes(axes=[each.document for each in found])
     words = "\n".join(each.words for each in found)
+    document = {"axes": [each.document for each in found]}
     return Answer(words, document, max(each.status for each in found))
 
 
@@ -124,8 +87,19 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
     lines.append(f"  {doubts} of {len(findings)} checks raised doubts")
     lines.append(f"  {method} would estimate" if method else "  no method can estimate")
     found = [_document(each) for each in findings]
-    document = Examined(axis=axis, source=source, findings=found, method=method)
+    document = {"axis": axis, "source": source, "findings": found, "method": method}
     return Answer("\n".join(lines), document, DOUBTED if doubts else DONE)
+
+
+def _document(found: Finding) -> dict[str, Any]:
+    """One check, with the number in its unit beside what was expected; null where there is none."""
+    figure: dict[str, Any] | None = None
+    if found.figure is not None:
+        names = ("value", "low", "high", "unit")
+        figure = {name: getattr(found.figure, name) for name in names}
+        figure |= {"expected": found.expected}
+    names = ("name", "verdict", "sentence", "figure", "compared", "remedy")
+    return {name: getattr(found, name) for name in names} | {"figure": figure}
 
 
 def _method(machine: Machine) -> str | None:
@@ -185,24 +159,3 @@ def _quality(frames: Sequence[SampleFrame]) -> Finding:
         return Finding("quality", Verdict.FITS, "every sample is good")
     verdict = Verdict.FITS if most <= FEW else Verdict.DOUBTFUL
     return Finding("quality", verdict, "not good: " + "; ".join(said))
-
-
-def _document(found: Finding) -> FindingDocument:
-    figure = found.figure
-    number = None
-    if figure is not None:
-        number = Number(
-            value=finite_or_none(figure.value),
-            low=finite_or_none(figure.low),
-            high=finite_or_none(figure.high),
-            unit=figure.unit,
-            expected=found.expected,
-        )
-    return FindingDocument(
-        name=found.name,
-        verdict=found.verdict,
-        sentence=found.sentence,
-        figure=number,
-        compared=found.compared,
-        remedy=found.remedy,
-    )

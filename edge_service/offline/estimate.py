@@ -11,28 +11,12 @@ from ..config import ConfigError, EstimatorConfig, load_machine
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..nodes.estimated_axis import (
-    DAMAGED,
-    Kept,
-    StateError,
-    identity_of,
-)
+from ..nodes.estimated_axis import DAMAGED, UNKNOWN_STOP_S, Kept, StateError, identity_of
 from ..nodes.stages import make_downsampler, make_estimator
-from .document import Document
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 
-UNKNOWN_STOP_S = 86_400.0
-"""A recording on a clock of its own does not say how long after the other it was made."""
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
-
-
-class Estimated(Document):
-    """File that was written, and its last block."""
-
-    out: str
-    blocks: int
-    last: PreloadEstimate | None
 
 
 class OfflineEstimate:
@@ -73,7 +57,7 @@ class OfflineEstimate:
         for frame in frames:
             for block in self._downsampler.push(frame):
                 if self._restored and block.time_s <= self._end_s:
-                    self._estimator.resume(UNKNOWN_STOP_S)
+                    self._estimator.resume(UNKNOWN_STOP_S)  # on a clock of its own
                 self._end_s, self._restored = block.time_s, False
                 self._estimator.update(block)
                 yield self._estimator.estimate()
@@ -143,7 +127,7 @@ def estimate_to_csv(
     if last is not None and last.status is not EstimateStatus.ESTIMATED:
         ending += f" ({'; '.join(last.reasons)})"
     words = f"{out}: {rows} blocks, last status {ending}"
-    return Answer(words, Estimated(out=str(out), blocks=rows, last=last))
+    return Answer(words, {"out": str(out), "blocks": rows, "last": last})
 
 
 def estimate_case(

@@ -14,15 +14,6 @@ from ..messages.interval import printed
 from ..messages.topics import PRELOAD
 from ..nodes.context import NodeContext
 from ..nodes.service import PIPELINE, check_service, install_stop, run_nodes
-from .document import Document
-
-
-class Replayed(Document):
-    """Last answer of a recording; null where it gave no interval."""
-
-    axis: str
-    estimates: int
-    last: PreloadEstimate | None
 
 
 async def replay_trace(
@@ -62,7 +53,7 @@ async def replay_trace(
     finally:
         await bus.close()
     words = "\n".join(_summary(name, count, last))
-    return Answer(words, Replayed(axis=name, estimates=count, last=last))
+    return Answer(words, {"axis": name, "estimates": count, "last": last})
 
 
 async def _follow(answers: Subscriber[PreloadEstimate]) -> tuple[int, PreloadEstimate | None]:

@@ -49,12 +49,6 @@ class SimulatedRecording(Document):
         )
 
 
-class Simulated(Document):
-    """Recordings of one session, in their order."""
-
-    recordings: list[SimulatedRecording]
-
-
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
     """Settings of a simulation.
@@ -140,7 +134,7 @@ def simulate_session(
 
 def _answer(recordings: list[SimulatedRecording]) -> Answer:
     words = "\n".join(each.as_text() for each in recordings)
-    return Answer(words, Simulated(recordings=recordings))
+    return Answer(words, {"recordings": recordings})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

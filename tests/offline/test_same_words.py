@@ -1,6 +1,7 @@
 """What one command finds wrong in a recording the others say in the same words, and so does a
 running axis."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,6 +60,13 @@ def test_commands_say_what_doctor_says(
         assert main([command, *model, *out]) == status, command
         said = " ".join("".join(capsys.readouterr()).split())
         assert told in said, (command, said)
+    proposed = str(tmp_path / "proposed.toml")
+    adopt = ["adopt", str(trace), "--lead", "20", "--set", "inertia_kg_m2=1.5e-3"]
+    assert main([*adopt, "--out", proposed, "--json"]) == 0
+    doubts = json.loads(capsys.readouterr().out)["doubts"]
+    assert main(["doctor", "--machine", proposed, str(trace)]) == bool(doubts)
+    said = capsys.readouterr().out
+    assert all(f"{each['name']:<13}{each['sentence']}" in said for each in doubts)
     if question == "stuck":
         (reason,) = channel_reasons(Fault.TORQUE_STUCK)
         assert reason.partition(": ")[2] in found[name].sentence

@@ -40,6 +40,15 @@ class Mechanics:
     seconds: float
     sign_is_told: bool = True
 
+    def named(self) -> dict[str, IntervalEstimate]:
+        """The parameters by their names in words."""
+        return {
+            "inertia": self.inertia,
+            "dry friction": self.coulomb,
+            "viscous friction": self.viscous,
+            "constant load": self.offset,
+        }
+
 
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
     """Friction alone, from steady motion: for a torque that has its sign from the direction.

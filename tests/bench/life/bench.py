@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from edge_service.estimate.interface import PreloadEstimator
-from edge_service.offline.estimate import UNKNOWN_STOP_S
+from edge_service.nodes.estimated_axis import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
 from ..table import Table, mean_of
