@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from ..health.store.store import StoreFailedError
 from ..health.store.tokens import Role, Token, Tokens, token_of
+from .context import part
 from .guard import SAFE_METHODS
 
 _CHALLENGE = {"www-authenticate": 'Basic realm="edge-service", charset="UTF-8"'}
@@ -51,6 +52,13 @@ class Authenticator:
             self._known = () if tokens is None else tokens.all()
         except StoreFailedError as error:
             self.problem = str(error)
+
+    @property
+    def kept(self) -> Tokens:
+        """The tokens, where they are kept."""
+        if self.tokens is None:
+            raise HTTPException(503, "this service keeps no tokens")
+        return self.tokens
 
     def refresh(self, now_ns: int) -> None:
         """Read the tokens, and note which were used. Raises StoreFailedError."""
@@ -94,16 +102,17 @@ def _secret(authorization: str) -> str:
         return ""
 
 
-async def authorized(request: Request) -> Caller:
+AuthenticatorDep = Annotated[Authenticator, part("authenticator")]
+
+
+async def authorized(request: Request, authenticator: AuthenticatorDep) -> Caller:
     """Caller of a route that may take it; every route but `/healthz` depends on this."""
-    authenticator: Authenticator = request.app.state.authenticator
     if authenticator.problem:
         raise HTTPException(503, f"nobody knows who may be let in: {authenticator.problem}")
     caller = authenticator.caller(request)
     if caller is None:
         words = "a token is needed: Authorization: Bearer TOKEN, or as the password of a browser"
         raise HTTPException(401, words, headers=_CHALLENGE)
-    request.state.caller = caller
     if caller.role == "viewer" and request.method not in SAFE_METHODS:
         raise HTTPException(403, f"this needs the role operator; {caller.name} is a viewer")
     return caller

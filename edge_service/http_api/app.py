@@ -1,7 +1,7 @@
 """The application."""
 
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, Request
@@ -11,25 +11,18 @@ from starlette.responses import Response
 
 from .. import __version__
 from ..health.service_state import ServiceState
-from ..health.store.store import StoreFailedError
 from ..messages.topics import TOPICS
-from .access import Authenticator, NoteChange, authorized, noted
+from .access import Authenticator, authorized, noted
 from .context import Clock, known_query
-from .guard import LOOPBACK_HOSTS, SAFE_METHODS, Guard
-from .jobs import Jobs
-from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_response, problem_schemas
-from .recordings import Recordings
-from .routes.axis import ReadStroke, SendCommand, axis_router
-from .routes.config import AxisConfigurations, config_router
+from .guard import LOOPBACK_HOSTS, Guard
+from .problems import DOCUMENTED_DEFAULT, answer_with_problems, problem_schemas
+from .routes.axis import axis_router
+from .routes.config import config_router
 from .routes.docs import STATIC, docs_router, static_digest, tagged
 from .routes.history import history_router
-from .routes.jobs import job_router
-from .routes.log import log_router
-from .routes.motions import ListMotions, motion_router
-from .routes.outputs import OutputDesk, output_router
 from .routes.service import alive_router, service_router
-from .routes.tokens import token_router
-from .stream import stream_router
+from .routes.work import work_router
+from .stream import Encoded, stream_router
 
 _FILES = StaticFiles(directory=STATIC)
 
@@ -69,19 +62,7 @@ class _Application(FastAPI):
 
 
 def create_app(
-    state: ServiceState,
-    clock: Clock,
-    hosts: Iterable[str] = LOOPBACK_HOSTS,
-    send_command: SendCommand | None = None,
-    jobs: Jobs | None = None,
-    recordings: Recordings | None = None,
-    motions: ListMotions | None = None,
-    outputs: OutputDesk | None = None,
-    authenticator: Authenticator | None = None,
-    note_change: NoteChange = lambda _caller, _action: None,
-    metrics: Callable[[], Awaitable[tuple[bytes, str]]] | None = None,
-    configurations: AxisConfigurations | None = None,
-    read_stroke: ReadStroke = lambda _axis, _preload: None,
+    state: ServiceState, clock: Clock, hosts: Iterable[str] = LOOPBACK_HOSTS, **parts: Any
 ) -> FastAPI:
     """The HTTP interface of one service.
 
@@ -89,16 +70,11 @@ def create_app(
         state: What is answered from.
         clock: UNIX time in ns.
         hosts: Host names, without port, under which the service may be addressed.
-        send_command: Passes on what a person asks of an axis; None: nothing is taken.
-        jobs: Runs commands; None: there are none.
-        recordings: Those kept here; None: none are.
-        motions: Lists the motions of an axis; None: there are none.
-        outputs: Knows the queues of the outputs; None: there are none.
-        authenticator: Finds who asks; None: whoever reaches the service may do anything.
-        note_change: Takes note of a change by its caller, method and path.
-        metrics: Answers a scrape by Prometheus; None: there are none.
-        configurations: Reads and changes the configuration of axes; None: there is none.
-        read_stroke: Reads the profiles along the stroke of an axis.
+        parts: What routes ask by `part(NAME)`; whoever asks for one that is missing gets 503.
+            `authenticator` finds who asks, without it whoever reaches the service may do anything;
+            `note_change` takes note of a change by its caller, method and path; the others are
+            `configurations`, `jobs`, `metrics`, `motions`, `outputs`, `read_stroke`, `recordings`
+            and `send_command`.
     """
     app = _Application(
         title="edge-service",
@@ -109,36 +85,29 @@ def create_app(
         redoc_url=None,
         responses=DOCUMENTED_DEFAULT,
     )
-    app.state.service_state, app.state.clock = state, clock
-    app.state.send_command = send_command
-    app.state.jobs, app.state.recordings, app.state.motions = jobs, recordings, motions
-    app.state.readers_of = Counter[str]()
-    app.state.outputs = outputs
-    app.state.authenticator = authenticator or Authenticator()
-    app.state.note_change = note_change
-    app.state.metrics = metrics
-    app.state.configurations, app.state.read_stroke = configurations, read_stroke
-    app.add_exception_handler(StoreFailedError, on_store_failed)
+    usual = {
+        "authenticator": Authenticator(),
+        "note_change": lambda _caller, _action: None,
+        "read_stroke": lambda _axis, _preload: None,
+    }
+    encoded = Encoded(state, parts.get("outputs"))
+    own = {"service_state": state, "clock": clock, "readers_of": Counter[str](), "encoded": encoded}
+    for name, each in (usual | parts | own).items():
+        setattr(app.state, name, each)
     answer_with_problems(app)
     app.include_router(alive_router)
     for router in (
         axis_router,  # whoever does a command tells of it
-        service_router,
+        config_router,
         history_router,
-        log_router,
+        service_router,
         stream_router,
+        work_router,
         page_router,
         docs_router,
     ):
-        app.include_router(router, dependencies=[Depends(authorized), Depends(known_query)])
-    for router in (config_router, job_router, motion_router, output_router, token_router):
-        noting = [Depends(authorized), Depends(known_query), Depends(noted)]
-        app.include_router(router, dependencies=noting)
+        asked = [Depends(authorized), Depends(known_query)]
+        asked += [] if router is axis_router else [Depends(noted)]
+        app.include_router(router, dependencies=asked)
     app.add_middleware(Guard, hosts=tuple(hosts))
     return app
-
-
-async def on_store_failed(request: Request, error: Exception) -> Response:
-    """A store that cannot be read or written now, as a problem document."""
-    status = 503 if request.method in SAFE_METHODS else 507
-    return problem_response(request.url.path, status, str(error))

@@ -1,23 +1,24 @@
-"""Dependencies of the routes: the service state, the time, and parameters that make sense."""
+"""What routes ask for: parts of the application, an axis, times, pages, and nothing unknown."""
 
 import asyncio
-from collections.abc import Callable
-from typing import Annotated, Any, ParamSpec, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Generic, ParamSpec, TypeVar
 
 from fastapi import Depends, Query, Request, params
 from fastapi.dependencies.utils import get_flat_params
 from fastapi.exceptions import RequestValidationError
-from pydantic import BeforeValidator, WithJsonSchema
+from pydantic import BeforeValidator, Field, WithJsonSchema
 from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
 from ..health.store.store import StoreFailedError
-from ..messages.interval import LAST_S, parse_moment
+from ..messages.interval import LAST_S, Frozen, parse_moment
 from ..threads import Threads
 
 Given = ParamSpec("Given")
-Answer = TypeVar("Answer")
+T = TypeVar("T")
 Clock = Callable[[], int]
+_LAST = 2**63 - 1
 Moment = Annotated[
     float,
     BeforeValidator(parse_moment),
@@ -33,24 +34,27 @@ Moment = Annotated[
 """RFC 3339 or UNIX s."""
 
 
-async def state_of(request: Request) -> ServiceState:
-    """The state that the application was made with."""
-    state: ServiceState = request.app.state.service_state
-    return state
+def part(name: str) -> Any:
+    """Dependency on a part that the application was made with; 503 without it."""
+
+    async def found(request: Request) -> Any:
+        there = getattr(request.app.state, name, None)
+        if there is None:
+            raise HTTPException(503, f"this service has no {name.replace('_', ' ')}")
+        return there
+
+    return Depends(found)
 
 
-async def clock_of(request: Request) -> Clock:
-    """The clock that the application was made with: UNIX time in ns."""
-    clock: Clock = request.app.state.clock
-    return clock
+StateDep = Annotated[ServiceState, part("service_state")]
+ClockDep = Annotated[Clock, part("clock")]
 
 
-async def now_of(clock: Annotated[Clock, Depends(clock_of)]) -> int:
+async def now_of(clock: ClockDep) -> int:
     """UNIX time of the request, ns."""
     return clock()
 
 
-StateDep = Annotated[ServiceState, Depends(state_of)]
 NowDep = Annotated[int, Depends(now_of)]
 
 
@@ -77,6 +81,42 @@ async def known_axis_filter(
 
 AxisDep = Annotated[str, Depends(known_axis)]
 AxisFilterDep = Annotated[str | None, Depends(known_axis_filter)]
+
+
+class Page(Frozen, Generic[T]):
+    """Part of a list, newest first."""
+
+    items: list[T]
+    next: str | None = Field(
+        description="Address of the older ones; null at the end.",
+        examples=["/api/v1/log?cursor=1795000000000000&limit=100"],
+    )
+
+
+class Paging:
+    """Page of a list that a request asks for."""
+
+    def __init__(
+        self,
+        request: Request,
+        cursor: Annotated[
+            int, Query(ge=1, le=_LAST, description="As in `next` of the page before.")
+        ] = _LAST,
+        limit: Annotated[int, Query(ge=1, le=1000, description="At most this many.")] = 100,
+    ) -> None:
+        self.before, self.limit = cursor, limit
+        self._url = request.url
+
+    def page(self, found: Sequence[T], cursors: Sequence[int]) -> Page[T]:
+        """Page of what was found before the cursor, one more than the limit if there is one."""
+        more = None
+        if found[self.limit :]:
+            url = self._url.include_query_params(cursor=cursors[self.limit - 1])
+            more = f"{url.path}?{url.query}"
+        return Page(items=[*found[: self.limit]], next=more)
+
+
+PagingDep = Annotated[Paging, Depends()]
 
 
 def moment_query(alias: str, default: str) -> Any:
@@ -106,9 +146,7 @@ QUESTIONS = Threads("question", 8)
 _ANSWER_S = 30.0
 
 
-async def from_history(
-    ask: Callable[Given, Answer], *args: Given.args, **kwargs: Given.kwargs
-) -> Answer:
+async def from_history(ask: Callable[Given, T], *args: Given.args, **kwargs: Given.kwargs) -> T:
     """Answer of a question to the history, which reads files; 503 where that fails."""
     try:
         async with asyncio.timeout(_ANSWER_S):

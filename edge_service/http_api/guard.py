@@ -31,9 +31,6 @@ SECURITY_HEADERS = {
     "cross-origin-resource-policy": "same-origin",
 }
 
-_STRICTLY_TLS = "max-age=31536000"
-"""A browser that was here once asks by TLS for a year; not of loopback, which others share."""
-
 
 def own_hosts(url: str | None = None) -> tuple[str, ...]:
     """Host names by which the service may be addressed: of loopback, this machine, and `url`."""
@@ -61,7 +58,6 @@ class Guard:
             return
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        name = name_of(host)
         method, is_answered = scope["method"], False
 
         async def send_guarded(message: Message) -> None:
@@ -72,8 +68,6 @@ class Guard:
                 answer = MutableHeaders(scope=message)
                 for each, value in SECURITY_HEADERS.items():
                     answer.setdefault(each, value)
-                if scope["scheme"] == "https" and name not in LOOPBACK_HOSTS:
-                    answer.setdefault("strict-transport-security", _STRICTLY_TLS)
                 answer.setdefault("cache-control", "no-store")
             await send(message)
             if method == "HEAD":

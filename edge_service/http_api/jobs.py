@@ -8,9 +8,8 @@ import sqlite3
 import tempfile
 from contextlib import suppress
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
@@ -18,9 +17,8 @@ from .. import exit_status, process
 from ..atomic import append, made_folder, new_file
 from ..clock import now_ns
 from ..health.store.store import Store, StoreFailedError
-from ..messages.interval import rfc3339
+from ..messages.interval import Frozen, TimeNs
 from ..threads import Threads
-from .answers import Answer, Timestamp
 from .problems import RefusedError
 from .recordings import RecordingName, Recordings
 
@@ -37,53 +35,27 @@ _LINES, _TAIL_BYTES = 40, 8192
 _PROGRESS = re.compile(
     r"edge-service [a-z-]+: (?P<stage>.+?)(, (?P<percent>\d+) %)?(, (?P<elapsed_s>[\d.]+) s)?"
 )
-
-
-class JobCommand(StrEnum):
-    """Command of a job."""
-
-    RECORD = "record"
-    ADOPT = "adopt"
-    DOCTOR = "doctor"
-    COMMISSION = "commission"
-    FINGERPRINT = "fingerprint"
-    DIAGNOSE = "diagnose"
-
-
-_OUT = {
-    JobCommand.ADOPT: "machine.toml",
-    JobCommand.COMMISSION: "commissioned.toml",
-    JobCommand.FINGERPRINT: "",
-    JobCommand.DIAGNOSE: "",
-}
+JobCommand = Literal["record", "adopt", "doctor", "commission", "fingerprint", "diagnose"]
+JobState = Literal["running", "done", "failed", "cancelled", "interrupted"]
+"""`interrupted`: the service ended while it ran."""
+_OUT = {"adopt": "machine.toml", "commission": "commissioned.toml"}
+_OUT |= {"fingerprint": "", "diagnose": ""}
 """File that a command writes into the job's folder; empty: it fills the folder itself."""
 _ANSWERED = {
-    JobCommand.DOCTOR: (exit_status.DONE, exit_status.INTERNAL_FAILURE),
-    JobCommand.DIAGNOSE: (exit_status.DONE, exit_status.BAD_DATA),
+    "doctor": (exit_status.DONE, exit_status.INTERNAL_FAILURE),
+    "diagnose": (exit_status.DONE, exit_status.BAD_DATA),
 }
 """Exit statuses with an answer, where there are more than one."""
 
 
-class JobState(StrEnum):
-    """State of a job; `interrupted`: the service ended while it ran."""
-
-    RUNNING = "running"
-    DONE = "done"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-    INTERRUPTED = "interrupted"
-
-
-class JobOptions(Answer):
+class JobOptions(Frozen):
     """Options of a job's command."""
 
-    duration_s: float | None = Field(
-        None, gt=0.0, le=LONGEST_S, allow_inf_nan=False, description="Of `record`, s."
-    )
+    duration_s: float | None = Field(None, gt=0.0, le=LONGEST_S, description="Of `record`, s.")
     baseline: int | None = Field(None, description="Of `fingerprint`: job with an older one.")
 
 
-class JobBody(Answer):
+class JobBody(Frozen):
     """Request for a job."""
 
     model_config = ConfigDict(
@@ -101,7 +73,7 @@ class JobBody(Answer):
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
-        if self.command is JobCommand.RECORD:
+        if self.command == "record":
             if self.options.duration_s is None or len(self.recordings) > 1:
                 raise ValueError("record: expected options.duration_s, and at most one recording")
         elif not self.recordings:
@@ -110,34 +82,20 @@ class JobBody(Answer):
 
 
 class Job(JobBody):
-    """Row of a job."""
+    """One job."""
 
     model_config = ConfigDict(json_schema_extra={"examples": []})
 
-    state: JobState
-    started: Timestamp
-    ended: Timestamp | None = None
-
-
-class JobAnswer(Job):
-    """One job."""
-
-    id: int
-    stage: str = Field(description="What it does now.")
-    share: float | None = Field(description="Part that is done, 0 to 1; null: unknown.")
-    left_s: float | None = Field(description="Time that it may still take, s; null: unknown.")
-    lines: list[str] = Field(description="The last lines of its log.")
-    files: list[str] = Field(description="What it has made so far.")
-    verdict: str | None = Field(
-        description="What its answer says in a word or a sentence, or its error."
-    )
-
-
-class JobsAnswer(Answer):
-    """All jobs, newest first."""
-
-    items: list[JobAnswer]
-    next: str | None = Field(None, description="Address of older ones; null: there are none.")
+    id: int = 0
+    state: JobState = "running"
+    started: TimeNs
+    ended: TimeNs | None = None
+    stage: str = Field("", description="What it does now.")
+    share: float | None = Field(None, description="Part that is done, 0 to 1; null: unknown.")
+    left_s: float | None = Field(None, description="Time that it may still take, s.")
+    lines: list[str] = Field([], description="The last lines of its log.")
+    files: list[str] = Field([], description="What it has made so far.")
+    verdict: str | None = Field(None, description="What its answer says, or its error.")
 
 
 class Jobs:
@@ -166,57 +124,56 @@ class Jobs:
         self._threads = Threads("job")
         store.define(SCHEMA)
 
-    async def all(self) -> list[JobAnswer]:
-        """All jobs, newest first."""
-        wanted = "SELECT id, body FROM jobs ORDER BY id DESC LIMIT ?"
+    async def page(self, before: int, most: int) -> list[Job]:
+        """Jobs with lower numbers than `before`, newest first."""
+        wanted = "SELECT id, body FROM jobs WHERE id < ? ORDER BY id DESC LIMIT ?"
 
         def rows(file: sqlite3.Connection) -> list[tuple[int, str]]:
-            return file.execute(wanted, (MOST_KEPT,)).fetchall()
+            return file.execute(wanted, (before, most)).fetchall()
 
-        answers = []
+        jobs = []
         for number, body in await self._store.run(self._store.read, rows):
             with suppress(ValidationError):  # damage in the file: what is left of it is not shown
-                answers.append(self._answer(number, Job.model_validate_json(body)))
-        return answers
+                jobs.append(self._shown(number, Job.model_validate_json(body)))
+        return jobs
 
-    async def get(self, number: int) -> JobAnswer:
+    async def get(self, number: int) -> Job:
         """One job."""
-        found = next((job for job in await self.all() if job.id == number), None)
-        if found is None:
+        found = await self.page(number + 1, 1) if 0 < number < 2**62 else []
+        if not found or found[0].id != number:
             raise RefusedError(404, f"there is no job {number}")
-        return found
+        return found[0]
 
-    async def start(self, body: JobBody) -> JobAnswer:
+    async def start(self, body: JobBody) -> Job:
         """Start a job; refused while as many run as may."""
         async with self._one:
             if len(self._running) >= MOST_AT_ONCE:
                 raise RefusedError(409, f"{MOST_AT_ONCE} jobs are running: wait, or cancel one")
             words = await self._words(body)
-            job = Job(**body.model_dump(), state=JobState.RUNNING, started=rfc3339(now_ns()))
+            job = Job(**body.model_dump(), started=now_ns())
             number = await self._put(None, job)
             folder = self._folder / str(number)
-            out = _OUT.get(body.command)
-            words += () if out is None else ("--out", str(folder / out))
+            if body.command in _OUT:
+                words += ("--out", str(folder / _OUT[body.command]))
             try:
                 await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
                 made_folder(folder)
                 with new_file(folder / LOG) as log, new_file(folder / ANSWER) as answer:
                     started = await process.started(*words, stdout=answer, stderr=log)
             except OSError as error:
-                await self._put(number, job.model_copy(update={"state": JobState.FAILED}))
-                raise RefusedError(
-                    503, f"job {number} cannot be started ({error.strerror})"
-                ) from None
+                await self._put(number, job.model_copy(update={"state": "failed"}))
+                refused = f"job {number} cannot be started ({error.strerror})"
+                raise RefusedError(503, refused) from None
             self._running[number] = started
             self._following[number] = asyncio.create_task(self._follow(number, job, started))
             await self._forget_old()
-            return self._answer(number, job)
+            return self._shown(number, job)
 
-    async def cancel(self, number: int) -> JobAnswer:
+    async def cancel(self, number: int) -> Job:
         """End a job that runs; a recording keeps what there is."""
         if number not in self._running:
             job = await self.get(number)
-            raise RefusedError(409, f"job {number} is {job.state.value} and cannot be cancelled")
+            raise RefusedError(409, f"job {number} is {job.state} and cannot be cancelled")
         self._cancelled.add(number)
         await process.end(self._running[number])
         await asyncio.wait([self._following[number]])
@@ -246,56 +203,51 @@ class Jobs:
         following = [*self._following.values()]
         for task in following:
             task.cancel()
-        if following:
-            await asyncio.wait(following)
+        await asyncio.gather(*following, return_exceptions=True)
 
     async def _words(self, body: JobBody) -> tuple[str, ...]:
         """Arguments of a command, without --out of what it writes into its folder."""
-        options = body.options
-        words: tuple[str, ...] = (body.command.value, "--json")
-        if body.command is JobCommand.RECORD:
+        words: tuple[str, ...] = (body.command, "--json")
+        if body.command == "record":
             now = datetime.fromtimestamp(now_ns() / 1e9, UTC)
-            names = body.recordings or [f"{body.axis}_{now:%Y%m%dT%H%M%SZ}.parquet"]
+            names = body.recordings or [f"record_{body.axis}_{now:%Y%m%dT%H%M%SZ}.parquet"]
             out = self._recordings.place(names[0])
-            words += ("--axis", body.axis, "--duration", f"{options.duration_s}")
+            words += ("--axis", body.axis, "--duration", f"{body.options.duration_s}")
             return (*words, "--out", str(out), *self._service)
         paths = [str(self._recordings.path(name)) for name in body.recordings]
-        if body.command is not JobCommand.ADOPT:
+        if body.command != "adopt":
             words += ("--machine", str(self._machines[body.axis]))
-        if options.baseline is not None and body.command is JobCommand.FINGERPRINT:
-            baseline = await self.file(options.baseline, "fingerprint.json")
+        if body.options.baseline is not None and body.command == "fingerprint":
+            baseline = await self.file(body.options.baseline, "fingerprint.json")
             words += ("--baseline", str(baseline))
         return (*words, *paths)
 
     async def _follow(self, number: int, job: Job, started: asyncio.subprocess.Process) -> None:
         """Wait for the end of a job, an hour at most, and write its row."""
-        state = JobState.INTERRUPTED
+        state: JobState = "interrupted"
+        folder = self._folder / str(number)
         try:
             async with asyncio.timeout(LONGEST_S):
                 status = await started.wait()
-            _, error = _read_answer(self._folder / str(number) / ANSWER)
+            _, error = _read_answer(folder / ANSWER)
             if not error and status in _ANSWERED.get(job.command, (exit_status.DONE,)):
-                state = JobState.DONE
+                state = "done"
             elif number in self._cancelled:
-                state = JobState.CANCELLED
+                state = "cancelled"
             else:
-                state = JobState.FAILED
+                state = "failed"
                 if status < 0:
-                    self._say(number, f"ended by signal {-status}; is there too little memory?")
+                    _say(folder, f"ended by signal {-status}; is there too little memory?")
         except TimeoutError:
-            state = JobState.FAILED
-            self._say(number, f"it took more than {LONGEST_S / 60.0:g} min and was ended")
+            state = "failed"
+            _say(folder, f"it took more than {LONGEST_S / 60.0:g} min and was ended")
         finally:
             await process.end(started)
             self._cancelled.discard(number)
-            ended_at = {"state": state, "ended": rfc3339(now_ns())}
             with suppress(StoreFailedError):  # the watch of the store tells of it
-                await self._put(number, job.model_copy(update=ended_at))
+                ended = {"state": state, "ended": now_ns()}
+                await self._put(number, job.model_copy(update=ended))
             del self._running[number], self._following[number]
-
-    def _say(self, number: int, words: str) -> None:
-        with suppress(OSError):
-            append(self._folder / str(number) / LOG, f"{words}\n")
 
     async def _put(self, number: int | None, job: Job) -> int:
         """Write a row; returns its number."""
@@ -308,39 +260,32 @@ class Jobs:
 
     async def _forget_old(self) -> None:
         """Remove all but the newest jobs, with their folders."""
-        old = "DELETE FROM jobs WHERE id <= (SELECT MAX(id) FROM jobs) - ?"
-        await self._store.run(
-            self._store.write, lambda file: file.execute(old, (MOST_KEPT,)).rowcount
-        )
-        newest = max(self._running)
-        for folder in self._folder.iterdir():
-            if folder.name.isdecimal() and int(folder.name) <= newest - MOST_KEPT:
-                await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
+        old = "DELETE FROM jobs WHERE id <= (SELECT MAX(id) FROM jobs) - ? RETURNING id"
 
-    def _answer(self, number: int, job: Job) -> JobAnswer:
+        def work(file: sqlite3.Connection) -> list[tuple[int]]:
+            return file.execute(old, (MOST_KEPT,)).fetchall()
+
+        for (number,) in await self._store.run(self._store.write, work):
+            folder = self._folder / str(number)
+            await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
+
+    def _shown(self, number: int, job: Job) -> Job:
+        """A job as its folder shows it now."""
         folder = self._folder / str(number)
-        state = job.state
-        if state is JobState.RUNNING and number not in self._running:
-            state = JobState.INTERRUPTED
-        lines = _last_lines(folder / LOG)
-        stage, share, left_s = "", None, None
-        if state is JobState.RUNNING and lines:
-            stage, share, left_s = _progress(lines[-1])
+        state, lines = job.state, _last_lines(folder / LOG)
+        if state == "running" and number not in self._running:
+            state = "interrupted"
+        progress = _progress(lines[-1]) if state == "running" and lines else {}
         verdict, error = _read_answer(folder / ANSWER)
-        files = sorted(
-            path.name for path in folder.glob("[!.]*") if path.is_file() and path.stat().st_size
-        )
-        return JobAnswer(
-            **job.model_dump(exclude={"state"}),
-            id=number,
-            state=state,
-            stage=stage,
-            share=share,
-            left_s=left_s,
-            lines=lines,
-            files=files,
-            verdict=verdict or error,
-        )
+        made = [path for path in folder.glob("[!.]*") if path.is_file() and path.stat().st_size]
+        files = sorted(path.name for path in made)
+        known = {"id": number, "state": state, "lines": lines, "files": files}
+        return job.model_copy(update=known | progress | {"verdict": verdict or error})
+
+
+def _say(folder: Path, words: str) -> None:
+    with suppress(OSError):
+        append(folder / LOG, f"{words}\n")
 
 
 def _last_lines(path: Path) -> list[str]:
@@ -353,17 +298,16 @@ def _last_lines(path: Path) -> list[str]:
         return []
 
 
-def _progress(line: str) -> tuple[str, float | None, float | None]:
+def _progress(line: str) -> dict[str, str | float]:
     """Stage, share and time left, s, by a line `edge-service COMMAND: STAGE, 40 %, 32 s`."""
     found = _PROGRESS.fullmatch(line)
-    if found is None:
-        return line, None, None
-    if not found["percent"]:
-        return found["stage"], None, None
+    if found is None or not found["percent"]:
+        return {"stage": line if found is None else found["stage"]}
     share = min(int(found["percent"]) / 100.0, 1.0)
-    if not found["elapsed_s"] or share == 0.0:
-        return found["stage"], share, None
-    return found["stage"], share, float(found["elapsed_s"]) * (1.0 - share) / share
+    progress: dict[str, str | float] = {"stage": found["stage"], "share": share}
+    if found["elapsed_s"] and share:
+        progress["left_s"] = float(found["elapsed_s"]) * (1.0 - share) / share
+    return progress
 
 
 def _read_answer(path: Path) -> tuple[str | None, str | None]:

@@ -13,6 +13,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import compile_path
 
+from ..health.store.store import StoreFailedError
+
 PROBLEM_TYPE = "application/problem+json"
 
 
@@ -98,6 +100,7 @@ def answer_with_problems(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_bad_request)
     app.add_exception_handler(ClientDisconnect, _on_gone)
     app.add_exception_handler(RefusedError, _on_refused)
+    app.add_exception_handler(StoreFailedError, _on_store_failed)
     app.add_exception_handler(Exception, _on_failure)
 
 
@@ -137,6 +140,12 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
 async def _on_refused(request: Request, error: Exception) -> ProblemResponse:
     assert isinstance(error, RefusedError)
     return problem_response(request.url.path, error.status, str(error))
+
+
+async def _on_store_failed(request: Request, error: Exception) -> ProblemResponse:
+    """A store that cannot be read or written now."""
+    status = 503 if request.method in ("GET", "HEAD") else 507
+    return problem_response(request.url.path, status, str(error))
 
 
 async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:

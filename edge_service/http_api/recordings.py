@@ -1,39 +1,48 @@
 """Recordings on disk: whole or not at all, and never more than there is room for."""
 
-import contextlib
 import os
 import re
 import shutil
 import stat
 import sys
-from collections.abc import AsyncIterator, Iterator
-from contextlib import ExitStack
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, BinaryIO
 
 from pydantic import Field, WithJsonSchema
 
 from ..atomic import made_folder, replaced_bytes
-from ..messages.interval import rfc3339_s
+from ..messages.interval import Frozen, TimeNs
 from ..threads import Threads
-from .answers import Answer, Timestamp
 from .problems import RefusedError
 
 MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
 """Room on the disk that recordings leave to history and events."""
 _AT_ONCE_BYTES = 1 << 20
+_UNIX_S = 1e9
+"""A time in a file that is at least this is UNIX time; an axis' clock begins at 0."""
 _NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet)"
+_STAMPED = re.compile(r"(?P<kind>\w+)_(?P<axis>[A-Za-z0-9.\-]+)_(?P<stamp>\d{8}T\d{6}Z)\.\w+")
 RecordingName = Annotated[str, WithJsonSchema({"type": "string", "pattern": f"^{_NAME}$"})]
 """Name of a recording; whoever keeps them judges it."""
+Extent = tuple[int | None, float | None, float | None]
+"""Rows, first and last time of a recording, s; None: not known."""
 
 
-class RecordingAnswer(Answer):
-    """One recording."""
+class Recording(Frozen):
+    """One recording; what the file and its name do not tell is null."""
 
     name: str
-    size: int = Field(description="Bytes.")
-    uploaded: Timestamp
+    axis: str | None
+    bytes: int
+    from_ns: TimeNs | None = Field(alias="from")
+    to_ns: TimeNs | None = Field(alias="to")
+    rows: int | None
+    kind: str = Field(description="`disagreement`, `record`, the motion; else `upload`.")
 
 
 class Recordings:
@@ -42,21 +51,32 @@ class Recordings:
     Args:
         folder: where they are; what uploads left there that were cut off is removed.
         most_bytes: of all recordings, those that are just coming included.
+        extent: of a file.
     """
 
-    def __init__(self, folder: Path, most_bytes: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        most_bytes: int,
+        extent: Callable[[Path], Extent] = lambda _path: (None, None, None),
+    ) -> None:
         self.folder = folder
         self._most_bytes = most_bytes
+        self._extent = lru_cache(1024)(lambda path, _size, _changed_ns: extent(path))
         self._uploads = self._coming_bytes = 0
         self._threads = Threads("upload", MOST_AT_ONCE)
         for left in folder.glob(".*.part*"):
-            with contextlib.suppress(OSError):
+            with suppress(OSError):
                 left.unlink()
 
-    def listed(self) -> list[RecordingAnswer]:
-        """All recordings, newest first."""
-        answers = [_answer(path, status) for path, status in self._kept()]
-        return sorted(answers, key=lambda each: each.uploaded, reverse=True)
+    async def page(self, before_ns: int, most: int) -> list[tuple[int, Recording]]:
+        """Recordings that were changed before some time, newest first, with that time, ns."""
+        return await self._threads.run(self._page, before_ns, most)
+
+    def _page(self, before_ns: int, most: int) -> list[tuple[int, Recording]]:
+        kept = [(status.st_mtime_ns, path, status) for path, status in self._kept()]
+        newest = sorted((each for each in kept if each[0] < before_ns), reverse=True)[:most]
+        return [(at_ns, self._shown(path, status)) for at_ns, path, status in newest]
 
     def path(self, name: str) -> Path:
         """File of a recording that is there."""
@@ -82,18 +102,16 @@ class Recordings:
         except OSError as error:
             raise RefusedError(507, f"{name}: cannot be removed ({error.strerror})") from None
 
-    async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> RecordingAnswer:
+    async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> Recording:
         """Keep a recording that comes in chunks; no disk holds up the event loop."""
         path = self._named(name)
         if self._uploads >= MOST_AT_ONCE:
-            raise RefusedError(
-                503, f"{MOST_AT_ONCE} recordings are already being uploaded; try again later"
-            )
+            raise RefusedError(503, f"{MOST_AT_ONCE} recordings are being uploaded; try later")
         self._uploads += 1
         try:
             await self._threads.run(made_folder, self.folder)
             await self._write(path, chunks)
-            return _answer(path, path.stat())
+            return await self._threads.run(self._shown, path, path.stat())
         except OSError as error:
             raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
         finally:
@@ -131,18 +149,37 @@ class Recordings:
     def _kept(self) -> Iterator[tuple[Path, os.stat_result]]:
         """Recordings that are whole. Nothing else in the folder is one: no link, no folder."""
         for path in self.folder.glob("[!.]*"):
-            with contextlib.suppress(OSError):  # it was removed just now
+            with suppress(OSError):  # it was removed just now
                 status = path.lstat()
                 if stat.S_ISREG(status.st_mode):
                     yield path, status
 
     def _named(self, name: str) -> Path:
         if not re.fullmatch(_NAME, name):
-            raise RefusedError(
-                422,
-                f"{name!r}: expected letters, digits, '_', '-', '.', ending in .csv or .parquet",
-            )
+            expected = "expected letters, digits, '_', '-', '.', ending in .csv or .parquet"
+            raise RefusedError(422, f"{name!r}: {expected}")
         return self.folder / name
+
+    def _shown(self, path: Path, status: os.stat_result) -> Recording:
+        """A recording by its name, `{kind}_{axis}_{UTC}`, and what is in its file."""
+        rows, first_s, last_s = self._extent(path, status.st_size, status.st_mtime_ns)
+        stamped = _STAMPED.fullmatch(path.name)
+        from_s = first_s if first_s is not None and first_s >= _UNIX_S else None
+        if stamped and from_s is None:
+            with suppress(ValueError):  # no date
+                moment = datetime.strptime(stamped["stamp"], "%Y%m%dT%H%M%SZ")
+                from_s = moment.replace(tzinfo=UTC).timestamp()
+        is_known = None not in (from_s, first_s, last_s)
+        to_s = (from_s or 0.0) + (last_s or 0.0) - (first_s or 0.0) if is_known else None
+        return Recording(
+            name=path.name,
+            axis=stamped and stamped["axis"],
+            bytes=status.st_size,
+            from_ns=None if from_s is None else round(from_s * 1e9),
+            to_ns=None if to_s is None else round(to_s * 1e9),
+            rows=rows,
+            kind=stamped["kind"] if stamped else "upload",
+        )
 
 
 async def _batches(chunks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
@@ -155,7 +192,3 @@ async def _batches(chunks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
             batch.clear()
     if batch:
         yield bytes(batch)
-
-
-def _answer(path: Path, status: os.stat_result) -> RecordingAnswer:
-    return RecordingAnswer(name=path.name, size=status.st_size, uploaded=rfc3339_s(status.st_mtime))

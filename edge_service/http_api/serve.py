@@ -55,13 +55,6 @@ class _Protocol(H11Protocol):
 class _Server(uvicorn.Server):
     """Uvicorn without its own handlers of signals: the process that wires the nodes has them."""
 
-    beat: Callable[[], None] = staticmethod(lambda: None)
-
-    async def on_tick(self, counter: int) -> bool:
-        """Show a sign of life; called ten times a second."""
-        self.beat()
-        return await super().on_tick(counter)
-
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         yield
@@ -76,7 +69,6 @@ async def serve(
     tls: tuple[Path, Path] | None = None,
     on_bound: Callable[[str, int], None] = lambda _host, _port: None,
     before_stop: Callable[[], None] = lambda: None,
-    on_tick: Callable[[], None] = lambda: None,
 ) -> None:
     """Serve until `stop` is set or the task is cancelled; both end it in good order.
 
@@ -89,7 +81,6 @@ async def serve(
         on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
-        on_tick: Called ten times a second while the server lives.
 
     Raises:
         AddressError: Before anything is served: the address makes no sense, needs TLS
@@ -115,7 +106,6 @@ async def serve(
         ssl_keyfile=key,
     )
     server = _Server(config)
-    server.beat = on_tick
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     stopping = asyncio.create_task(stop.wait())
     try:

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import asdict
 from typing import Annotated
 
@@ -18,11 +18,10 @@ from ..health.store.readers import Batch, Subscription, concerns
 from ..messages.addresses import is_loopback
 from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .access import Authenticator
-from .context import QUESTIONS, AxisFilterDep, Clock, StateDep, clock_of
+from .access import Authenticator, AuthenticatorDep
+from .context import QUESTIONS, AxisFilterDep, Clock, ClockDep, StateDep, part
 from .problems import RefusedError, documented
-from .routes.outputs import OutputAnswer, OutputDesk, output_items
-from .routes.service import service_answer
+from .routes.service import OutputAnswer, Outputs, output_items, service_answer
 
 MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
@@ -41,31 +40,83 @@ class LostAnswer(BaseModel):
     reason: str
 
 
-async def place_of(request: Request) -> AsyncIterator[None]:
-    """A place among the readers of the client's address; loopback may stand for many people."""
+async def reader(
+    request: Request,
+    state: StateDep,
+    axis: AxisFilterDep,
+    held: Annotated[Counter[str], part("readers_of")],
+) -> AsyncIterator[Subscription]:
+    """A place among the live readers, and among those of the client's address, until the end.
+
+    Loopback may stand for many people.
+    """
     address = request.client.host if request.client else ""
-    held: Counter[str] = request.app.state.readers_of
     if held[address] >= MOST_READERS_OF_ONE and not is_loopback(address):
         raise HTTPException(429, f"{MOST_READERS_OF_ONE} live readers of {address} are connected")
+    if len(state.readers) >= MOST_READERS:
+        raise HTTPException(503, f"{MOST_READERS} live readers are connected; no more are accepted")
     held[address] += 1
     try:
-        yield
+        with state.readers.subscribe(axis) as subscription:
+            yield subscription
     finally:
         held[address] -= 1
         held += Counter()  # forgets addresses without readers
 
 
-async def reader(
-    state: StateDep, axis: AxisFilterDep, _place: Annotated[None, Depends(place_of)]
-) -> AsyncIterator[Subscription]:
-    """A place among the live readers, until the response has ended."""
-    if len(state.readers) >= MOST_READERS:
-        raise HTTPException(503, f"{MOST_READERS} live readers are connected; no more are accepted")
-    with state.readers.subscribe(axis) as subscription:
-        yield subscription
+class Encoded:
+    """The newest message of each topic, made once for all readers that ask at the same moment."""
+
+    def __init__(self, state: ServiceState, outputs: Outputs | None) -> None:
+        self._state, self._outputs = state, outputs
+        self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
+        self._items: tuple[int, list[OutputAnswer]] | None = None
+
+    def value(self, topic: str, axis: str, now_ns: int) -> bytes:
+        """The message as of now, or of at most a few milliseconds ago; empty if there is none."""
+        if axis not in self._state.axes:
+            return b""
+        version = self._state.version(topic, axis)
+        made = self._made.get((topic, axis))
+        if made is None or made[0] != version or not 0 <= now_ns - made[1] <= _SHARED_NS:
+            message = self._message(topic, axis, now_ns)
+            made = self._made[topic, axis] = (version, now_ns, message)
+        return made[2]
+
+    async def service(self, now_ns: int) -> bytes:
+        """Health of the service, with outputs as they were within a second."""
+        if self._items is None or abs(now_ns - self._items[0]) >= _OUTPUTS_NS:
+            try:
+                items = await output_items(self._state, now_ns, self._outputs)
+            except RefusedError:  # the store cannot be read now; the parts say so
+                items = []
+            self._items = now_ns, items
+        return _named("service", service_answer(self._state, now_ns, self._items[1]))
+
+    def _message(self, topic: str, axis: str, now_ns: int) -> bytes:
+        if topic != FEAT.name:
+            answer = self._state.preload if topic == PRELOAD.name else self._state.health
+            return _named(topic, answer(axis, now_ns))
+        point = self._state.live_now(axis)
+        if point is None:
+            return b""
+        members = asdict(point) | {"axis": axis, "time": rfc3339(point.time_ns)}
+        del members["time_ns"]
+        return format_sse_event(event="live", data_str=json.dumps(members))
 
 
-async def resume_after(
+@stream_router.get(
+    "/events",
+    response_class=StreamingResponse,
+    responses=documented(404, 422, 503) | {200: {"content": {"text/event-stream": {}}}},
+)
+async def events(
+    request: Request,
+    state: StateDep,
+    clock: ClockDep,
+    encoded: Annotated[Encoded, part("encoded")],
+    authenticator: AuthenticatorDep,
+    subscription: Annotated[Subscription, Depends(reader)],
     last_event_id: Annotated[
         int | None, Query(ge=0, description="Same as the header Last-Event-ID.")
     ] = None,
@@ -77,97 +128,34 @@ async def resume_after(
             description="Id of the last event received; the events after it are sent first.",
         ),
     ] = None,
-) -> int | None:
-    """Id of the last event that the reader has seen; the header of a reconnection wins."""
-    return last_event_id if header is None else header
-
-
-async def still_allowed(request: Request) -> Callable[[], bool]:
-    """Permission of the reader, asked again and again: tokens are revoked."""
-    authenticator: Authenticator = request.app.state.authenticator
-    return lambda: authenticator.caller(request) is not None
-
-
-class _Encoded:
-    """The newest message of each topic, made once for all readers that ask at the same moment."""
-
-    def __init__(self, state: ServiceState, desk: OutputDesk | None) -> None:
-        self._state, self._desk = state, desk
-        self._made: dict[tuple[str, str], tuple[int, int, bytes]] = {}
-        self._outputs: tuple[int, list[OutputAnswer]] | None = None
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Axes that are there now."""
-        return self._state.axes
-
-    def value(self, topic: str, axis: str, now_ns: int) -> bytes:
-        """The message as of now, or of at most a few milliseconds ago."""
-        version = self._state.version(topic, axis)
-        made = self._made.get((topic, axis))
-        if made is None or made[0] != version or not 0 <= now_ns - made[1] <= _SHARED_NS:
-            message = _value(self._state, topic, axis, now_ns)
-            made = self._made[topic, axis] = (version, now_ns, message)
-        return made[2]
-
-    async def service(self, now_ns: int) -> bytes:
-        """Health of the service, with outputs as they were within a second."""
-        if self._outputs is None or abs(now_ns - self._outputs[0]) >= _OUTPUTS_NS:
-            try:
-                outputs = await output_items(self._state, now_ns, self._desk)
-            except RefusedError:  # the store cannot be read now; the parts say so
-                outputs = []
-            self._outputs = now_ns, outputs
-        return _named("service", service_answer(self._state, now_ns, self._outputs[1]))
-
-
-async def encoded_of(request: Request) -> _Encoded:
-    """The messages that all readers of this application share."""
-    state = request.app.state
-    if not hasattr(state, "encoded"):
-        state.encoded = _Encoded(state.service_state, state.outputs)
-    encoded: _Encoded = state.encoded
-    return encoded
-
-
-@stream_router.get(
-    "/events",
-    response_class=StreamingResponse,
-    responses=documented(404, 422, 503) | {200: {"content": {"text/event-stream": {}}}},
-)
-async def events(
-    state: StateDep,
-    clock: Annotated[Clock, Depends(clock_of)],
-    encoded: Annotated[_Encoded, Depends(encoded_of)],
-    subscription: Annotated[Subscription, Depends(reader)],
-    resume_id: Annotated[int | None, Depends(resume_after)],
-    allowed: Annotated[Callable[[], bool], Depends(still_allowed)],
 ) -> StreamingResponse:
     """Live stream: `event` (numbered); `preload`, `health`, `live`, `service` (newest); `lost`.
 
     Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
     """
-    return StreamingResponse(
-        _stream(state, encoded, clock, subscription, resume_id, allowed),
-        media_type="text/event-stream",
-        headers={"cache-control": "no-cache", "x-accel-buffering": "no"},
-    )
+    resume_id = last_event_id if header is None else header  # that of a reconnection wins
+    parts = _stream(request, state, encoded, clock, authenticator, subscription, resume_id)
+    headers = {"cache-control": "no-cache", "x-accel-buffering": "no"}
+    return StreamingResponse(parts, media_type="text/event-stream", headers=headers)
 
 
 async def _stream(
+    request: Request,
     state: ServiceState,
-    encoded: _Encoded,
+    encoded: Encoded,
     clock: Clock,
+    authenticator: Authenticator,
     subscription: Subscription,
     resume_id: int | None,
-    allowed: Callable[[], bool],
 ) -> AsyncIterator[bytes]:
     seen_id = 0 if resume_id is None else resume_id
     first_id = await QUESTIONS.run(state.events.last_id) if resume_id is None else resume_id
     yield format_sse_event(id=str(first_id), retry=RETRY_MS)
     if resume_id and not await QUESTIONS.run(state.events.holds_all_after, resume_id):
         yield _lost(None, "older events are no longer kept")
-    while resume_id is not None and (missed := await _missed(state, seen_id)):
+    while resume_id is not None and (
+        missed := await QUESTIONS.run(state.events.after, seen_id, _PAGE)
+    ):
         seen_id = missed[-1].id
         for logged in missed:
             if concerns(logged.event, subscription.axis):
@@ -176,14 +164,12 @@ async def _stream(
     while not subscription.closed:
         now_ns = clock()
         if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
-            if not allowed():
+            if authenticator.caller(request) is None:  # its token was revoked
                 return
             refreshed_ns = now_ns
             yield format_sse_event(comment="keep-alive")
             yield await encoded.service(now_ns)
-            for each in state.axes:
-                if subscription.axis not in (None, each):
-                    continue
+            for each in state.axes if subscription.axis is None else (subscription.axis,):
                 yield encoded.value(PRELOAD.name, each, now_ns)
                 yield encoded.value(HEALTH.name, each, now_ns)
         batch = await subscription.next(REFRESH_S)
@@ -191,37 +177,19 @@ async def _stream(
             yield message
 
 
-async def _missed(state: ServiceState, seen_id: int) -> list[StoredEvent]:
-    """The next events that a reader has not seen, a page of them."""
-    return await QUESTIONS.run(state.events.after, seen_id, _PAGE)
-
-
-def _news(encoded: _Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
+def _news(encoded: Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
     if batch.lost:
         yield _lost(batch.lost, "this reader is too slow")
     for logged in batch.events:
         if logged.id > seen_id:
             yield _event(logged)
     for topic, axis in batch.changed:
-        if axis in encoded.axes:
-            yield encoded.value(topic, axis, now_ns)
+        yield encoded.value(topic, axis, now_ns)
 
 
 def _event(logged: StoredEvent) -> bytes:
     data = logged.event.model_dump_json()
     return format_sse_event(event="event", id=str(logged.id), data_str=data)
-
-
-def _value(state: ServiceState, topic: str, axis: str, now_ns: int) -> bytes:
-    if topic == FEAT.name:
-        point = state.live_now(axis)
-        if point is None:
-            return b""
-        members = asdict(point) | {"axis": axis, "time": rfc3339(point.time_ns)}
-        del members["time_ns"]
-        return format_sse_event(event="live", data_str=json.dumps(members))
-    answer = state.preload if topic == PRELOAD.name else state.health
-    return _named(topic, answer(axis, now_ns))
 
 
 def _lost(count: int | None, reason: str) -> bytes:

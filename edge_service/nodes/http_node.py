@@ -23,7 +23,8 @@ from ..http_api.jobs import Jobs
 from ..http_api.recordings import Recordings
 from ..http_api.routes.config import AxisConfigurations
 from ..http_api.routes.history import answer_selector
-from ..http_api.routes.motions import MotionAnswer
+from ..http_api.routes.service import Outputs
+from ..http_api.routes.work import Motion
 from ..http_api.serve import serve
 from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
@@ -36,6 +37,7 @@ from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RA
 from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
+from ..recordings.extent import extent_of
 from .axis_desk import AxisDesk
 from .component import Component
 from .context import NodeContext, header
@@ -79,7 +81,8 @@ class HttpNode:
         folder = config.store.folder
         self._folder = folder or Path(tempfile.mkdtemp(prefix="edge-service-"))
         most_mb = MOST_TEMPORARY_MB if folder is None else config.store.budget_mb / 2.0
-        self._recordings = Recordings(self._folder / "recordings", round(most_mb * 1e6))
+        kept = self._folder / "recordings"
+        self._recordings = Recordings(kept, round(most_mb * 1e6), extent_of)
         service: tuple[str, ...] = ("--bus", context.bus.endpoint)
         service += () if config.file is None else (str(config.file),)
         jobs, files = self._folder / "jobs", self._machine_files
@@ -173,16 +176,16 @@ class HttpNode:
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
-        desk = AxisDesk(self._context)
+        desk, outputs = AxisDesk(self._context), self._outputs
         app = create_app(
             state,
             now_ns,
             own_hosts(http.url),
-            self._send_command,
-            self._jobs,
-            self._recordings,
-            self._motions,
-            outputs=self._outputs,
+            send_command=self._send_command,
+            jobs=self._jobs,
+            recordings=self._recordings,
+            motions=self._motions,
+            outputs=Outputs(outputs.outputs, outputs.counts, outputs.act),
             metrics=self._scrape.text if self._scrape.output else None,
             authenticator=self._authenticator,
             note_change=self._note_change,
@@ -200,7 +203,7 @@ class HttpNode:
         await serve(app, *place, stop=never, tls=self._tls, on_bound=bound, before_stop=state.close)
         raise RuntimeError("the server of the page has ended")
 
-    def _motions(self, axis: str) -> list[MotionAnswer]:
+    def _motions(self, axis: str) -> list[Motion]:
         """Motions that end by themselves, with their duration on an axis, or why it refuses."""
         limits, answers = motion_limits(self._context.machines[axis]), []
         for name, motion in MOTIONS.items():
@@ -211,7 +214,7 @@ class HttpNode:
                 refused = str(error)
             if duration_s is not None or refused:
                 answers.append(
-                    MotionAnswer(
+                    Motion(
                         name=name, purpose=motion.purpose, duration_s=duration_s, refused=refused
                     )
                 )

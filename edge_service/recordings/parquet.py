@@ -13,6 +13,29 @@ BLOCK_ROWS, TEXT_ROWS = 1 << 14, 1 << 5
 LARGEST_BYTES, LARGEST_TEXT_BYTES = 1 << 28, 1 << 25
 """Of one column of a row group, unpacked."""
 _BUFFER_BYTES = 1 << 18
+_LIMITS: dict[str, Any] = {
+    "thrift_string_size_limit": 1 << 24,
+    "thrift_container_size_limit": 1 << 16,
+}
+
+
+def parquet_extent(path: Path, column: str) -> tuple[int, float | None, float | None]:
+    """Rows of a file, least and greatest value of a column by its footer. Raises ValueError."""
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    try:
+        with pyarrow.parquet.ParquetFile(path, **_LIMITS) as file:
+            footer = file.metadata
+            groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+            at = file.schema.names.index(column) if column in file.schema.names else None
+            found = [] if at is None else [group.column(at).statistics for group in groups]
+            known = [each for each in found if each is not None and each.has_min_max]
+            if not known:
+                return footer.num_rows, None, None
+            return footer.num_rows, float(known[0].min), float(known[-1].max)
+    except (pa.ArrowException, TypeError, MemoryError) as error:
+        raise ValueError(str(error)) from None
 
 
 class ParquetSource(Source):
@@ -31,8 +54,7 @@ class ParquetSource(Source):
                 buffer_size=_BUFFER_BYTES,
                 pre_buffer=False,
                 page_checksum_verification=True,
-                thrift_string_size_limit=1 << 24,
-                thrift_container_size_limit=1 << 16,
+                **_LIMITS,
             )
             self._schema = self._parquet.schema_arrow
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:

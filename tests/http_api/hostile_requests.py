@@ -30,7 +30,7 @@ VALUES: tuple[Any, ...] = (
 )
 KINDS = ("application/json", "text/csv", "application/vnd.apache.parquet", "text/plain", "x", "")
 GARBAGE = (b"", b"{", b"[" * 5000, b'{"a":' * 5000, b"\xff\xfe\0", b"1,2\n" * 9, b"\0" * 200_000)
-KNOWN = {"axis": "X", "name": "a.csv", "number": "1", "form": "parquet"}
+KNOWN = {"axis": "X", "name": "a.csv", "id": "1", "output": "mqtt"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import httpx
 import pytest
@@ -20,6 +20,7 @@ from edge_service.http_api import guard, jobs
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobCommand, Jobs
 from edge_service.http_api.recordings import Recordings
+from edge_service.recordings.extent import extent_of
 
 CHILD = """
 import os, pathlib, signal, sys, time
@@ -51,7 +52,7 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.store = Store(folder / FILE_NAME)
-        kept = Recordings(folder / "recordings", 1 << 20)
+        kept = Recordings(folder / "recordings", 1 << 20, extent_of)
         self.jobs = Jobs(self.store, folder / "jobs", kept, {"X": DEFAULT_MACHINE})
         app = create_app(ServiceState({"X": None}, 0), lambda: 0, jobs=self.jobs, recordings=kept)
         transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
@@ -210,6 +211,50 @@ async def test_the_oldest_jobs_make_room(scene: Scene, monkeypatch: pytest.Monke
     assert [path.name for path in (scene.folder / "jobs").iterdir()] == ["2"]
 
 
+async def test_recordings_and_jobs_are_read_page_by_page_from_the_newest(scene: Scene) -> None:
+    for number, name in enumerate(("friction_X_20261121T081530Z.csv", "long.csv", "b.parquet"), 1):
+        await scene.client.put(f"recordings/{name}", content=b"time_s,torque_command_nm\n2,0\n5,1")
+        os.utime(scene.folder / "recordings" / name, ns=(number, number))
+    first = (await scene.client.get("recordings?limit=2")).json()
+    assert [each["name"] for each in first["items"]] == ["b.parquet", "long.csv"]
+    last = (await scene.client.get(first["next"].removeprefix("/api/v1/"))).json()
+    assert last == {
+        "items": [
+            {
+                "name": "friction_X_20261121T081530Z.csv",
+                "axis": "X",
+                "bytes": 32,
+                "from": "2026-11-21T08:15:30.000Z",
+                "to": "2026-11-21T08:15:33.000Z",
+                "rows": 2,
+                "kind": "friction",
+            }
+        ],
+        "next": None,
+    }
+    upload = first["items"][1]
+    assert [upload[each] for each in ("axis", "from", "to", "rows", "kind")] == [
+        *(None, None, None),
+        *(2, "upload"),
+    ]
+    for _ in range(2):
+        await scene.start("long")
+    first = (await scene.client.get("jobs?limit=1")).json()
+    last = (await scene.client.get(first["next"].removeprefix("/api/v1/"))).json()
+    assert [each["id"] for page in (first, last) for each in page["items"]] == [2, 1]
+    assert last["next"] is None
+
+
+async def test_who_has_a_file_already_is_told_so(scene: Scene) -> None:
+    await scene.start()
+    await scene.ended()
+    for path in ("recordings/short.csv", "jobs/1/files/report.html"):
+        answer = await scene.client.get(path)
+        assert answer.headers["cache-control"] == "private, max-age=3600"
+        known = {"if-none-match": answer.headers["etag"]}
+        assert (await scene.client.get(path, headers=known)).status_code == 304
+
+
 async def test_a_damaged_row_is_left_out(scene: Scene) -> None:
     for number in (1, 2):
         await scene.start()
@@ -260,9 +305,9 @@ async def test_every_command_is_one_of_the_command_line(
         raise OSError(errno.EAGAIN, "not here")
 
     monkeypatch.setattr(process, "started", note)
-    for command in JobCommand:
+    for command in get_args(JobCommand):
         await scene.start(command=command, options={"duration_s": 5.0})
-    assert [words[0] for words in started] == list(JobCommand)
+    assert [words[0] for words in started] == list(get_args(JobCommand))
     for name, *words in started:
         context = cli.make_context("edge-service", [name])
         found = cli.get_command(context, name)
@@ -287,7 +332,7 @@ async def test_a_motion_is_written_by_its_command(
 async def test_only_plain_names_of_traces_are_taken(scene: Scene, name: str) -> None:
     answer = await scene.client.put(f"recordings/{name}", content=b"1")
     assert answer.status_code in (404, 422)
-    assert (await scene.client.get("recordings")).json() == {"recordings": []}
+    assert (await scene.client.get("recordings")).json() == {"items": [], "next": None}
 
 
 async def test_an_upload_is_whole_or_not_at_all(

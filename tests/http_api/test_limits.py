@@ -180,7 +180,7 @@ async def asked(
     return messages[0]["status"], sent
 
 
-FILLED = {"axis": "X", "name": "a.csv", "number": 1, "form": "csv", "output": "mqtt", "letter": "1"}
+FILLED = {"axis": "X", "name": "a.csv", "id": 1, "output": "mqtt"}
 KINDS = [b"application/json", b"text/csv"]
 
 

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -73,8 +73,8 @@ CODES: dict[str, Iterable[str]] = {
     "watched": CHANNELS,
     "part": ComponentStatus,
     "component": {each.removesuffix("_process") for each in COMPONENTS},
-    "job.command": JobCommand,
-    "job.state": JobState,
+    "job.command": get_args(JobCommand),
+    "job.state": get_args(JobState),
     "fault": [str(fault.name).lower() for fault in Fault],
     "motion": [name for name, motion in MOTIONS.items() if motion.draw],
 }

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import fields
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Depends, Header, Query, Request
+from fastapi import APIRouter, Header, Query
 from pydantic import AfterValidator, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
@@ -12,10 +12,10 @@ from ...health.live_features import ChannelQuality, LivePoint
 from ...messages.answer import PreloadAnswer
 from ...messages.command import Command, Outcome
 from ...messages.health import AlarmKind, AxisHealth
+from ...messages.interval import Frozen
 from ...messages.trend import FrictionCurve, Stroke, Use
 from ..access import CallerDep
-from ..answers import Answer
-from ..context import AxisDep, NowDep, StateDep, parameter_error
+from ..context import AxisDep, NowDep, StateDep, parameter_error, part
 from ..problems import documented
 
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
@@ -38,7 +38,7 @@ SendCommand = Callable[[str, Command], Awaitable[Outcome | None]]
 axis_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
 
 
-class LiveAnswer(Answer):
+class LiveAnswer(Frozen):
     """The last minutes of one axis as columns, null where nothing was measured."""
 
     axis: str
@@ -53,7 +53,7 @@ class LiveAnswer(Answer):
     channels: list[ChannelQuality] = Field(description="State of each channel, last minute.")
 
 
-class WearAnswer(Answer):
+class WearAnswer(Frozen):
     """Use of the screw, its state along the stroke, and its friction."""
 
     axis: str
@@ -62,7 +62,7 @@ class WearAnswer(Answer):
     friction: FrictionCurve
 
 
-class CommandBody(Answer):
+class CommandBody(Frozen):
     """Command given by a person."""
 
     model_config = ConfigDict(
@@ -81,7 +81,7 @@ class CommandBody(Answer):
     duration_s: float = Field(8 * 3600.0, gt=0.0, le=30 * 86400.0)
 
 
-class CommandAnswer(Answer):
+class CommandAnswer(Frozen):
     """It was done, and is kept."""
 
     outcome: str = Field(examples=["alarm sudden drop acknowledged by Kim: seen"])
@@ -91,19 +91,19 @@ ReadStroke = Callable[[str, PreloadAnswer], Stroke | None]
 """Profiles along the stroke of an axis; None where it is not commissioned."""
 
 
-@axis_router.get("/preload", response_model=PreloadAnswer)
+@axis_router.get("/preload")
 async def preload(axis: AxisDep, state: StateDep, now_ns: NowDep) -> PreloadAnswer:
     """Preload of one axis; numbers are null, never stale, unless the status is `estimated`."""
     return state.preload(axis, now_ns)
 
 
-@axis_router.get("/health", response_model=AxisHealth)
+@axis_router.get("/health")
 async def health(axis: AxisDep, state: StateDep, now_ns: NowDep) -> AxisHealth:
     """Condition of one axis, alarms, advice, trend, its components and data faults."""
     return state.health(axis, now_ns)
 
 
-@axis_router.get("/live", response_model=LiveAnswer)
+@axis_router.get("/live")
 async def live(
     axis: AxisDep,
     state: StateDep,
@@ -120,10 +120,14 @@ async def live(
     )
 
 
-@axis_router.get("/wear", response_model=WearAnswer)
-async def wear(request: Request, axis: AxisDep, state: StateDep, now_ns: NowDep) -> WearAnswer:
+@axis_router.get("/wear")
+async def wear(
+    axis: AxisDep,
+    state: StateDep,
+    now_ns: NowDep,
+    read: Annotated[ReadStroke, part("read_stroke")],
+) -> WearAnswer:
     """Travel, hours, reversals and loads of the part in use; its stroke; its friction curve."""
-    read: ReadStroke = request.app.state.read_stroke
     told = state.health(axis, now_ns)
     return WearAnswer(
         axis=axis,
@@ -133,15 +137,8 @@ async def wear(request: Request, axis: AxisDep, state: StateDep, now_ns: NowDep)
     )
 
 
-async def send_command_of(request: Request) -> SendCommand | None:
-    """Sender of commands; None if this service takes none."""
-    send: SendCommand | None = request.app.state.send_command
-    return send
-
-
 @axis_router.post(
     "/commands",
-    response_model=CommandAnswer,
     status_code=202,
     responses=documented(409, 422, 503, 507),
 )
@@ -149,7 +146,7 @@ async def command(
     axis: AxisDep,
     body: CommandBody,
     caller: CallerDep,
-    send: Annotated[SendCommand | None, Depends(send_command_of)],
+    send: Annotated[SendCommand, part("send_command")],
     idempotency_key: IdempotencyKey = "",
 ) -> CommandAnswer:
     """Acknowledge, shelve or unshelve an alarm, write a note, or say that a part was replaced.
@@ -159,8 +156,6 @@ async def command(
     again with the same `Idempotency-Key`, or look at the log first. Whoever has sent a token is
     named by it, whatever `user` says.
     """
-    if send is None:
-        raise HTTPException(503, "this service takes no commands")
     if (body.alarm is None) == (body.action in _ABOUT_AN_ALARM):
         expected = "is needed for" if body.alarm is None else "has no meaning for"
         raise parameter_error("alarm", f"{expected} {body.action}")

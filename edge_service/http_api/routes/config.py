@@ -5,13 +5,12 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Query
 from fastapi.responses import PlainTextResponse, Response
 from pydantic import BeforeValidator, ConfigDict, Field
-from starlette.exceptions import HTTPException
 
-from ..answers import Answer
-from ..context import AxisDep, parameter_error
+from ...messages.interval import Frozen
+from ..context import AxisDep, parameter_error, part
 from ..problems import documented
 
 
@@ -24,7 +23,7 @@ TomlTable = Annotated[dict[str, Any], BeforeValidator(_parsed)]
 """An object, or the same as TOML text."""
 
 
-class AxisConfiguration(Answer):
+class AxisConfiguration(Frozen):
     """One axis as it is configured; a password is `***`, and stays if it is sent so."""
 
     model_config = ConfigDict(
@@ -58,14 +57,7 @@ class AxisConfigurations:
     remove: Callable[[str], Awaitable[None]]
 
 
-async def _configurations_of(request: Request) -> AxisConfigurations:
-    configurations: AxisConfigurations | None = request.app.state.configurations
-    if configurations is None:
-        raise HTTPException(503, "this service has no configuration")
-    return configurations
-
-
-ConfigurationsDep = Annotated[AxisConfigurations, Depends(_configurations_of)]
+ConfigurationsDep = Annotated[AxisConfigurations, part("configurations")]
 config_router = APIRouter(
     prefix="/api/v1/axes/{axis}/config", tags=["axes"], responses=documented(404, 503)
 )

@@ -16,9 +16,8 @@ from ...health.service_state import ServiceState
 from ...health.store.history import HistoryForm, write_history
 from ...health.store.rows import Bucket
 from ...health.store.store import StoreFailedError
-from ...messages.interval import parse_moment
+from ...messages.interval import Frozen, TimeNs, parse_moment
 from ...messages.topics import PRELOAD
-from ..answers import Answer, Timestamp
 from ..context import (
     AxisDep,
     Moment,
@@ -43,12 +42,12 @@ _PARAMETERS = ("from", "to", "step")
 history_router = APIRouter(prefix="/api/v1", tags=["axes"])
 
 
-class HistoryAnswer(Answer):
+class HistoryAnswer(Frozen):
     """History of one axis in buckets, oldest first; empty buckets are absent."""
 
     axis: str
-    start_s: Timestamp = Field(alias="from")
-    end_s: Timestamp = Field(alias="to")
+    from_ns: TimeNs = Field(alias="from")
+    to_ns: TimeNs = Field(alias="to")
     step_s: float = Field(description="Length of a bucket, s.")
     buckets: tuple[Bucket, ...]
 
@@ -109,8 +108,8 @@ def buckets_answer(
         raise parameter_error("step", f"would make more than {MOST_BUCKETS} buckets")
     return HistoryAnswer(
         axis=axis,
-        start_s=start_s,
-        end_s=end_s,
+        from_ns=round(start_s * 1e9),
+        to_ns=round(end_s * 1e9),
         step_s=step_s,
         buckets=state.history.buckets(axis, start_s, end_s, step_s),
     )

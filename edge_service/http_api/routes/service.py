@@ -1,39 +1,98 @@
-"""Routes of the service as a whole: alive, ready, metrics, its parts and its axes."""
+"""Routes of the service as a whole: alive, ready, metrics, parts, axes, log, outputs, tokens."""
 
-from fastapi import APIRouter, Request
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 from pydantic import Field
 from starlette.exceptions import HTTPException
 
 from ... import __version__
 from ...health.service_state import ServiceState
+from ...health.store.outbox import Counts
+from ...health.store.tokens import MOST_LETTERS, NAME, Role, TokenError
 from ...messages.answer import AxesAnswer, axis_row
-from ...messages.health import ComponentHealth
-from ..answers import Answer, Timestamp
-from ..context import NowDep, StateDep
+from ...messages.event import Event
+from ...messages.health import ComponentHealth, ComponentStatus
+from ...messages.interval import Frozen, TimeNs
+from ..access import AuthenticatorDep, CallerDep
+from ..context import (
+    QUESTIONS,
+    AxisFilterDep,
+    Moment,
+    NowDep,
+    Page,
+    PagingDep,
+    StateDep,
+    from_history,
+    moment_query,
+    part,
+)
 from ..problems import documented, problem_response
-from .outputs import OutputAnswer, output_items
+
+STALE_S = 3.0
+"""Age from which on an output is `degraded`."""
+_LAST_NS = 2**63 - 1
 
 alive_router = APIRouter(tags=["service"])
 service_router = APIRouter(tags=["service"])
 
 
-class AliveAnswer(Answer):
+class AliveAnswer(Frozen):
     """The process answers."""
 
     alive: bool = True
 
 
-class ReadyAnswer(Answer):
+class ReadyAnswer(Frozen):
     """The service can answer for every axis."""
 
     ready: bool = True
 
 
-class ServiceAnswer(Answer):
+class OutputAnswer(Frozen):
+    """One output, what waits for it, and what it could not deliver."""
+
+    output: str = Field(examples=["mqtt"])
+    state: ComponentStatus | Literal["degraded"]
+    age_s: float | None = Field(description="Time since it took the last answer, s.")
+    waiting: int = Field(description="Events that are still to be delivered.")
+    dead: int = Field(description="Events that it refused, kept for 30 days.")
+    reason: str
+
+
+class OutputsAnswer(Frozen):
+    """All outputs that are configured."""
+
+    items: list[OutputAnswer]
+
+
+class OutputAction(Frozen):
+    """`test` sends a test message, `requeue` tries all dead letters again, `drop` removes them."""
+
+    action: Literal["test", "requeue", "drop"]
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The outputs by name; `counts` and `act` raise RefusedError.
+
+    Attributes:
+        counts: events of an output that wait, and its dead letters.
+        act: does what is asked of an output.
+    """
+
+    names: tuple[str, ...]
+    counts: Callable[[str], Awaitable[Counts]]
+    act: Callable[[str, Literal["test", "requeue", "drop"]], Awaitable[None]]
+
+
+class ServiceAnswer(Frozen):
     """Health of the whole service."""
 
-    time: Timestamp = Field(description="Time of this answer, by the clock of the service.")
+    time: TimeNs = Field(description="Time of this answer, by the clock of the service.")
     ready: bool
     reasons: list[str] = Field(description="Why the service is not ready, per axis.")
     version: str = Field(description="Version of edge-service.")
@@ -47,7 +106,53 @@ class ServiceAnswer(Answer):
     outputs: list[OutputAnswer]
 
 
-@alive_router.get("/healthz", response_model=AliveAnswer)
+class NumberedEvent(Event):
+    """One event with the number under which the live stream knows it."""
+
+    id: int
+
+
+class TokenAnswer(Frozen):
+    """One token, without its secret."""
+
+    name: str = Field(examples=["kim"])
+    role: Role
+    created_at: TimeNs
+    used_at: TimeNs | None = Field(description="Last use, to some ten minutes; null before it.")
+
+
+class CallerAnswer(Frozen):
+    """Whoever asks."""
+
+    name: str | None = Field(description="Name of the token; null where none is needed.")
+    role: Role
+
+
+class TokensAnswer(Frozen):
+    """All tokens by name."""
+
+    items: list[TokenAnswer]
+    caller: CallerAnswer
+
+
+class TokenBody(Frozen):
+    """Request for a token."""
+
+    name: str = Field(pattern=NAME, max_length=MOST_LETTERS, examples=["kim"])
+    role: Role
+
+
+class NewTokenAnswer(TokenBody):
+    """A token that was made."""
+
+    token: str = Field(description="The token; it is shown only here.")
+
+
+OutputsDep = Annotated[Outputs, part("outputs")]
+MetricsDep = Annotated[Callable[[], Awaitable[tuple[bytes, str]]], part("metrics")]
+
+
+@alive_router.get("/healthz")
 async def alive() -> AliveAnswer:
     """The process answers."""
     return AliveAnswer()
@@ -63,19 +168,17 @@ async def ready(request: Request, state: StateDep, now_ns: NowDep) -> ReadyAnswe
     return problem_response(request.url.path, 503, detail, reasons=list(reasons))
 
 
-@service_router.get("/metrics", response_class=Response, responses=documented(404))
-async def metrics(request: Request) -> Response:
+@service_router.get("/metrics", response_class=Response, responses=documented(503))
+async def metrics(scrape: MetricsDep) -> Response:
     """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
-    if request.app.state.metrics is None:
-        raise HTTPException(404, "the output `metrics` is not installed")
-    text, content_type = await request.app.state.metrics()
+    text, content_type = await scrape()
     return Response(text, media_type=content_type)
 
 
-@service_router.get("/api/v1/health", response_model=ServiceAnswer)
+@service_router.get("/api/v1/health")
 async def service_health(request: Request, state: StateDep, now_ns: NowDep) -> ServiceAnswer:
     """Health of the whole service: is it ready, its parts, its outputs."""
-    outputs = await output_items(state, now_ns, request.app.state.outputs)
+    outputs = await output_items(state, now_ns, getattr(request.app.state, "outputs", None))
     return service_answer(state, now_ns, outputs)
 
 
@@ -96,7 +199,7 @@ def service_answer(state: ServiceState, now_ns: int, outputs: list[OutputAnswer]
     )
 
 
-@service_router.get("/api/v1/axes", response_model=AxesAnswer)
+@service_router.get("/api/v1/axes")
 async def axes(state: StateDep, now_ns: NowDep) -> AxesAnswer:
     """All axes, the worst first: condition, what to do, preload, next limit."""
     rows = [axis_row(state.health(axis, now_ns), now_ns) for axis in state.axes]
@@ -105,3 +208,104 @@ async def axes(state: StateDep, now_ns: NowDep) -> AxesAnswer:
         machine=state.place.machine,
         axes=tuple(sorted(rows, key=lambda row: row.urgency)),
     )
+
+
+@service_router.get("/api/v1/log", responses=documented(404, 422, 503))
+async def log(
+    state: StateDep,
+    axis: AxisFilterDep,
+    paging: PagingDep,
+    kind: Annotated[list[str] | None, Query(description="Only of this kind; repeatable.")] = None,
+    start_s: Annotated[Moment | None, moment_query("from", "the first event")] = None,
+    end_s: Annotated[Moment | None, moment_query("to", "the last event")] = None,
+) -> Page[NumberedEvent]:
+    """Events, notes and commands, with who and from where; of an axis also the service's."""
+    found = await from_history(
+        state.events.page,
+        paging.limit + 1,
+        axis,
+        kind or (),
+        0 if start_s is None else round(start_s * 1e9),
+        _LAST_NS if end_s is None else round(end_s * 1e9),
+        paging.before,
+    )
+    events = [NumberedEvent(**dict(each.event), id=each.id) for each in found]
+    return paging.page(events, [each.id for each in events])
+
+
+@service_router.get("/api/v1/outputs", tags=["outputs"])
+async def outputs(state: StateDep, now_ns: NowDep, there: OutputsDep) -> OutputsAnswer:
+    """Outputs, what waits for them and what they could not deliver."""
+    return OutputsAnswer(items=await output_items(state, now_ns, there))
+
+
+async def output_items(
+    state: ServiceState, now_ns: int, outputs: Outputs | None
+) -> list[OutputAnswer]:
+    """Every output as it does now."""
+    items = []
+    reports = {each.component: each for each in state.components(now_ns)}
+    for name in () if outputs is None else outputs.names:
+        counts, report = await outputs.counts(name), reports.get(name)
+        status = ComponentStatus.STARTING if report is None else report.status
+        age_s = None if report is None else report.readings.get("age_s")
+        is_late = status is ComponentStatus.OK and age_s is not None and age_s > STALE_S
+        items.append(
+            OutputAnswer(
+                output=name,
+                state="degraded" if is_late else status,
+                age_s=age_s,
+                waiting=counts.waiting,
+                dead=counts.dead,
+                reason="" if report is None else report.reason,
+            )
+        )
+    return items
+
+
+@service_router.post(
+    "/api/v1/outputs/{output}",
+    tags=["outputs"],
+    status_code=204,
+    responses=documented(404, 409, 502, 503),
+)
+async def act(output: str, body: OutputAction, outputs: OutputsDep) -> None:
+    """Send a test message by an output, or decide on its dead letters."""
+    await outputs.act(output, body.action)
+
+
+@service_router.get("/api/v1/tokens")
+async def tokens(authenticator: AuthenticatorDep, caller: CallerDep) -> TokensAnswer:
+    """List the tokens with their roles, and tell who asks."""
+    known = authenticator.tokens
+    found = () if known is None else await QUESTIONS.run(known.all)
+    items = [
+        TokenAnswer(
+            name=each.name, role=each.role, created_at=each.created_ns, used_at=each.used_ns
+        )
+        for each in found
+    ]
+    return TokensAnswer(items=items, caller=CallerAnswer(name=caller.name, role=caller.role))
+
+
+@service_router.post("/api/v1/tokens", status_code=201, responses=documented(409, 422, 507))
+async def add_token(
+    authenticator: AuthenticatorDep, body: TokenBody, now_ns: NowDep
+) -> NewTokenAnswer:
+    """Create a token; from the first one on every request needs one."""
+    try:
+        secret = await QUESTIONS.run(authenticator.kept.add, body.name, body.role, now_ns)
+    except TokenError as error:
+        raise HTTPException(409, str(error)) from None
+    await QUESTIONS.run(authenticator.refresh, now_ns)
+    return NewTokenAnswer(name=body.name, role=body.role, token=secret)
+
+
+@service_router.delete("/api/v1/tokens/{name}", status_code=204, responses=documented(404, 507))
+async def revoke_token(authenticator: AuthenticatorDep, name: str, now_ns: NowDep) -> None:
+    """Revoke a token at once."""
+    try:
+        await QUESTIONS.run(authenticator.kept.revoke, name)
+    except TokenError as error:
+        raise HTTPException(404, str(error)) from None
+    await QUESTIONS.run(authenticator.refresh, now_ns)

@@ -28,7 +28,7 @@ export async function loadDrift(state) {
   if (!byId("drift").firstChild) build();
   axis = state.axis;
   const turn = ++asked;
-  const [{ recordings }, { items: jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
+  const [{ items: recordings }, { items: jobs }] = await Promise.all([fetchJson("/api/v1/recordings"), fetchJson("/api/v1/jobs")]);
   const job = jobs.find((each) => each.command === "fingerprint" && each.recordings.length > 1 && each.axis === state.axis);
   const verdict = job?.verdict ?? job?.lines.at(-1);
   if (turn !== asked) return; // the answer to a newer question is on its way
@@ -48,10 +48,10 @@ function poll(state) {
   }, POLL_MS);
 }
 
-function recordingNode({ name, uploaded }) {
+function recordingNode({ name, from }) {
   const box = element("input", { type: "checkbox", name: "drift-recording", value: name, id: `drift-${name}` });
   box.checked = byId(box.id)?.checked ?? false; // a choice outlasts the list's renewal
-  return element("li", { class: "row" }, box, element("label", { for: box.id }, `${name}, ${clock(uploaded)}`));
+  return element("li", { class: "row" }, box, element("label", { for: box.id }, from ? `${name}, ${clock(from)}` : name));
 }
 
 function answerNodes(job, verdict) {

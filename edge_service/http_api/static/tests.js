@@ -49,7 +49,7 @@ export async function loadTests(state) {
   axis = state.axis;
   const turn = ++asked;
   const paths = ["recordings", "jobs"];
-  const [{ recordings }, { items: jobs }] = await Promise.all(paths.map((path) => fetchJson(`/api/v1/${path}`)));
+  const [{ items: recordings }, { items: jobs }] = await Promise.all(paths.map((path) => fetchJson(`/api/v1/${path}`)));
   await readVerdicts(jobs);
   if (turn !== asked) return; // the answer to a newer question is on its way
   loadMotions(axis).catch(() => {});
@@ -89,10 +89,10 @@ function poll() {
 }
 
 function recordingNode(recording) {
-  const { name, size } = recording;
+  const { name, bytes } = recording;
   const box = element("input", { type: "checkbox", name: "recording", value: name, id: `recording-${name}` });
   box.checked = byId(box.id)?.checked ?? false; // a choice outlasts the list's renewal
-  const shown = size > 1e6 ? `${number(size / 1e6, 1)} MB` : `${number(size / 1e3, 1)} kB`;
+  const shown = bytes > 1e6 ? `${number(bytes / 1e6, 1)} MB` : `${number(bytes / 1e3, 1)} kB`;
   const link = element("a", { href: pathOf(name), download: name, "aria-label": t("recording.download.label", { name }) }, t("recording.download"));
   const remove = () => button(t("remove"), { "aria-label": `${t("remove")} ${name}` }, () => act(fetchJson(pathOf(name), { method: "DELETE" }), t("removed")));
   return element("li", { class: "row" }, box, element("label", { for: box.id, lang: "en" }, `${name} (${shown})`), link, remove());
