@@ -319,6 +319,7 @@ async def test_a_motion_is_written_by_its_command(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-m", "edge_service"))
+    monkeypatch.setattr(process, "NICE", 0)  # beside other work it would never begin
     motion = await scene.client.get("axes/X/motions/friction?format=mpf")
     assert (motion.status_code, "G4" in motion.text) == (200, True)
     unknown = await scene.client.get("axes/X/motions/warp?format=csv")

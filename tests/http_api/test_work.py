@@ -230,7 +230,7 @@ async def test_history_can_be_taken_along(scene, client):
     values = np.random.default_rng(1).uniform(3.0, 7.0, 50)
     for value in values.tolist():
         scene.hear_preload(preload_percent=value)
-        scene.wait(0.5)
+        scene.wait(1.0)
     answer = await client.get(f"{BASE}/history", params={"format": "parquet"})
     assert "attachment" in answer.headers["content-disposition"]
     table = pq.read_table(io.BytesIO(answer.content))
