@@ -10,22 +10,10 @@ from scipy import signal
 from edge_service.cli.entry import main
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.machine import Machine
-from edge_service.regression.run import Filter
 
 from .conftest import frame_of, recorded, session_of
 
 RATIO = 0.02 / (2.0 * np.pi)
-
-
-@pytest.mark.parametrize("count", [2000, 2001, 2003, 2007])
-def test_the_low_pass_is_a_butterworth_filter_run_both_ways(count: int) -> None:
-    low_pass = Filter.of_period(1e-3)
-    values = np.random.default_rng(1).standard_normal(count).cumsum()
-    expected = signal.sosfiltfilt(signal.butter(4, 40.0, fs=1000.0, output="sos"), values)
-    inside = slice(20, -20)
-    found, expected = low_pass(values), expected[:: low_pass.step]
-    assert len(found) == len(expected)
-    assert found[inside] == pytest.approx(expected[inside], abs=0.02 * values.std())
 
 
 @pytest.mark.parametrize("causes", [(), ("viscous_error",), ("drag_error", "backlash")])

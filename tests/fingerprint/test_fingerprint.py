@@ -14,7 +14,6 @@ from edge_service.fingerprint.friction.cruise_tests import measure_signature
 from edge_service.fingerprint.result import (
     AxisFingerprint,
     FingerprintError,
-    Section,
     Status,
     read_fingerprint,
 )
@@ -27,12 +26,11 @@ from edge_service.messages.samples import (
     SampleFrame,
 )
 from edge_service.models.effects.registry import parse_effect
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Dwell, Move, Segment, motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.ball_screw import ball_pass_orders
-from edge_service.regression.interval_estimate import around
 from edge_service.regression.prepared_run import PreparationSettings, PreparedRun
 
 from .conftest import FRESH, run_axis, setpoints_of
@@ -184,28 +182,6 @@ def test_one_encoder_leaves_the_transmission_undetermined(
     assert sections["inertia"].figures["inertia_kg_m2"].holds(INERTIA)
 
 
-@pytest.mark.slow
-def test_two_friction_tests_of_one_axis_show_what_warming_up_changed(machine: Machine) -> None:
-    """Figure 5.11 with s(v) F exp(-t / tau) put in; the second test begins where the first ends."""
-    excess_nm, tau_s = 0.1, 40.0
-    warming = [parse_effect(f"warmup:excess_nm={excess_nm},time_constant_s={tau_s}")]
-    settings = FeedDriveSettings.of_machine(machine, effects=warming)
-    setpoints = setpoints_of(friction_moves(), motion_limits(machine).low_m)
-    axis = FeedDrive(settings, float(setpoints[0, 0]), FRESH, 1)
-    tests = {name: axis.advance(setpoints, np.full(len(setpoints), FRESH)) for name in ("a", "b")}
-    section = fingerprint_axis(machine, tests).sections["friction_runs"]
-    cold, warm = section.curves
-    later_s = len(setpoints) / 1000.0
-    for rpm in (60, 300, 1200):
-        at_speed = np.abs(np.abs(setpoints[:, 1]) - rpm / 60.0 * 0.02) < 1e-6
-        faded = excess_nm * np.mean(np.exp(-np.flatnonzero(at_speed) / 1000.0 / tau_s))
-        change = section.figures[f"change_at_{rpm}_rpm_nm"]
-        assert change.value == pytest.approx(faded * math.expm1(-later_s / tau_s), rel=0.03)
-    assert np.all(warm.y < cold.y)
-    alone = fingerprint_axis(machine, {"a": tests["a"]})
-    assert "friction_runs" not in alone.sections
-
-
 def test_a_document_comes_back_as_it_was(worn: AxisFingerprint, tmp_path: Path) -> None:
     path = tmp_path / "fingerprint.json"
     document = TypeAdapter(AxisFingerprint).dump_python(worn, mode="json")
@@ -232,24 +208,6 @@ def test_a_baseline_that_is_none_is_named_in_one_line(
     with pytest.raises(FingerprintError, match=expected) as caught:
         read_fingerprint(path)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-def test_noise_alone_is_rarely_called_a_change() -> None:
-    random = np.random.default_rng(5)
-
-    def drawn(shift: float) -> AxisFingerprint:
-        values = 10.0 + shift + random.standard_normal(100)
-        figures = {str(k): around(float(v), 1.0, "N", 1e6) for k, v in enumerate(values)}
-        section = Section(Status.DETERMINED, "", "friction", figures)
-        return AxisFingerprint("X", (), {"friction": section})
-
-    quiet = sum(
-        any(change.significant for change in compare_fingerprints(drawn(0.0), drawn(0.0)))
-        for _ in range(50)
-    )
-    assert quiet <= 3
-    assert all(change.changed for change in compare_fingerprints(drawn(9.0), drawn(0.0)))
 
 
 def cruise(revolutions_per_s: float, torque_nm: Floats, count: int = 20_000) -> PreparedRun:

@@ -39,13 +39,6 @@ def even(seconds: float) -> Floats:
     return np.arange(round(1000.0 * seconds)) / 1000.0
 
 
-def test_an_even_recording_is_one_run_with_its_values_untouched() -> None:
-    frame = sine(even(2.0))
-    (run,) = uniform_runs(frame, (ANGLE, TORQUE))
-    assert run.period_s == pytest.approx(1e-3, rel=1e-9)
-    np.testing.assert_array_equal(run.channels[ANGLE], frame.channels[ANGLE])
-
-
 def test_repeats_and_rows_out_of_order_are_dropped() -> None:
     time_s = even(1.0)
     order = np.concatenate((np.arange(400), [399, 399, 395], np.arange(400, 1000)))
@@ -73,20 +66,6 @@ def test_a_missing_required_value_is_a_lost_row_and_an_optional_one_costs_the_ch
     (run,) = uniform_runs(holed, (ANGLE, TORQUE), optional=(TABLE_POSITION,))
     assert set(run.channels) == {ANGLE, TORQUE}
     np.testing.assert_allclose(run.channels[TORQUE], frame.channels[TORQUE], atol=1e-6)
-
-
-@pytest.mark.parametrize("size", [7, 333, 5000])
-def test_frames_of_any_size_are_one_recording(size: int) -> None:
-    whole = sine(np.delete(even(3.0), range(1500, 1510)))
-    frames = [
-        SampleFrame(
-            whole.time_s[k : k + size],
-            {name: values[k : k + size] for name, values in whole.channels.items()},
-        )
-        for k in range(0, len(whole), size)
-    ]
-    runs = list(uniform_runs(frames, (ANGLE,)))
-    assert [len(run) for run in runs] == [1500, 1490]
 
 
 def test_motion_is_that_of_the_formula() -> None:
@@ -119,20 +98,6 @@ def test_white_noise_is_seen_beneath_the_motion_and_carried_through_the_filters(
     for times, name in ((1, "speed_rad_s"), (2, "acceleration_rad_s2")):
         left = decimate(getattr(run, name) - getattr(plain, name), DECIMATION)
         assert derivative_noise_rms(run, ANGLE, times) == pytest.approx(np.std(left), rel=0.1)
-
-
-def test_a_linear_encoder_stands_in_for_the_rotary_one() -> None:
-    frame = sine(even(1.0))
-    table = SampleFrame(
-        frame.time_s,
-        {TABLE_POSITION: RATIO * frame.channels[ANGLE], TORQUE: frame.channels[TORQUE]},
-    )
-    (run,), (expected,) = (
-        prepare(table, PreparationSettings(RATIO)),
-        prepare(frame, PreparationSettings(RATIO)),
-    )
-    np.testing.assert_allclose(run.speed_rad_s, expected.speed_rad_s, rtol=1e-9, atol=1e-9)
-    assert TABLE_POSITION not in run.channels
 
 
 def test_a_stuck_channel_parts_the_recording_while_the_axis_moves() -> None:

@@ -10,17 +10,14 @@ from edge_service.diagnose.session.prescribed_motion import PrescribedMotionAxis
 from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
-from edge_service.diagnose.validation import replay as replay_module
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
-from edge_service.models.effects.signature import transmission_signature
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.plant.encoders import Sensors
-from edge_service.regression.run import Run
 
-from ..conftest import frame_of, recorded, runs, session_of
+from ..conftest import frame_of, recorded, session_of
 from ..test_diagnosis import diagnosed
 
 QUIET = Sensors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -116,16 +113,6 @@ def test_every_effect_is_replayed() -> None:
     assert set(effects()) - set(REPLAYED) == {"saturation", "preload_loss"}
 
 
-def test_friction_that_one_side_lacks_is_the_other_sides(machine: Machine) -> None:
-    """All of this machine's friction counts as the guides'; the wavering one is the motor's."""
-    axis = PrescribedMotionAxis.of_machine(machine, rigid_baseline(machine))
-    plant = axis.with_effects([active_effect("once_per_rev_friction", {"amplitude_nm": 0.1})]).plant
-    ratio, before = plant.ratio_m_per_rad, axis.plant
-    assert plant.bearing_drag_nm + axis.screw_nm >= 0.1 - 1e-6
-    whole = [each.bearing_drag_nm + each.guide_force_n * ratio for each in (before, plant)]
-    assert whole[0] == pytest.approx(whole[1])
-
-
 def test_regression_and_replay_agree_on_a_foreign_axis(machine: Machine) -> None:
     found, _ = diagnosed(machine, ("torque_ripple",), seed=3)
     (named,) = found.effects
@@ -143,30 +130,3 @@ def test_one_encoder_is_enough(machine: Machine) -> None:
     found = diagnose_session(session_of(machine, frame), machine, library)
     assert set(found.gap) == {TORQUE_GAP}
     assert found.effects[0].replay.estimate > 0.8
-
-
-def test_a_plant_that_leaves_the_finite_numbers_is_a_reason(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(_self: PrescribedMotionAxis, run: Run, *_rest: object) -> Run:
-        raise ValueError("cannot follow")
-
-    monkeypatch.setattr(replay_module.PrescribedMotionAxis, "simulated", broken)
-    frame = frame_of(recorded(("drag_error",), 3))
-    library = [get_effect("drag_error")]
-    found = diagnose_session(session_of(machine, frame), machine, library)
-    assert found.replay.reason == "cannot follow"
-    assert found.gap[TORQUE_GAP].replayed is None
-    assert found.effects[0].shrink.estimate > 0.8
-
-
-def test_at_rest_the_spring_stays_as_the_guides_wound_it_up(machine: Machine) -> None:
-    motion = runs(machine, frame_of(recorded(("drag_error",), 3)))[0].motion
-    baseline = rigid_baseline(machine)
-    rest = motion.direction == 0.0
-    assert rest.any()
-    stretch = active_effect("compliance", {"level_m_per_n": 1e-8, "friction_share": 1.0})
-    wound = transmission_signature(stretch.effect, stretch.values, motion, baseline)[rest]
-    load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
-    load += baseline.table_coulomb_nm * motion.approach
-    assert np.allclose(wound, -1e-8 * load[rest] / baseline.ratio_m_per_rad, atol=1e-12)
