@@ -11,7 +11,6 @@ from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
-from .candidates.regressors import UNKNOWN
 from .localisation import where
 from .result import (
     SURE,
@@ -28,7 +27,7 @@ from .result import (
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
 from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
-from .validation.assessment import Assessment, assess_causes, is_misattributed
+from .validation.assessment import Assessment, assess_causes
 from .validation.replay import replay
 
 BLIND_TRUST = 0.5
@@ -92,9 +91,8 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         found.append(each.model_copy(update=changes))
     found.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
-    suspects = sorted(posterior.best.material - {UNKNOWN})
-    is_unknown = blind or _is_unknown(assessment, suspects)
-    nearest = next(iter([*(each.name for each in found), *suspects]), None)
+    is_unknown = blind or assessment.is_unknown
+    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
     verdict = verdict_of(found, is_unknown=is_unknown)
     gap, left_rms = {}, {}
     beside_nuisances = contributions.left_beside_nuisances
@@ -149,17 +147,6 @@ def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
     if any(each.probability < SURE or len(each.tied) > 1 for each in found):
         return Verdict.AMBIGUOUS
     return Verdict.EXPLAINED
-
-
-def _is_unknown(assessment: Assessment, suspects: Sequence[str]) -> bool:
-    """Flag of a cause whose better part the library lacks."""
-    posterior, contributions = assessment.posterior, assessment.contributions
-    return (
-        UNKNOWN in posterior.best.material
-        or is_misattributed(assessment.attributions, contributions.channel_of)
-        or any(each < 1.0 for each in assessment.confidence.values())
-        or (bool(suspects) and not contributions.named and bool(posterior.exceeding))
-    )
 
 
 def is_blind(floor_nm: float, torque_nm: float) -> bool:

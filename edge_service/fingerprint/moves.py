@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,51 +62,46 @@ class Move:
         return replace(self, start_m=self.end_m, end_m=self.start_m, speed_m_s=-self.speed_m_s)
 
 
-def find_moves(
-    frames: Iterable[SampleFrame],
-    ratio_m_per_rad: float,
-    context: tuple[float, ...] = (),
-) -> list[Move]:
+def find_moves(frame: SampleFrame, ratio_m_per_rad: float, names: Sequence[str] = ()) -> list[Move]:
     """Moves of one recording, in its order.
+
+    Args:
+        names: columns that keep their values throughout a move: its context.
 
     Raises ValueError: torque and position are missing, or the clock stands.
     """
-    known = [frame for frame in frames if len(frame)]
-    settings = PreparationSettings.sampled(ratio_m_per_rad, known, CUTOFF_HZ)
-    runs = list(prepare(known, settings))
-    courses = [run.channels.get(SETPOINT, ratio_m_per_rad * run.channels[ANGLE]) for run in runs]
-    speeds = [np.gradient(course, run.period_s) for course, run in zip(courses, runs, strict=True)]
-    fastest = max((float(np.abs(speed).max()) for speed in speeds), default=0.0)
     moves = []
-    for run, course, speed in zip(runs, courses, speeds, strict=True):
-        way = np.where(np.abs(speed) > _REST_SHARE * fastest, np.sign(speed), 0.0)
-        turns = [0, *(np.flatnonzero(np.diff(way)) + 1).tolist(), len(way)]
-        for start, stop in itertools.pairwise(turns):
-            if way[start] == 0.0:
-                continue
-            top = float(np.quantile(np.abs(speed[start:stop]), _TOP))
-            steady = start + np.flatnonzero(np.abs(speed[start:stop]) >= _STEADY_SHARE * top)
-            if steady.size >= _LEAST_STEADY:
-                ends_m = float(course[start]), float(course[stop - 1])
-                lasts_s, speed_m_s = (stop - start) * run.period_s, math.copysign(top, way[start])
-                moves.append(Move(context, *ends_m, speed_m_s, lasts_s, _figures(run, steady)))
+    for context, part in _by_context(frame, names):
+        settings = PreparationSettings.sampled(ratio_m_per_rad, [part], CUTOFF_HZ)
+        runs = list(prepare(part, settings))
+        courses = [r.channels.get(SETPOINT, ratio_m_per_rad * r.channels[ANGLE]) for r in runs]
+        speeds = [np.gradient(c, run.period_s) for c, run in zip(courses, runs, strict=True)]
+        fastest = max((float(np.abs(speed).max()) for speed in speeds), default=0.0)
+        for run, course, speed in zip(runs, courses, speeds, strict=True):
+            way = np.where(np.abs(speed) > _REST_SHARE * fastest, np.sign(speed), 0.0)
+            turns = [0, *(np.flatnonzero(np.diff(way)) + 1).tolist(), len(way)]
+            for start, stop in itertools.pairwise(turns):
+                top = float(np.quantile(np.abs(speed[start:stop]), _TOP))
+                steady = start + np.flatnonzero(np.abs(speed[start:stop]) >= _STEADY_SHARE * top)
+                if way[start] != 0.0 and steady.size >= _LEAST_STEADY:
+                    ends_m = float(course[start]), float(course[stop - 1])
+                    run_s, speed_m_s = (stop - start) * run.period_s, math.copysign(top, way[start])
+                    moves.append(Move(context, *ends_m, speed_m_s, run_s, _figures(run, steady)))
     return moves
 
 
-def by_context(
-    frames: Sequence[SampleFrame], names: Sequence[str]
-) -> Iterator[tuple[tuple[float, ...], list[SampleFrame]]]:
+def _by_context(
+    frame: SampleFrame, names: Sequence[str]
+) -> Iterator[tuple[tuple[float, ...], SampleFrame]]:
     """Pieces of a recording in which these columns keep their values, with the values."""
     if not names:
-        yield (), list(frames)
+        yield (), frame
         return
-    for frame in frames:
-        labels = np.column_stack([frame.channels[name] for name in names])
-        turns = np.flatnonzero((labels[1:] != labels[:-1]).any(axis=1)) + 1
-        for start, stop in zip([0, *turns], [*turns, len(frame)], strict=True):
-            rows = slice(start, stop)
-            channels = {name: values[rows] for name, values in frame.channels.items()}
-            yield tuple(labels[start]), [SampleFrame(frame.time_s[rows], channels)]
+    labels = np.column_stack([frame.channels[name] for name in names])
+    turns = (np.flatnonzero((labels[1:] != labels[:-1]).any(axis=1)) + 1).tolist()
+    for start, stop in itertools.pairwise([0, *turns, len(frame)]):
+        channels = {name: values[start:stop] for name, values in frame.channels.items()}
+        yield tuple(labels[start]), SampleFrame(frame.time_s[start:stop], channels)
 
 
 def _figures(run: PreparedRun, rows: npt.NDArray[np.intp]) -> dict[str, float]:

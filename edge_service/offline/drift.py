@@ -12,7 +12,7 @@ from ..checks.torque import judge_sign
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
 from ..fingerprint.drift import Drift, SectionDrift, compare_moves
-from ..fingerprint.moves import CUTOFF_HZ, Move, by_context, described, find_moves, most_frequent
+from ..fingerprint.moves import CUTOFF_HZ, Move, described, find_moves, most_frequent
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..models.screw.ball_screw import transmission_ratio
@@ -200,8 +200,7 @@ def _moves(machine: Machine, path: Path, frame: SampleFrame, names: Sequence[str
         finding = judge_sign([frame], settings)
         if finding is not None and finding.forbids:  # its friction would pass for a load
             raise ExaminationError(f"{path}: {finding.sentence}; {finding.remedy}")
-        parts = by_context([frame], names)
-        return [move for context, part in parts for move in find_moves(part, ratio, context)]
+        return find_moves(frame, ratio, names)
     except ValueError as error:
         raise TraceError(f"{path}: {error}") from None
 

@@ -52,7 +52,7 @@ def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
         axis_seed=axis_seed,
     )
     columns = dict(plant.simulate(case).columns)
-    return find_moves([SampleFrame(columns.pop(TIME), columns)], machine.lead_rad)
+    return find_moves(SampleFrame(columns.pop(TIME), columns), machine.lead_rad)
 
 
 def compared(*days: Day, seed: int = 1) -> tuple[SectionDrift, ...]:

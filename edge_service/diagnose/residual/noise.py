@@ -53,20 +53,6 @@ _QUARTILE = 0.6745
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
-    """Noise of one channel.
-
-    Attributes:
-        rms: root mean square.
-        independent: number of independent observations that it has; infinite where structure, or
-            bursts, hide how it goes on.
-    """
-
-    rms: float
-    independent: float
-
-
-@dataclass(frozen=True, slots=True)
 class Noise:
     """Noise that a fit cannot explain, by channel.
 
@@ -87,7 +73,7 @@ class Noise:
     def of_gap(cls, session: Session, machine: Machine) -> Self:
         """Noise as the gap itself shows it, before anything is fitted."""
         gaps = {name: rows.gap for name, rows in session.channels.items()}
-        floor = _above_healthy(session, noise_floor(session, gaps))
+        floor = _above_healthy(session, noise_floor(session, gaps)[0])
         return cls(
             floor=floor,
             tolerance=stated_tolerance(machine, floor, session.torque_rms_nm),
@@ -101,14 +87,16 @@ class Noise:
         Args:
             left: residual by channel, (n,).
         """
-        again = noise_floor(session, left)
-        effective = {
-            name: float(np.clip(each.independent, _LEAST_EFFECTIVE, MOST_EFFECTIVE))
-            for name, each in again.items()
-        }
-        bounded = _above_healthy(session, again)
+        levels, noise = noise_floor(session, left)
+        bounded = _above_healthy(session, levels)
         floor = {name: min(bounded[name], each) for name, each in self.floor.items()}
         tolerance = stated_tolerance(machine, floor, session.torque_rms_nm)
+        effective = {}
+        for name, each in noise.items():
+            # structure, or bursts, hide how the noise goes on
+            is_hidden = rms(each) >= _MORE_THAN_NOISE * levels[name]
+            independent = math.inf if is_hidden else effective_size(each)
+            effective[name] = float(np.clip(independent, _LEAST_EFFECTIVE, MOST_EFFECTIVE))
         return replace(self, effective=effective, floor=floor, tolerance=tolerance)
 
     def beyond(self, channel: str, rms: float) -> float:
@@ -138,10 +126,10 @@ class Noise:
         return found
 
 
-def _above_healthy(session: Session, floor: Mapping[str, Floor]) -> dict[str, float]:
+def _above_healthy(session: Session, levels: Mapping[str, float]) -> dict[str, float]:
     """Floor, at least that by which healthy recordings part from one another."""
     healthy = session.healthy_floor
-    return {name: max(each.rms, healthy.get(name, 0.0)) for name, each in floor.items()}
+    return {name: max(each, healthy.get(name, 0.0)) for name, each in levels.items()}
 
 
 def stated_tolerance(
@@ -172,23 +160,24 @@ def stated_tolerance(
     }
 
 
-def noise_floor(session: Session, left: Mapping[str, Floats]) -> dict[str, Floor]:
-    """Noise floor of a residual, by channel.
+def noise_floor(
+    session: Session, left: Mapping[str, Floats]
+) -> tuple[dict[str, float], dict[str, Floats]]:
+    """Root mean square of the noise of a residual, and what holds it, (n,), by channel.
 
     Args:
         left: residual, by channel, (n,).
     """
     structure = predicted_structure(session, left)
-    found = {}
+    levels, noise = {}, {}
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
-        floor = ordinary_rms(rest)
-        fold = session.fold[name]
-        again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, fold)
-        level = floor if again is None else min(floor, _REPEATS_MAY_MISS * again)
-        is_noise = rms(rest) < _MORE_THAN_NOISE * level
-        found[name] = Floor(level, effective_size(rest) if is_noise else math.inf)
-    return found
+        ratio_m_per_rad, fold = session.baseline.ratio_m_per_rad, session.fold[name]
+        again = _repeated_rms(rows, rest, ratio_m_per_rad, fold)
+        level = ordinary_rms(rest)
+        levels[name] = level if again is None else min(level, _REPEATS_MAY_MISS * again)
+        noise[name] = rest
+    return levels, noise
 
 
 def ordinary_rms(values: Floats) -> float:

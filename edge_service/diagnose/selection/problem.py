@@ -442,7 +442,8 @@ class SelectionProblem:
     def residuals(self, best: Fit) -> dict[str, Floats]:
         """Residual that a fit leaves of the gap with all its regressors, by channel, (n,)."""
         return {
-            name: rows.gap - self.design.modelled(name, best.regressors, best.coefficients)
+            name: rows.gap
+            - self.design.columns[name][:, best.columns].astype(np.float64) @ best.coefficients
             for name, rows in self.session.channels.items()
         }
 

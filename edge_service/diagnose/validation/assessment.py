@@ -246,6 +246,22 @@ class Assessment:
             posterior, contributions, validation, attributed, confidence, tuple(effects), suspects
         )
 
+    @property
+    def material(self) -> list[str]:
+        """Effects of the best set that matter, causes or not, by name."""
+        return sorted(self.posterior.best.material - {UNKNOWN})
+
+    @property
+    def is_unknown(self) -> bool:
+        """Flag of a cause whose better part the library lacks."""
+        posterior, contributions = self.posterior, self.contributions
+        return (
+            UNKNOWN in posterior.best.material
+            or is_misattributed(self.attributions, contributions.channel_of)
+            or any(each < 1.0 for each in self.confidence.values())
+            or (bool(self.material) and not contributions.named and bool(posterior.exceeding))
+        )
+
     def idlest(self) -> str:
         """Named effect that is least of a cause; empty where all are causes."""
         if FORCE in self.contributions.named and all(each.name != FORCE for each in self.effects):

@@ -60,8 +60,10 @@ class CrossValidation:
         found = np.zeros(len(self.folds[0].rows[channel]))
         for fold in self.folds:
             rows, values = fold.rows[channel], fold.values
-            for k in values.of_effect(name):
-                found[rows] += values.fitted.columns[k][channel][rows] @ values.coefficients(k)
+            for k, each in enumerate(values.fitted.regressors):
+                if each.name == name:
+                    columns = values.fitted.columns[k][channel][rows]
+                    found[rows] += columns @ values.coefficients(k)
         return found
 
     def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
@@ -70,7 +72,8 @@ class CrossValidation:
         None for an effect without a time constant.
         """
         values, session = self.values, self.values.fitted.system.session
-        entries = {k: values.fitted.regressors[k] for k in values.of_effect(name)}
+        regressors = enumerate(values.fitted.regressors)
+        entries = {k: each for k, each in regressors if each.name == name}
         if not any(_TIME_CONSTANT in dict(each.shape) for each in entries.values()):
             return None
         found = np.zeros(len(session.channels[channel].gap))

@@ -28,7 +28,7 @@ def floor_of(session: Session, structure: Floats) -> float:
     noise = np.random.default_rng(4).normal(0.0, NOISE_NM, len(rows.gap))
     gap = noise + structure
     bare = replace(session, channels={TORQUE_GAP: replace(rows, gap=gap)})
-    return noise_floor(bare, {TORQUE_GAP: gap})[TORQUE_GAP].rms
+    return noise_floor(bare, {TORQUE_GAP: gap})[0][TORQUE_GAP]
 
 
 STRUCTURES: dict[str, Callable[[Motion], Floats]] = {
