@@ -9,7 +9,7 @@ import pytest
 from edge_service.fingerprint.drift import Drift, SectionDrift, compare_moves
 from edge_service.fingerprint.moves import Move, find_moves
 from edge_service.messages.samples import TIME, Floats, SampleFrame
-from edge_service.offline.drift import verdict
+from edge_service.offline.drift import DriftReport
 
 from .. import foreign_plant as plant
 from ..foreign_plant.ageing import Lubricant, Warmup
@@ -76,14 +76,16 @@ def drift_of(found: SectionDrift, name: str) -> Drift:
     return next(each for each in found.drifts if each.name == name)
 
 
+def verdict(found: tuple[SectionDrift, ...]) -> str:
+    return DriftReport("X", ("monday", "tuesday", "friday"), (), found).verdict
+
+
 def test_a_day_without_a_change_has_none() -> None:
     found = compared(Day(), Day(), Day())
     assert len(found) == 2
     assert all(each.section.both_ways for each in found)
     assert not any(any(drift.changed) for each in found for drift in each.drifts)
-    assert verdict(found, ()).startswith(
-        "nothing changed beyond repeat scatter (compared: friction"
-    )
+    assert verdict(found).startswith("nothing changed beyond repeat scatter (compared: friction")
 
 
 def test_more_friction_is_found_at_its_size_and_is_no_load() -> None:
@@ -107,7 +109,7 @@ def test_heat_is_named_where_it_was_warm() -> None:
     found = compared(Day(), Day(warm=True))
     assert drift_of(found[SLOW], "friction_nm").since == 1
     assert all(each.may_be_heat for each in found)
-    assert "K warmer, which may be all of it" in verdict(found, ())
+    assert "K warmer, which may be all of it" in verdict(found)
 
 
 @pytest.mark.slow
