@@ -9,7 +9,7 @@ in every stretch and so never counts; neither does what is sure but too small to
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,21 +116,19 @@ class ChannelModel:
         self.worst = 0.0
         self.drop()
 
-    def add(self, row: Floats, value: float, time_s: float) -> None:
+    def add(self, row: Floats, value: float) -> None:
         """Take a phase into the stretch."""
         if math.isfinite(value) and np.isfinite(row).all():
             self._rows.append(row)
             self._values.append(value)
-            self.times_s.append(time_s)
 
     def drop(self) -> None:
         """Begin the stretch anew."""
         self._rows: list[Floats] = []
         self._values: list[float] = []
-        self.times_s: list[float] = []
 
-    def innovations(self) -> Floats | None:
-        """Normalised squares over the stretch, (n,), in the unit of the channel squared.
+    def mean_innovation(self) -> float | None:
+        """Mean normalised square over the stretch, in the unit of the channel squared.
 
         A regressor that was never seen before widens what is expected: e^2 / (1 + x' G^-1 x).
         """
@@ -140,8 +138,8 @@ class ChannelModel:
         gram = self._ridged()
         left = values - rows @ np.linalg.solve(gram, self.cross)
         leverage = np.einsum("ij,ji->i", rows, np.linalg.solve(gram, rows.T))
-        squares: Floats = left**2 / (1.0 + np.clip(leverage, 0.0, _WILD))
-        return squares * len(squares) / (len(squares) - self._followed)
+        squares = left**2 / (1.0 + np.clip(leverage, 0.0, _WILD))
+        return float(np.sum(squares)) / (squares.size - self._followed)
 
     def _unfollowed(self) -> tuple[Floats, Floats]:
         """Other regressors (n, p) and values (n,), without what the followed ones make of them."""
@@ -205,7 +203,7 @@ class Disagreement:
         disagrees: what it changed to.
         channel: where the innovations grew most.
         ratio: how many times the expected they are.
-        since_s: when that began, on the axis' clock, s.
+        since_s: beginning of the first stretch that counted, on the axis' clock, s.
     """
 
     disagrees: bool
@@ -230,11 +228,11 @@ class ConsistencyWatch:
         names = CHANNELS if self._ratio is not None else CHANNELS[:1]
         self._channels = {name: ChannelModel(name) for name in names}
         self._steady_s = 0.0
-        self._counting, self._calm = 0, 0
-        self._recent: list[tuple[float, float]] = []
-        self._last: Disagreement | None = None
+        self._begun_s = self._newest_s = -math.inf
+        self._counting = self._calm = 0
+        self._since_s = 0.0
+        self._now: Disagreement | None = None
         self._ratios: dict[str, float] = {}
-        self._newest_s = -math.inf
 
     def add(self, block: FeatureBlock) -> Disagreement | None:
         """Take an interval in; what changed, if anything."""
@@ -244,73 +242,24 @@ class ConsistencyWatch:
         self._newest_s = block.time_s
         if not block.usable or block.steady_direction == 0.0:
             return None
+        if self._steady_s == 0.0:
+            self._begun_s = block.time_s
         for phase in block.phases:
             if phase.steady_s >= _LEAST_STEADY_S:
                 for name, channel in self._channels.items():
-                    row, value = _ROWS[name](phase, block.steady_direction, self._ratio or 1.0)
-                    channel.add(row, value, block.time_s)
+                    channel.add(*_ROWS[name](phase, block.steady_direction, self._ratio or 1.0))
         self._steady_s += sum(phase.steady_s for phase in block.phases)
         return self._end_stretch() if self._steady_s >= STRETCH_S else None
 
     def shown(self) -> Consistency:
         """The verdict for people; `add` has returned when it began."""
-        if self._last is not None and self._last.disagrees:
-            state = ConsistencyState.DISAGREES
-            return Consistency(state=state, ratio=self._ratios, channel=self._last.channel)
+        if self._now is not None:
+            state, channel = ConsistencyState.DISAGREES, self._now.channel
+            return Consistency(state=state, ratio=self._ratios, channel=channel)
         learned = [each for each in self._channels.values() if each.learned]
         known = bool(learned) and all(math.isfinite(each.limit) for each in learned)
         state = ConsistencyState.AGREES if known else ConsistencyState.LEARNING
         return Consistency(state=state, ratio=self._ratios)
-
-    def _end_stretch(self) -> Disagreement | None:
-        """Compare a stretch with those before, and learn from it; the change, if any."""
-        squares = {name: each.innovations() for name, each in self._channels.items()}
-        means = {n: None if s is None else float(np.mean(s)) for n, s in squares.items()}
-        over, self._ratios = dict[str, float](), {}
-        for name, mean in means.items():
-            channel = self._channels[name]
-            if mean is not None and math.isfinite(channel.limit):
-                over[name] = mean / channel.limit
-            if mean is not None and channel.mean > 0.0:
-                self._ratios[name] = float(f"{mean / channel.mean:.3g}")
-        worst = max(over, key=lambda name: over[name], default=None)
-        counts = worst is not None and over[worst] > 1.0
-        if worst is not None and (counts or self._counting):
-            self._remember(self._channels[worst], squares[worst])
-        change = self._change(worst, counts=counts, over=0.0 if worst is None else over[worst])
-        disagreeing = self._last is not None and self._last.disagrees
-        for name, channel in self._channels.items():
-            if not counts and not disagreeing:
-                channel.accept(means[name])
-        self._begin_stretch()
-        return change
-
-    def _begin_stretch(self) -> None:
-        for channel in self._channels.values():
-            channel.drop()
-        self._steady_s = 0.0
-
-    def _remember(self, channel: ChannelModel, squares: Floats | None) -> None:
-        """Innovations since things began to differ, in units of what is expected."""
-        if squares is not None:
-            if not self._counting:
-                self._recent = []
-            scaled = squares / max(channel.mean, 1e-300)
-            self._recent += list(zip(channel.times_s, scaled.tolist(), strict=True))
-
-    def _change(self, worst: str | None, *, counts: bool, over: float) -> Disagreement | None:
-        disagreeing = self._last is not None and self._last.disagrees
-        self._counting = self._counting + 1 if counts else 0
-        self._calm = self._calm + 1 if over < AGREES_BELOW else 0
-        if not disagreeing and self._counting >= STRETCHES and worst is not None:
-            self._last = Disagreement(True, worst, self._ratios[worst], _onset_s(self._recent))
-            return self._last
-        if disagreeing and self._calm >= CALM and worst is not None and self._last is not None:
-            self._last = Disagreement(
-                False, self._last.channel, self._ratios[worst], self._last.since_s
-            )
-            return self._last
-        return None
 
     def snapshot(self) -> dict[str, LearnedChannel]:
         """Learned state of each channel."""
@@ -324,14 +273,40 @@ class ConsistencyWatch:
         for name, channel in self._channels.items():
             channel.restore(snapshot[name])
 
+    def _begin_stretch(self) -> None:
+        for channel in self._channels.values():
+            channel.drop()
+        self._steady_s = 0.0
 
-def _onset_s(recent: list[tuple[float, float]]) -> float:
-    """Onset of large innovations (time s, normalised square), s: the foot of their sum.
+    def _end_stretch(self) -> Disagreement | None:
+        """Compare a stretch with those before, and learn from it; the change, if any."""
+        means = {name: each.mean_innovation() for name, each in self._channels.items()}
+        over, self._ratios = dict[str, float](), {}
+        for name, mean in means.items():
+            channel = self._channels[name]
+            if mean is not None and math.isfinite(channel.limit):
+                over[name] = mean / channel.limit
+            if mean is not None and channel.mean > 0.0:
+                self._ratios[name] = float(f"{mean / channel.mean:.3g}")
+        worst = max(over, key=lambda name: over[name], default=None)
+        counts = worst is not None and over[worst] > 1.0
+        change = None if worst is None else self._change(worst, over[worst])
+        if not counts and self._now is None:
+            for name, channel in self._channels.items():
+                channel.accept(means[name])
+        self._begin_stretch()
+        return change
 
-    What a stretch fits anew smears a change over the whole of it; half of the level that holds in
-    the end parts before from after.
-    """
-    squares = np.array([square for _, square in recent])
-    level = max(LEAST_RATIO, 0.5 * float(squares[len(squares) // 2 :].mean()))
-    climbed = np.concatenate(([0.0], np.cumsum(squares - level)))
-    return recent[min(int(np.argmin(climbed)), len(recent) - 1)][0]
+    def _change(self, worst: str, over: float) -> Disagreement | None:
+        self._counting = self._counting + 1 if over > 1.0 else 0
+        self._calm = self._calm + 1 if over < AGREES_BELOW else 0
+        if self._counting == 1:
+            self._since_s = self._begun_s
+        ratio = self._ratios[worst]
+        if self._now is None and self._counting >= STRETCHES:
+            self._now = Disagreement(True, worst, ratio, self._since_s)
+            return self._now
+        if self._now is not None and self._calm >= CALM:
+            over_now, self._now = replace(self._now, disagrees=False, ratio=ratio), None
+            return over_now
+        return None

@@ -82,7 +82,10 @@ class PreloadHistory:
         for column, value in ((2, percent), (3, half_width), (4, distance_m)):
             row[column] += (value - row[column]) / row[1]
         if len(self._rows) > MOST_POINTS:
-            self._coarsen()
+            rows = self._table()
+            rows[:, 0] //= 2.0
+            self._rows = _joined(rows)
+            self._step_s *= 2.0
 
     def move(self, step_s: float, since_s: float = -math.inf) -> None:
         """The clock was set by a step, s: the distances in time stay.
@@ -90,22 +93,10 @@ class PreloadHistory:
         Args:
             since_s: what is older stays where it is; what comes to lie on it is joined to it.
         """
-        rows, self._rows = self._rows, []
-        for row in rows:
-            if (row[0] + 1.0) * self._step_s > since_s:
-                row[0] += step_s / self._step_s
-            if self._rows and row[0] <= self._rows[-1][0]:
-                self._join(row)
-            else:
-                self._rows.append(row)
-
-    def _join(self, row: list[float]) -> None:
-        last = self._rows[-1]
-        count = last[1] + row[1]
-        last[2:] = [
-            (last[1] * a + row[1] * b) / count for a, b in zip(last[2:], row[2:], strict=True)
-        ]
-        last[1] = count
+        rows = self._table()
+        rows[(rows[:, 0] + 1.0) * self._step_s > since_s, 0] += step_s / self._step_s
+        rows[:, 0] = np.maximum.accumulate(rows[:, 0])
+        self._rows = _joined(rows)
 
     def newest(self) -> float | None:
         """Preload of the newest step, percent; None if there is none."""
@@ -121,14 +112,14 @@ class PreloadHistory:
 
         The newest step is left out while it is less than half full: it would be noisier.
         """
-        rows = np.array(self._rows, np.float64).reshape(-1, _COLUMNS)
+        rows = self._table()
         if len(rows) > 2 and rows[-1, 1] < 0.5 * np.median(rows[:, 1]):
             rows = rows[:-1]
         return (rows[:, 0] + 0.5) * self._step_s, rows[:, 2], rows[:, 3], rows[:, 4]
 
     def snapshot(self) -> PreloadSteps:
         """State that outlives the process."""
-        return PreloadSteps(self._step_s, np.array(self._rows, np.float64).reshape(-1, _COLUMNS))
+        return PreloadSteps(self._step_s, self._table())
 
     def restore(self, snapshot: PreloadSteps) -> None:
         """Go on from a snapshot. Raises ValueError."""
@@ -139,13 +130,19 @@ class PreloadHistory:
             raise ValueError("a wear series out of order")
         self._step_s, self._rows = snapshot.step_s, rows.tolist()
 
-    def _coarsen(self) -> None:
-        rows = np.array(self._rows)
-        number, first = np.unique(rows[:, 0] // 2.0, return_index=True)
-        count = np.add.reduceat(rows[:, 1], first)
-        means = np.add.reduceat(rows[:, 2:] * rows[:, 1:2], first, axis=0) / count[:, None]
-        self._rows = np.column_stack([number, count, means]).tolist()
-        self._step_s *= 2.0
+    def _table(self) -> Floats:
+        return np.array(self._rows, np.float64).reshape(-1, _COLUMNS)
+
+
+def _joined(rows: Floats) -> list[list[float]]:
+    """Rows by step, those of one step as one: the means of their counts."""
+    number, first = np.unique(rows[:, 0], return_index=True)
+    if not rows.size:
+        return []
+    count = np.add.reduceat(rows[:, 1], first)
+    means = np.add.reduceat(rows[:, 2:] * rows[:, 1:2], first, axis=0) / count[:, None]
+    joined: list[list[float]] = np.column_stack([number, count, means]).tolist()
+    return joined
 
 
 @dataclass(frozen=True, slots=True)
