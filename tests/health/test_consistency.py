@@ -155,7 +155,7 @@ def test_a_restart_goes_on_from_what_was_learned():
     changed = list(motion(2, READY_S, 4 * STRETCH_S, offset=0.1))
     (change,), (same,) = told(other, iter(changed)), told(watch, iter(changed))
     assert (change.channel, change.disagrees) == (same.channel, same.disagrees)
-    assert change.since_s == pytest.approx(same.since_s, abs=1.0)
+    assert change.since_s == pytest.approx(same.since_s, abs=STRETCH_S)
     with pytest.raises(ValueError, match="another version"):
         broken = replace(watch.snapshot()["torque_nm"], cross=np.ones(1))
         other.restore(watch.snapshot() | {"torque_nm": broken})
