@@ -162,7 +162,7 @@ MOST_LINES = {
     "drivers": 3811,
     "estimate": 5312,
     "fingerprint": 2975,
-    "health": 4940,
+    "health": 4912,
     "http_api": 2553,
     "messages": 2072,
     "models": 5906,
