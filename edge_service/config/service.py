@@ -1,7 +1,7 @@
 """The whole configuration: tables of the service, and what must hold between them."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -105,7 +105,27 @@ class EstimatorConfig(Table):
         return self
 
 
-class AxisConfig(Table):
+class _OfFile(Table):
+    """Table that knows where it was read."""
+
+    _file: Path | None = PrivateAttr(None)
+
+    def of_file(self, path: Path) -> Self:
+        """The same table, which knows where it was read."""
+        self._file = path
+        return self
+
+    @property
+    def file(self) -> Path | None:
+        """File that it was read from."""
+        return self._file
+
+    def place_of(self, table: str) -> str:
+        """A table after the file that it was read from: for mistakes in it."""
+        return table if self._file is None else f"{self._file}: {table}"
+
+
+class AxisConfig(_OfFile):
     """`[[axes]]`: one axis, its machine file and its driver.
 
     Attributes:
@@ -118,7 +138,6 @@ class AxisConfig(Table):
     warning_percent: float | None = Field(None, gt=0.0, le=100.0)
     fault_percent: float | None = Field(None, gt=0.0, le=100.0)
     settings: dict[str, Any] = {}
-    _file: Path | None = PrivateAttr(None)
     _number: int | None = PrivateAttr(None)
 
     @field_validator("name")
@@ -136,21 +155,10 @@ class AxisConfig(Table):
         self._number = number
         return self
 
-    def of_file(self, path: Path) -> "AxisConfig":
-        """The same axis, which knows where it was read."""
-        self._file = path
-        return self
-
-    @property
-    def file(self) -> Path | None:
-        """File that it was read from."""
-        return self._file
-
     @property
     def place(self) -> str:
         """Table of the axis, after the file that it was read from: for mistakes in it."""
-        table = f"axes.{self.name}"
-        return table if self._file is None else f"{self._file}: {table}"
+        return self.place_of(f"axes.{self.name}")
 
 
 class AxisFile(Table):
@@ -162,7 +170,7 @@ class AxisFile(Table):
     axes: tuple[AxisConfig]
 
 
-class EdgeConfig(Table):
+class EdgeConfig(_OfFile):
     """The whole configuration file."""
 
     service: ServiceConfig = ServiceConfig()
@@ -175,7 +183,6 @@ class EdgeConfig(Table):
     store: StoreConfig = StoreConfig()
     axes: tuple[AxisConfig, ...] = ()
     _digest: str = PrivateAttr("")
-    _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _axes_fit(self) -> "EdgeConfig":
@@ -200,20 +207,6 @@ class EdgeConfig(Table):
         for name in value:
             check_component(name)
         return value
-
-    def of_file(self, path: Path) -> "EdgeConfig":
-        """The same configuration, which knows where it was read."""
-        self._file = path
-        return self
-
-    def place(self, table: str) -> str:
-        """A table after the file that it was read from: for mistakes in it."""
-        return table if self._file is None else f"{self._file}: {table}"
-
-    @property
-    def file(self) -> Path | None:
-        """File that it was read from."""
-        return self._file
 
     def of_digest(self, digest: str) -> "EdgeConfig":
         """The same configuration, which knows the digest of what it was read from."""

@@ -121,10 +121,6 @@ class MachineKeys:
         parts = [self.root, COMPONENT, component, *([axis] if axis else []), topic.name]
         return "/".join(parts)
 
-    def of_axes(self, axes: Iterable[str], topic: Named) -> frozenset[str]:
-        """Keys of one topic of some axes."""
-        return frozenset(self.key(axis, topic) for axis in axes)
-
     def of_components(self, axes: Iterable[str], topic: Named) -> frozenset[str]:
         """Keys of the reports that components make, on themselves or on some axes."""
         own = (f"{output}{kind}" for output in self.outputs for kind in ("", "_process"))

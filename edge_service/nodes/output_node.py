@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 
 def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Output:
     """The output of a table, its settings checked. Raises ConfigError."""
-    table, place = config.outputs[name], config.place(f"outputs.{name}")
+    table, place = config.outputs[name], config.place_of(f"outputs.{name}")
     try:
         kind = load_output(table.get("kind") or name)
     except UnknownOutputError as error:

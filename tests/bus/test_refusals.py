@@ -50,7 +50,7 @@ HOSTILE = {
 async def test_a_hostile_payload_is_refused_and_counted_by_its_key(
     router: Bus, reason: Refusal
 ) -> None:
-    keys = KEYS.of_axes(["X", "Y"], RAW)
+    keys = {KEYS.key(axis, RAW) for axis in "XY"}
     subscriber = router.subscribe(KEYS.all_axes(RAW), RAW, keys=keys)
     axis, payload = HOSTILE[reason]
     for name in ("X", "Y"):
