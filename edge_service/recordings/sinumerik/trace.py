@@ -1,12 +1,14 @@
 """The XML of a SINUMERIK "Solution Line Trace": records one by one, and rows block by block."""
 
+import itertools
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import IO
 
-from ...messages.samples import TIME, Floats
+from ...messages.samples import TIME
 from ..columns import TraceError
 from ..source import MOST_COLUMNS, Block, Source, Text
 from .record_grid import BLOCK_ROWS, RecordGrid, SignalClock
@@ -54,6 +56,9 @@ class DataFrame:
     signals: dict[str, DataSignal] = field(default_factory=dict)
 
 
+Records = list[tuple[DataFrame, dict[str, str]]]
+
+
 class SinumerikSource(Source):
     """An open trace. Columns are `time_s` and the signals by name, in the controller's units.
 
@@ -67,27 +72,17 @@ class SinumerikSource(Source):
     def __init__(self, path: Path, file: IO[bytes], axis: ControllerAxis) -> None:
         super().__init__(path, file)
         self._interpolate_positions = axis.interpolate_positions
-        self._signals_wanted: tuple[str, ...] = ()
-        self._frame: DataFrame | None = None
-        self._grid: RecordGrid | None = None
-        self._column_of: dict[str, int] = {}
-        self._offset_s = 0.0
-        self._time_s = -math.inf
         self._text: dict[str, Text] = {}
         self._frames: list[DataFrame] = []
-        self._records: list[tuple[DataFrame, dict[str, str]]] = []
-        self._records_read = 0
-        self._root = self._read_up_to = ""
-        self._xml = XmlReader(path, file, self._start, so_far=self._so_far)
-        self._finished = False
-        while not self._records and not self._finished:
-            self._read_on()
+        pieces = self._read_pieces()
+        first = next((piece for piece in pieces if piece), [])
         if not self._frames or not self._frames[0].signals:
             raise TraceError(
                 f"{path}: a trace session without data; expected <dataFrame> with <dataSignal>"
             )
         self._signals = tuple(self._frames[0].signals.values())
         self.names = (TIME, *(signal.name for signal in self._signals))
+        self._blocks = self._read_blocks(itertools.chain([first], pieces))
 
     @property
     def signals(self) -> list[ControllerSignal]:
@@ -98,7 +93,7 @@ class SinumerikSource(Source):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks on what was done to the clocks, one line each."""
-        wanted = [signal for signal in self._signals if signal.name in self._signals_wanted]
+        wanted = [signal for signal in self._signals if signal.name in self.wanted]
         fastest_s = min((signal.interval_s for signal in wanted), default=0.0)
         slower = [signal.name for signal in wanted if signal.interval_s > fastest_s]
         remarks = []
@@ -112,107 +107,126 @@ class SinumerikSource(Source):
         ]
         return tuple(remarks)
 
-    def want(self, names: list[str]) -> None:
-        """Read these columns only."""
-        self.wanted = names
-        self._signals_wanted = tuple(name for name in names if name != TIME)
-
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
-        while True:
-            for index, (frame, attributes) in enumerate(self._records):
-                if frame is not self._frame:
-                    block = self._block(final=True)
-                    if block is not None:
-                        self._records = self._records[index:]
-                        return block
-                    self._begin(frame)
-                self._add(attributes)
-            self._records = []
-            block = self._block(final=self._finished)
-            if block is not None or self._finished:
-                return block
-            self._read_on()
+        return next(self._blocks, None)
 
-    def _read_on(self) -> None:
-        """Read the next piece of the file. Raises TraceError."""
-        self._finished = not self._xml.feed()
-        self._count()
+    def _read_pieces(self) -> Iterator[Records]:
+        """Records of each piece of the file. Raises TraceError."""
+        root, read, up_to = "", 0, ""
+        records: Records = []
 
-    def _count(self) -> None:
-        if self._records:
-            self._records_read += len(self._records)
-            self._read_up_to = f" up to {self._records[-1][1].get('time', '?')[:20]} s"
+        def so_far() -> str:
+            newest = f" up to {records[-1][1].get('time', '?')[:20]} s" if records else up_to
+            return f"; {read + len(records)} records were read{newest}"
 
-    def _so_far(self) -> str:
-        self._count()
-        return f"; {self._records_read} records were read{self._read_up_to}"
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        """Take in an element."""
-        if name == "rec" and self._frames:
-            self._records.append((self._frames[-1], attributes))
-        elif not self._root and name != ROOT:
-            raise TraceError(
-                f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
-                f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
-            )
-        elif name == "dataFrame":
-            if len(self._frames) >= MOST_FRAMES:
-                raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
-            self._frames.append(DataFrame(len(self._frames) + 1))
-        elif name == "frameHeader" and self._frames:
-            frame = self._frames[-1]
-            frame.start_time = attributes.get("startTime", "")
-            frame.stop_s = _finite(attributes.get("stopInc")) or None
-            frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
-        elif name == "dataSignal" and self._frames:
-            key = attributes.get("id", "")
-            title = attributes.get("name") or key
-            interval_s = _finite(attributes.get("interval"))
-            if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
+        def start(name: str, attributes: dict[str, str]) -> None:
+            nonlocal root
+            if not root and name != ROOT:
                 raise TraceError(
-                    f"{self.path}: signal {title[:80]!r}: id {key[:40]!r}, interval "
-                    f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
+                    f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
+                    f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
                 )
-            if sum(len(frame.signals) for frame in self._frames) >= MOST_COLUMNS:
-                raise TraceError(f"{self.path}: more than {MOST_COLUMNS} signals")
-            count = int(max(_finite(attributes.get("datapointCount")) or 0.0, 0.0)) or None
-            units_type = attributes.get("unitsType", "")
-            self._frames[-1].signals[key] = DataSignal(key, title, units_type, interval_s, count)
-        self._root = self._root or name
+            root = ROOT
+            if name == "dataFrame":
+                if len(self._frames) >= MOST_FRAMES:
+                    raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
+                self._frames.append(DataFrame(len(self._frames) + 1))
+            elif name == "rec" and self._frames:
+                records.append((self._frames[-1], attributes))
+            elif name == "frameHeader" and self._frames:
+                frame = self._frames[-1]
+                frame.start_time = attributes.get("startTime", "")
+                frame.stop_s = _finite(attributes.get("stopInc")) or None
+                frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
+            elif name == "dataSignal" and self._frames:
+                signal = self._data_signal(attributes)
+                self._frames[-1].signals[signal.key] = signal
 
-    def _begin(self, frame: DataFrame) -> None:
-        """Start a frame: its clocks, and its place in time."""
+        xml = XmlReader(self.path, self._file, start, so_far=so_far)
+        more = True
+        while more:
+            more = xml.feed()
+            if records:
+                up_to = f" up to {records[-1][1].get('time', '?')[:20]} s"
+                read += len(records)
+            yield records.copy()
+            records.clear()
+
+    def _data_signal(self, attributes: dict[str, str]) -> DataSignal:
+        key = attributes.get("id", "")
+        title = attributes.get("name") or key
+        interval_s = _finite(attributes.get("interval"))
+        if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
+            raise TraceError(
+                f"{self.path}: signal {title[:80]!r}: id {key[:40]!r}, interval "
+                f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
+            )
+        if sum(len(frame.signals) for frame in self._frames) >= MOST_COLUMNS:
+            raise TraceError(f"{self.path}: more than {MOST_COLUMNS} signals")
+        count = int(max(_finite(attributes.get("datapointCount")) or 0.0, 0.0)) or None
+        return DataSignal(key, title, attributes.get("unitsType", ""), interval_s, count)
+
+    def _read_blocks(self, pieces: Iterable[Records]) -> Iterator[Block]:
+        """The rows of one frame after the other, on one clock."""
+        wanted = [name for name in self.wanted if name != TIME]
+        frame: DataFrame | None = None
+        grid: RecordGrid | None = None
+        offset_s, newest_s = 0.0, -math.inf
+        column_of: dict[str, int] = {}
+
+        def blocks(least_rows: int, *, final: bool) -> Iterator[Block]:
+            nonlocal newest_s
+            while grid is not None and (rows := grid.rows_ahead(final)) >= least_rows:
+                if rows > LONGEST_SILENCE_ROWS:
+                    raise TraceError(
+                        f"{self.path}: {rows} samples without a record up to {grid.newest_s:g} s; "
+                        "the clock of the file is broken"
+                    )
+                time_s, columns = grid.take(min(rows, BLOCK_ROWS))
+                time_s = time_s + offset_s
+                if len(time_s):
+                    newest_s = float(time_s[-1])
+                values = dict(zip(wanted, columns, strict=True)) | {TIME: time_s}
+                text, self._text = self._text, {}
+                yield Block(values, self._number_rows(len(time_s)), text)
+
+        for piece in pieces:
+            for this, attributes in piece:
+                if this is not frame:
+                    yield from blocks(1, final=True)
+                    if frame is not None:
+                        offset_s = self._offset_s(this, newest_s)
+                    frame, grid = this, self._grid(this, wanted)
+                    names = {each.name: each.key for each in this.signals.values()}
+                    column_of = {names[name]: at for at, name in enumerate(wanted) if name in names}
+                if grid is not None:
+                    self._add(grid, attributes, column_of, wanted)
+            yield from blocks(BLOCK_ROWS, final=False)
+        yield from blocks(1, final=True)
+
+    def _grid(self, frame: DataFrame, wanted: list[str]) -> RecordGrid | None:
+        """Rows on the clocks of a frame; None where it has no wanted signal."""
         by_name = {signal.name: signal for signal in frame.signals.values()}
-        known = [by_name[name] for name in self._signals_wanted if name in by_name]
-        self._column_of = {
-            by_name[name].key: index
-            for index, name in enumerate(self._signals_wanted)
-            if name in by_name
+        known = [by_name[name] for name in wanted if name in by_name]
+        if not known:
+            return None
+        fastest_s = min(signal.interval_s for signal in frame.signals.values())
+        silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else None
+        absent = SignalClock(max(signal.interval_s for signal in known))
+        clocks = {
+            each.name: SignalClock(
+                each.interval_s,
+                each.count,
+                self._interpolate_positions and each.units_type == "posn",
+            )
+            for each in known
         }
-        self._grid = None
-        if self._frame is not None:
-            self._offset_s = self._next_offset_s(frame)
-        self._frame = frame
-        if known:
-            fastest_s = min(signal.interval_s for signal in frame.signals.values())
-            silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else None
-            absent = SignalClock(max(signal.interval_s for signal in known))
-            clocks = {
-                each.name: SignalClock(
-                    each.interval_s,
-                    each.count,
-                    self._interpolate_positions and each.units_type == "posn",
-                )
-                for each in known
-            }
-            wanted = [clocks.get(name, absent) for name in self._signals_wanted]
-            self._grid = RecordGrid(wanted, frame.stop_s, silence_s)
+        return RecordGrid([clocks.get(name, absent) for name in wanted], frame.stop_s, silence_s)
 
-    def _next_offset_s(self, frame: DataFrame) -> float:
+    def _offset_s(self, frame: DataFrame, newest_s: float) -> float:
         """Origin of the time of a further frame, s after the first frame's zero."""
-        after_s = self._time_s + FRAME_GAP_S
+        after_s = newest_s + FRAME_GAP_S
         try:
             first, this = (
                 datetime.fromisoformat(each.start_time) for each in (self._frames[0], frame)
@@ -220,46 +234,30 @@ class SinumerikSource(Source):
             offset_s = (this - first).total_seconds()
         except (ValueError, TypeError):  # no times, or one of the two has a time zone
             return after_s
-        return offset_s if offset_s > self._time_s else after_s
+        return offset_s if offset_s > newest_s else after_s
 
-    def _add(self, attributes: dict[str, str]) -> None:
+    def _add(
+        self,
+        grid: RecordGrid,
+        attributes: dict[str, str],
+        column_of: dict[str, int],
+        wanted: list[str],
+    ) -> None:
         """Put a record into the grid; one without a time, or not after the last, is set aside."""
-        if self._grid is None:
-            return
         time_s = _float(attributes.pop("time", ""))
-        if time_s is None or not time_s > self._grid.newest_s or abs(time_s) > LATEST_S:
+        if time_s is None or not time_s > grid.newest_s or abs(time_s) > LATEST_S:
             self.ragged_rows += 1
             return
         values = []
         for key, text in attributes.items():
-            index = self._column_of.get(key)
+            index = column_of.get(key)
             if index is not None:
                 value = _float(text)
                 values.append((index, math.nan if value is None else value))
                 if value is None:
-                    name = self._signals_wanted[index]
-                    before = self._text.get(name, Text(0, text[:40]))
-                    self._text[name] = Text(before.count + 1, before.first)
-        self._grid.add(time_s, values)
-
-    def _block(self, final: bool) -> Block | None:
-        """Rows that are due; `final` for all of a frame that has ended."""
-        rows = 0 if self._grid is None else self._grid.rows_ahead(final)
-        if self._grid is None or not (rows if final else rows >= BLOCK_ROWS):
-            return None
-        if rows > LONGEST_SILENCE_ROWS:
-            raise TraceError(
-                f"{self.path}: {rows} samples without a record up to {self._grid.newest_s:g} s; "
-                "the clock of the file is broken"
-            )
-        time_s, columns = self._grid.take(min(rows, BLOCK_ROWS))
-        time_s = time_s + self._offset_s
-        if len(time_s):
-            self._time_s = float(time_s[-1])
-        values: dict[str, Floats] = dict(zip(self._signals_wanted, columns, strict=True))
-        values[TIME] = time_s
-        text, self._text = self._text, {}
-        return Block(values, self._number_rows(len(time_s)), text)
+                    before = self._text.get(wanted[index], Text(0, text[:40]))
+                    self._text[wanted[index]] = Text(before.count + 1, before.first)
+        grid.add(time_s, values)
 
 
 def _float(text: str) -> float | None:
