@@ -113,23 +113,6 @@ def test_a_stray_quote_costs_its_cell_not_the_rest_of_the_file(tmp_path: Path) -
     np.testing.assert_array_equal(frame.channels["torque_command_nm"], [1, np.nan, 3, 4])
 
 
-def test_rows_stay_whole_over_the_blocks_of_a_large_file(tmp_path: Path) -> None:
-    count = 3 * BLOCK_BYTES // 20
-    time_s = np.arange(count) * 1e-3
-    torque = np.sin(time_s)
-    rows = zip(time_s.tolist(), torque.tolist(), strict=True)
-    path = tmp_path / "trace.csv"
-    path.write_text(
-        "time_s,torque_command_nm\n" + "".join(f"{time!r},{value!r}\n" for time, value in rows)
-    )
-    with open_trace(path) as reader:
-        frames = list(reader)
-    assert len(frames) >= 3
-    np.testing.assert_array_equal(np.concatenate([frame.time_s for frame in frames]), time_s)
-    values = np.concatenate([frame.channels["torque_command_nm"] for frame in frames])
-    np.testing.assert_array_equal(values, torque)
-
-
 def test_a_machine_file_chooses_among_columns_that_differ_in_case(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time_s,torque_command_nm,Torque_Command_NM\n0.0,1.0,5.0\n0.001,2.0,6.0\n")

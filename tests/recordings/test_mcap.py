@@ -8,7 +8,6 @@ import pytest
 
 from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
 from edge_service.recordings.columns import TraceError
-from edge_service.recordings.reader import open_trace
 from edge_service.recordings.writer import TraceWriter
 
 mcap_reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
@@ -60,9 +59,3 @@ def test_a_time_that_cannot_be_a_log_time(tmp_path: Path, time_s: list[float]) -
     with pytest.raises(TraceError, match="cannot be a log time of MCAP"):
         _write(tmp_path / "trace.mcap", time_s)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_an_mcap_file_is_not_read(tmp_path: Path) -> None:
-    path = _write(tmp_path / "trace.mcap", [0.0, 1.0, 2.0, 3.0])
-    with pytest.raises(TraceError, match="no trace but an MCAP file"):
-        open_trace(path)

@@ -236,13 +236,6 @@ def test_foreign_files_are_reported_in_one_line(tmp_path: Path, name: str) -> No
     assert "\n" not in str(caught.value)
 
 
-def test_a_trace_cut_off_anywhere_is_an_error(tmp_path: Path) -> None:
-    whole = TWO_CLOCKS.strip().encode()
-    for length in range(len(whole)):
-        with pytest.raises(TraceError):
-            read_trace(write(tmp_path, whole[:length]), axis=AXIS)
-
-
 US = 1e-6
 FAST_US = 2000
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import shutil
-import struct
 import subprocess
 from collections.abc import AsyncIterator
 from contextlib import aclosing
@@ -15,7 +14,7 @@ from drivers.modbus.driver import ModbusDriver
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
 
 from ..bench import CONTEXT, free_port
-from .bench import config_of, stub_of
+from .bench import config_of
 
 HERE = Path(__file__).parent
 
@@ -101,21 +100,3 @@ async def test_values_of_a_foreign_device(device: Device) -> None:
             for codes in frame.quality.values():
                 assert np.isin(codes, (Quality.GOOD, Quality.LATE_READ)).all(), frame.quality
     await driver.close()
-
-
-async def test_a_foreign_master_reads_the_stub(tmp_path: Path) -> None:
-    program = compiled("peer_client", tmp_path)
-    stub = stub_of(config_of(free_port()))
-    address = await stub.start()
-    try:
-        master = await asyncio.create_subprocess_exec(
-            program, address.rpartition(":")[2], stdout=asyncio.subprocess.PIPE
-        )
-        async with asyncio.timeout(10.0):
-            printed, _ = await master.communicate()
-        assert master.returncode == 0
-        values = [struct.unpack(">f", bytes.fromhex(line))[0] for line in printed.decode().split()]
-        assert len(values) == 10
-        assert all(0.25 <= value < 0.35 for value in values)
-    finally:
-        await stub.close()

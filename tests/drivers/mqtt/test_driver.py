@@ -18,15 +18,12 @@ from drivers.mqtt.driver import MqttDriver
 from drivers.mqtt.link import MqttLink
 from drivers.stub import Fault, FaultKind
 from edge_service.messages.samples import SampleFrame
-from edge_service.recordings.reader import read_trace
-from edge_service.recordings.sinumerik.signals import ControllerAxis
 from tests.certificates import write_certificates
 
-from ...recordings.form_files import edge_json
-from ..bench import CONTEXT, MACHINE
+from ..bench import CONTEXT
 from .bench import TOPIC, config_of, stub_of
 from .broker import MOSQUITTO, PATIENCE_S, Broker, needs_broker
-from .test_edge_stream import BLOCK, ROWS, joined, messages, recorded
+from .test_edge_stream import BLOCK, ROWS, messages, recorded
 
 pytestmark = needs_broker
 PASSWD = shutil.which("mosquitto_passwd")
@@ -66,33 +63,6 @@ async def take(driver: MqttDriver, samples: int) -> list[SampleFrame]:
         while sum(map(len, taken)) < samples:
             taken.append(await anext(frames))
     return taken
-
-
-async def received(broker: Broker, payloads: list[Any], samples: int) -> tuple[SampleFrame, dict]:
-    driver = MqttDriver(config_of(broker.port), CONTEXT)
-    await driver.open()
-    try:
-        await send(broker, payloads)
-        frames = await take(driver, samples)
-        for each in frames:
-            each.quality.update(
-                {n: np.zeros(len(each), np.uint8) for n in each.channels} | each.quality
-            )
-        return joined(frames), driver.counters | driver.readings
-    finally:
-        await driver.close()
-
-
-async def test_the_samples_are_those_of_the_recording(broker: Broker, tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    path.write_bytes(edge_json(recorded().tolist()))
-    expected = read_trace(path, axis=ControllerAxis(1, MACHINE.axis.lead_m))
-    got, counters = await received(broker, messages(recorded()), ROWS)
-    np.testing.assert_allclose(got.time_s, expected.time_s, atol=1e-12)
-    for name, values in expected.channels.items():
-        np.testing.assert_array_equal(got.channels[name], values)
-    assert counters["lost_samples"] == counters["repeated_samples"] == 0
-    assert counters["sample_s"] == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize(
