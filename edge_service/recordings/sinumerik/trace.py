@@ -8,10 +8,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
 from ...messages.samples import TIME
 from ..columns import TraceError
 from ..source import MOST_COLUMNS, Block, Source, Text
-from .record_grid import BLOCK_ROWS, RecordGrid, SignalClock
+from .record_grid import RecordGrid, SignalRecords
 from .signals import ControllerAxis, ControllerSignal, sinumerik_signal
 from .xml_reader import XmlReader
 
@@ -22,6 +24,8 @@ FRAME_GAP_S = 1.0
 """Time between two frames where the file does not say it."""
 LATEST_S = 1e12
 """A record beyond this time has none."""
+MOST_VALUES = 1 << 24
+"""Of one frame."""
 LONGEST_SILENCE_ROWS = 10_000_000
 """More rows than this without a record are a broken clock, not an axis at rest."""
 _SILENT_INTERVALS = 1.5
@@ -74,6 +78,10 @@ class SinumerikSource(Source):
         self._interpolate_positions = axis.interpolate_positions
         self._text: dict[str, Text] = {}
         self._frames: list[DataFrame] = []
+        self._time_s = self._newest_s = -math.inf  # of all rows, and of the records of a frame
+        self._silences: list[tuple[float, float]] = []
+        self._silence_s = math.inf
+        self._count = 0
         pieces = self._read_pieces()
         first = next((piece for piece in pieces if piece), [])
         if not self._frames or not self._frames[0].signals:
@@ -117,8 +125,14 @@ class SinumerikSource(Source):
         records: Records = []
 
         def so_far() -> str:
-            newest = f" up to {records[-1][1].get('time', '?')[:20]} s" if records else up_to
-            return f"; {read + len(records)} records were read{newest}"
+            count()
+            return f"; {read} records were read{up_to}"
+
+        def count() -> None:
+            nonlocal read, up_to
+            if records:
+                read += len(records)
+                up_to = f" up to {records[-1][1].get('time', '?')[:20]} s"
 
         def start(name: str, attributes: dict[str, str]) -> None:
             nonlocal root
@@ -147,9 +161,7 @@ class SinumerikSource(Source):
         more = True
         while more:
             more = xml.feed()
-            if records:
-                up_to = f" up to {records[-1][1].get('time', '?')[:20]} s"
-                read += len(records)
+            count()
             yield records.copy()
             records.clear()
 
@@ -169,64 +181,84 @@ class SinumerikSource(Source):
 
     def _read_blocks(self, pieces: Iterable[Records]) -> Iterator[Block]:
         """The rows of one frame after the other, on one clock."""
-        wanted = [name for name in self.wanted if name != TIME]
         frame: DataFrame | None = None
-        grid: RecordGrid | None = None
-        offset_s, newest_s = 0.0, -math.inf
-        column_of: dict[str, int] = {}
+        records: dict[str, SignalRecords] = {}
+        for this, attributes in itertools.chain.from_iterable(pieces):
+            if this is not frame:
+                if frame is not None:
+                    yield from self._rows(frame, records)
+                frame, records = this, self._begin(this)
+            if records:
+                self._add(records, attributes)
+        if frame is not None:
+            yield from self._rows(frame, records)
 
-        def blocks(least_rows: int, *, final: bool) -> Iterator[Block]:
-            nonlocal newest_s
-            while grid is not None and (rows := grid.rows_ahead(final)) >= least_rows:
-                if rows > LONGEST_SILENCE_ROWS:
-                    raise TraceError(
-                        f"{self.path}: {rows} samples without a record up to {grid.newest_s:g} s; "
-                        "the clock of the file is broken"
-                    )
-                time_s, columns = grid.take(min(rows, BLOCK_ROWS))
-                time_s = time_s + offset_s
-                if len(time_s):
-                    newest_s = float(time_s[-1])
-                values = dict(zip(wanted, columns, strict=True)) | {TIME: time_s}
-                text, self._text = self._text, {}
-                yield Block(values, self._number_rows(len(time_s)), text)
-
-        for piece in pieces:
-            for this, attributes in piece:
-                if this is not frame:
-                    yield from blocks(1, final=True)
-                    if frame is not None:
-                        offset_s = self._offset_s(this, newest_s)
-                    frame, grid = this, self._grid(this, wanted)
-                    names = {each.name: each.key for each in this.signals.values()}
-                    column_of = {names[name]: at for at, name in enumerate(wanted) if name in names}
-                if grid is not None:
-                    self._add(grid, attributes, column_of, wanted)
-            yield from blocks(BLOCK_ROWS, final=False)
-        yield from blocks(1, final=True)
-
-    def _grid(self, frame: DataFrame, wanted: list[str]) -> RecordGrid | None:
-        """Rows on the clocks of a frame; None where it has no wanted signal."""
-        by_name = {signal.name: signal for signal in frame.signals.values()}
-        known = [by_name[name] for name in wanted if name in by_name]
-        if not known:
-            return None
-        fastest_s = min(signal.interval_s for signal in frame.signals.values())
-        silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else None
-        absent = SignalClock(max(signal.interval_s for signal in known))
-        clocks = {
-            each.name: SignalClock(
+    def _begin(self, frame: DataFrame) -> dict[str, SignalRecords]:
+        """No records yet of the wanted signals of a frame, by id."""
+        self._newest_s, self._silences, self._count = -math.inf, [], 0
+        fastest_s = min((each.interval_s for each in frame.signals.values()), default=0.0)
+        self._silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else math.inf
+        return {
+            each.key: SignalRecords(
                 each.interval_s,
                 each.count,
                 self._interpolate_positions and each.units_type == "posn",
             )
-            for each in known
+            for each in frame.signals.values()
+            if each.name in self.wanted
         }
-        return RecordGrid([clocks.get(name, absent) for name in wanted], frame.stop_s, silence_s)
 
-    def _offset_s(self, frame: DataFrame, newest_s: float) -> float:
-        """Origin of the time of a further frame, s after the first frame's zero."""
-        after_s = newest_s + FRAME_GAP_S
+    def _add(self, records: dict[str, SignalRecords], attributes: dict[str, str]) -> None:
+        """Keep a record; one without a time, or not after the last, is set aside."""
+        time_s = _float(attributes.pop("time", ""))
+        if time_s is None or not time_s > self._newest_s or abs(time_s) > LATEST_S:
+            self.ragged_rows += 1
+            return
+        if time_s - self._newest_s > self._silence_s:
+            self._silences.append((self._newest_s, time_s))
+        self._newest_s = time_s
+        for key, text in attributes.items():
+            if key in records:
+                value = _float(text)
+                if value is None:
+                    name = self._frames[-1].signals[key].name
+                    before = self._text.get(name, Text(0, text[:40]))
+                    self._text[name] = Text(before.count + 1, before.first)
+                records[key].times_s.append(time_s)
+                records[key].values.append(math.nan if value is None else value)
+                self._count += 1
+        if self._count > MOST_VALUES:
+            raise TraceError(f"{self.path}: more than {MOST_VALUES} values in a frame")
+
+    def _rows(self, frame: DataFrame, records: dict[str, SignalRecords]) -> Iterator[Block]:
+        if not records:
+            return
+        by_name = {
+            each.name: records[each.key] for each in frame.signals.values() if each.key in records
+        }
+        absent = SignalRecords(max(each.interval_s for each in records.values()))
+        names = [name for name in self.wanted if name != TIME]
+        signals = [by_name.get(name, absent) for name in names]
+        silences = np.array(self._silences).reshape(-1, 2) if frame.drop_outs else None
+        grid = RecordGrid(signals, self._newest_s, frame.stop_s, silences)
+        if grid.rows - self._count > LONGEST_SILENCE_ROWS:
+            raise TraceError(
+                f"{self.path}: {grid.rows} samples without a record up to {self._newest_s:g} s; "
+                "the clock of the file is broken"
+            )
+        offset_s = self._offset_s(frame)
+        for frame_s, columns in grid.blocks():
+            values = dict(zip(names, columns, strict=True)) | {TIME: frame_s + offset_s}
+            if len(frame_s):
+                self._time_s = float(values[TIME][-1])
+            text, self._text = self._text, {}
+            yield Block(values, self._number_rows(len(frame_s)), text)
+
+    def _offset_s(self, frame: DataFrame) -> float:
+        """Origin of the time of a frame, s after the first frame's zero."""
+        if math.isinf(self._time_s):
+            return 0.0
+        after_s = self._time_s + FRAME_GAP_S
         try:
             first, this = (
                 datetime.fromisoformat(each.start_time) for each in (self._frames[0], frame)
@@ -234,30 +266,7 @@ class SinumerikSource(Source):
             offset_s = (this - first).total_seconds()
         except (ValueError, TypeError):  # no times, or one of the two has a time zone
             return after_s
-        return offset_s if offset_s > newest_s else after_s
-
-    def _add(
-        self,
-        grid: RecordGrid,
-        attributes: dict[str, str],
-        column_of: dict[str, int],
-        wanted: list[str],
-    ) -> None:
-        """Put a record into the grid; one without a time, or not after the last, is set aside."""
-        time_s = _float(attributes.pop("time", ""))
-        if time_s is None or not time_s > grid.newest_s or abs(time_s) > LATEST_S:
-            self.ragged_rows += 1
-            return
-        values = []
-        for key, text in attributes.items():
-            index = column_of.get(key)
-            if index is not None:
-                value = _float(text)
-                values.append((index, math.nan if value is None else value))
-                if value is None:
-                    before = self._text.get(wanted[index], Text(0, text[:40]))
-                    self._text[wanted[index]] = Text(before.count + 1, before.first)
-        grid.add(time_s, values)
+        return offset_s if offset_s > self._time_s else after_s
 
 
 def _float(text: str) -> float | None:
