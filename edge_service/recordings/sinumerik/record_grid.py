@@ -22,12 +22,15 @@ class SignalRecords:
 
     Attributes:
         interval_s: time between two samples, s.
+        name, unit: as they stand in the file.
         count: number of samples; None where the recording does not tell.
         interpolate: between two samples a straight line instead of the older one.
         times_s, values: of each record, times rising.
     """
 
     interval_s: float
+    name: str = ""
+    unit: str = ""
     count: int | None = None
     interpolate: bool = False
     times_s: "array[float]" = field(default_factory=lambda: array("d"))

@@ -1,8 +1,7 @@
 """The XML of a SINUMERIK "Solution Line Trace": records one by one, and rows block by block."""
 
-import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -25,42 +24,35 @@ FRAME_GAP_S = 1.0
 LATEST_S = 1e12
 """A record beyond this time has none."""
 MOST_VALUES = 1 << 24
-"""Of one frame."""
+"""Of all frames together; 16 bytes each."""
 LONGEST_SILENCE_ROWS = 10_000_000
 """More rows than this without a record are a broken clock, not an axis at rest."""
 _SILENT_INTERVALS = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class DataSignal:
-    """One `<dataSignal>`: id of its attribute, name, unit, interval in s, number of samples."""
-
-    key: str
-    name: str
-    units_type: str
-    interval_s: float
-    count: int | None
-
-
 @dataclass(slots=True)
 class DataFrame:
-    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals by id.
+    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals with their records.
 
     Attributes:
-        number: from 1.
         start_time: wall-clock time as it stands there; empty where it does not.
         stop_s: time of the last sample, s; None where it does not say.
         drop_outs: how often the controller lost samples.
+        signals: by id.
+        newest_s: time of the last record, s.
+        records: number of them.
+        silences: stretches without a record, s.
+        text: what stands in place of numbers, by name of the signal.
     """
 
-    number: int
     start_time: str = ""
     stop_s: float | None = None
     drop_outs: int = 0
-    signals: dict[str, DataSignal] = field(default_factory=dict)
-
-
-Records = list[tuple[DataFrame, dict[str, str]]]
+    signals: dict[str, SignalRecords] = field(default_factory=dict)
+    newest_s: float = -math.inf
+    records: int = 0
+    silences: list[tuple[float, float]] = field(default_factory=list)
+    text: dict[str, Text] = field(default_factory=dict)
 
 
 class SinumerikSource(Source):
@@ -76,26 +68,26 @@ class SinumerikSource(Source):
     def __init__(self, path: Path, file: IO[bytes], axis: ControllerAxis) -> None:
         super().__init__(path, file)
         self._interpolate_positions = axis.interpolate_positions
-        self._text: dict[str, Text] = {}
         self._frames: list[DataFrame] = []
-        self._time_s = self._newest_s = -math.inf  # of all rows, and of the records of a frame
-        self._silences: list[tuple[float, float]] = []
-        self._silence_s = math.inf
-        self._count = 0
-        pieces = self._read_pieces()
-        first = next((piece for piece in pieces if piece), [])
+        self._records, self._read_up_to = 0, ""
+        self._values = 0
+        self._has_root = False
+        self._xml = XmlReader(path, file, self._start, so_far=self._so_far)
+        self._has_more = True
+        while self._has_more and not self._records:
+            self._has_more = self._xml.feed()
         if not self._frames or not self._frames[0].signals:
             raise TraceError(
                 f"{path}: a trace session without data; expected <dataFrame> with <dataSignal>"
             )
-        self._signals = tuple(self._frames[0].signals.values())
+        self._signals = list(self._frames[0].signals.values())
         self.names = (TIME, *(signal.name for signal in self._signals))
-        self._blocks = self._read_blocks(itertools.chain([first], pieces))
+        self._blocks = self._read_blocks()
 
     @property
     def signals(self) -> list[ControllerSignal]:
         """The signals that belong to an axis."""
-        found = (sinumerik_signal(signal.name, signal.units_type) for signal in self._signals)
+        found = (sinumerik_signal(signal.name, signal.unit) for signal in self._signals)
         return [signal for signal in found if signal is not None]
 
     @property
@@ -109,8 +101,8 @@ class SinumerikSource(Source):
             how = "interpolated or held" if self._interpolate_positions else "held"
             remarks.append(f"slower than the rows' {fastest_s:g} s and {how}: {', '.join(slower)}")
         remarks += [
-            f"frame {frame.number}: {frame.drop_outs} drop-outs; stretches without records are gaps"
-            for frame in self._frames
+            f"frame {number}: {frame.drop_outs} drop-outs; stretches without records are gaps"
+            for number, frame in enumerate(self._frames, start=1)
             if frame.drop_outs
         ]
         return tuple(remarks)
@@ -119,146 +111,115 @@ class SinumerikSource(Source):
         """The next rows, or None at the end. Raises TraceError and OSError."""
         return next(self._blocks, None)
 
-    def _read_pieces(self) -> Iterator[Records]:
-        """Records of each piece of the file. Raises TraceError."""
-        root, read, up_to = "", 0, ""
-        records: Records = []
+    def _so_far(self) -> str:
+        return f"; {self._records} records were read{self._read_up_to}"
 
-        def so_far() -> str:
-            count()
-            return f"; {read} records were read{up_to}"
-
-        def count() -> None:
-            nonlocal read, up_to
-            if records:
-                read += len(records)
-                up_to = f" up to {records[-1][1].get('time', '?')[:20]} s"
-
-        def start(name: str, attributes: dict[str, str]) -> None:
-            nonlocal root
-            if not root and name != ROOT:
-                raise TraceError(
-                    f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
-                    f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
-                )
-            root = ROOT
-            if name == "dataFrame":
-                if len(self._frames) >= MOST_FRAMES:
-                    raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
-                self._frames.append(DataFrame(len(self._frames) + 1))
-            elif name == "rec" and self._frames:
-                records.append((self._frames[-1], attributes))
-            elif name == "frameHeader" and self._frames:
-                frame = self._frames[-1]
-                frame.start_time = attributes.get("startTime", "")
-                frame.stop_s = _finite(attributes.get("stopInc")) or None
-                frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
-            elif name == "dataSignal" and self._frames:
-                signal = self._data_signal(attributes)
-                self._frames[-1].signals[signal.key] = signal
-
-        xml = XmlReader(self.path, self._file, start, so_far=so_far)
-        more = True
-        while more:
-            more = xml.feed()
-            count()
-            yield records.copy()
-            records.clear()
-
-    def _data_signal(self, attributes: dict[str, str]) -> DataSignal:
-        key = attributes.get("id", "")
-        title = attributes.get("name") or key
-        interval_s = _finite(attributes.get("interval"))
-        if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        """Take in an element."""
+        if not self._has_root and name != ROOT:
             raise TraceError(
-                f"{self.path}: signal {title[:80]!r}: id {key[:40]!r}, interval "
-                f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
+                f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
+                f"expected <{ROOT}>, a SINUMERIK Solution Line Trace"
             )
-        if sum(len(frame.signals) for frame in self._frames) >= MOST_COLUMNS:
-            raise TraceError(f"{self.path}: more than {MOST_COLUMNS} signals")
-        count = int(max(_finite(attributes.get("datapointCount")) or 0.0, 0.0)) or None
-        return DataSignal(key, title, attributes.get("unitsType", ""), interval_s, count)
+        self._has_root = True
+        if name == "dataFrame":
+            if len(self._frames) >= MOST_FRAMES:
+                raise TraceError(f"{self.path}: more than {MOST_FRAMES} frames")
+            self._frames.append(DataFrame())
+        if not self._frames:
+            return
+        frame = self._frames[-1]
+        if name == "rec":
+            self._add(frame, attributes)
+        elif name == "frameHeader":
+            frame.start_time = attributes.get("startTime", "")
+            frame.stop_s = _finite(attributes.get("stopInc")) or None
+            frame.drop_outs = int(_finite(attributes.get("dropOuts")) or 0)
+        elif name == "dataSignal":
+            key = attributes.get("id", "")
+            title = attributes.get("name") or key
+            interval_s = _finite(attributes.get("interval"))
+            if not key or interval_s is None or not 0.0 < interval_s <= LONGEST_INTERVAL_S:
+                raise TraceError(
+                    f"{self.path}: signal {title[:80]!r}: id {key[:40]!r}, interval "
+                    f"{attributes.get('interval', '')[:40]!r}; expected an id and seconds above 0"
+                )
+            if sum(len(each.signals) for each in self._frames) >= MOST_COLUMNS:
+                raise TraceError(f"{self.path}: more than {MOST_COLUMNS} signals")
+            count = int(max(_finite(attributes.get("datapointCount")) or 0.0, 0.0)) or None
+            unit = attributes.get("unitsType", "")
+            drawn = self._interpolate_positions and unit == "posn"
+            frame.signals[key] = SignalRecords(interval_s, title, unit, count, drawn)
 
-    def _read_blocks(self, pieces: Iterable[Records]) -> Iterator[Block]:
-        """The rows of one frame after the other, on one clock."""
-        frame: DataFrame | None = None
-        records: dict[str, SignalRecords] = {}
-        for this, attributes in itertools.chain.from_iterable(pieces):
-            if this is not frame:
-                if frame is not None:
-                    yield from self._rows(frame, records)
-                frame, records = this, self._begin(this)
-            if records:
-                self._add(records, attributes)
-        if frame is not None:
-            yield from self._rows(frame, records)
-
-    def _begin(self, frame: DataFrame) -> dict[str, SignalRecords]:
-        """No records yet of the wanted signals of a frame, by id."""
-        self._newest_s, self._silences, self._count = -math.inf, [], 0
-        fastest_s = min((each.interval_s for each in frame.signals.values()), default=0.0)
-        self._silence_s = _SILENT_INTERVALS * fastest_s if frame.drop_outs else math.inf
-        return {
-            each.key: SignalRecords(
-                each.interval_s,
-                each.count,
-                self._interpolate_positions and each.units_type == "posn",
-            )
-            for each in frame.signals.values()
-            if each.name in self.wanted
-        }
-
-    def _add(self, records: dict[str, SignalRecords], attributes: dict[str, str]) -> None:
+    def _add(self, frame: DataFrame, attributes: dict[str, str]) -> None:
         """Keep a record; one without a time, or not after the last, is set aside."""
+        self._records += 1
+        self._read_up_to = f" up to {attributes.get('time', '?')[:20]} s"
         time_s = _float(attributes.pop("time", ""))
-        if time_s is None or not time_s > self._newest_s or abs(time_s) > LATEST_S:
+        if time_s is None or not time_s > frame.newest_s or abs(time_s) > LATEST_S:
             self.ragged_rows += 1
             return
-        if time_s - self._newest_s > self._silence_s:
-            self._silences.append((self._newest_s, time_s))
-        self._newest_s = time_s
+        if frame.drop_outs:
+            fastest_s = min((each.interval_s for each in frame.signals.values()), default=0.0)
+            if time_s - frame.newest_s > _SILENT_INTERVALS * fastest_s:
+                frame.silences.append((frame.newest_s, time_s))
+        frame.newest_s = time_s
+        frame.records += 1
         for key, text in attributes.items():
-            if key in records:
-                value = _float(text)
-                if value is None:
-                    name = self._frames[-1].signals[key].name
-                    before = self._text.get(name, Text(0, text[:40]))
-                    self._text[name] = Text(before.count + 1, before.first)
-                records[key].times_s.append(time_s)
-                records[key].values.append(math.nan if value is None else value)
-                self._count += 1
-        if self._count > MOST_VALUES:
-            raise TraceError(f"{self.path}: more than {MOST_VALUES} values in a frame")
+            signal = frame.signals.get(key)
+            if signal is None:
+                continue
+            value = _float(text)
+            if value is None:
+                before = frame.text.get(signal.name, Text(0, text[:40]))
+                frame.text[signal.name] = Text(before.count + 1, before.first)
+            signal.times_s.append(time_s)
+            signal.values.append(math.nan if value is None else value)
+            self._values += 1
+        if self._values > MOST_VALUES:
+            raise TraceError(f"{self.path}: more than {MOST_VALUES} values; cut the recording")
 
-    def _rows(self, frame: DataFrame, records: dict[str, SignalRecords]) -> Iterator[Block]:
-        if not records:
+    def _read_blocks(self) -> Iterator[Block]:
+        """The rows of one frame after the other, on one clock."""
+        number, newest_s = 0, -math.inf
+        while True:
+            while self._has_more and len(self._frames) <= number + 1:
+                self._has_more = self._xml.feed()
+            if number == len(self._frames):
+                return
+            frame = self._frames[number]
+            offset_s = self._offset_s(frame, newest_s)
+            for block in self._rows(frame):
+                block.values[TIME] += offset_s
+                if len(block):
+                    newest_s = float(block.values[TIME][-1])
+                yield block
+            number += 1
+
+    def _rows(self, frame: DataFrame) -> Iterator[Block]:
+        by_name = {each.name: each for each in frame.signals.values() if each.name in self.wanted}
+        if not by_name:
             return
-        by_name = {
-            each.name: records[each.key] for each in frame.signals.values() if each.key in records
-        }
-        absent = SignalRecords(max(each.interval_s for each in records.values()))
+        absent = SignalRecords(max(each.interval_s for each in by_name.values()))
         names = [name for name in self.wanted if name != TIME]
         signals = [by_name.get(name, absent) for name in names]
-        silences = np.array(self._silences).reshape(-1, 2) if frame.drop_outs else None
-        grid = RecordGrid(signals, self._newest_s, frame.stop_s, silences)
-        if grid.rows - self._count > LONGEST_SILENCE_ROWS:
+        silences = np.array(frame.silences).reshape(-1, 2) if frame.drop_outs else None
+        grid = RecordGrid(signals, frame.newest_s, frame.stop_s, silences)
+        if grid.rows - frame.records > LONGEST_SILENCE_ROWS:
             raise TraceError(
-                f"{self.path}: {grid.rows} samples without a record up to {self._newest_s:g} s; "
+                f"{self.path}: {grid.rows} samples without a record up to {frame.newest_s:g} s; "
                 "the clock of the file is broken"
             )
-        offset_s = self._offset_s(frame)
-        for frame_s, columns in grid.blocks():
-            values = dict(zip(names, columns, strict=True)) | {TIME: frame_s + offset_s}
-            if len(frame_s):
-                self._time_s = float(values[TIME][-1])
-            text, self._text = self._text, {}
-            yield Block(values, self._number_rows(len(frame_s)), text)
+        for time_s, columns in grid.blocks():
+            values = dict(zip(names, columns, strict=True)) | {TIME: time_s}
+            text, frame.text = frame.text, {}
+            yield Block(values, self._number_rows(len(time_s)), text)
 
-    def _offset_s(self, frame: DataFrame) -> float:
+    def _offset_s(self, frame: DataFrame, newest_s: float) -> float:
         """Origin of the time of a frame, s after the first frame's zero."""
-        if math.isinf(self._time_s):
+        if math.isinf(newest_s):
             return 0.0
-        after_s = self._time_s + FRAME_GAP_S
+        after_s = newest_s + FRAME_GAP_S
         try:
             first, this = (
                 datetime.fromisoformat(each.start_time) for each in (self._frames[0], frame)
@@ -266,7 +227,7 @@ class SinumerikSource(Source):
             offset_s = (this - first).total_seconds()
         except (ValueError, TypeError):  # no times, or one of the two has a time zone
             return after_s
-        return offset_s if offset_s > self._time_s else after_s
+        return offset_s if offset_s > newest_s else after_s
 
 
 def _float(text: str) -> float | None:
