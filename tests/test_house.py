@@ -169,10 +169,10 @@ MOST_LINES = {
     "nodes": 3045,
     "offline": 5928,
     "outputs": 1880,
-    "recordings": 3491,
+    "recordings": 3401,
     "regression": 1089,
     "beside the rooms": 792,
-    "tests": 48697,
+    "tests": 48527,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 396
