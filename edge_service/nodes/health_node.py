@@ -88,28 +88,23 @@ class Monitors:
 
     def keep(self, axis: str) -> None:
         """Keep the state of an axis."""
-        self._announce(axis, (), keeps=True)
+        self._announce(axis, (), at_once=True, keeps=True)
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
         """Take an estimate in."""
         if axis in self.axes:
-            self._say(axis, self.axes[axis].on_preload(header, estimate, now_ns()))
+            self._announce(axis, self.axes[axis].on_preload(header, estimate, now_ns()))
 
     def take_features(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in."""
         if axis in self.axes:
-            self._say(axis, self.axes[axis].on_feature(header, block, now_ns()))
+            self._announce(axis, self.axes[axis].on_feature(header, block, now_ns()))
 
     def take_report(self, axis: str, _header: Header, report: ComponentHealth) -> None:
         """Take the report in of a component of one axis, or of all axes."""
         for each in self.axes if report.axis is None else (axis,):
             if each in self.axes:
-                self._say(each, self.axes[each].on_component(report, now_ns()))
-
-    def take_command(self, axis: str, _header: Header, command: Command) -> None:
-        """Do what a part of the service asks."""
-        if axis in self.axes:
-            self.serve(axis, command, lambda _outcome: None)
+                self._announce(each, self.axes[each].on_component(report, now_ns()))
 
     def serve_commands(self) -> Answering:
         """Answer the commands that are asked on the bus by what came of them, once it is kept."""
@@ -140,11 +135,11 @@ class Monitors:
 
         if not (known or outcome.accepted):
             events = (refused_command(axis, command, outcome.message, at_ns),)
-        self._announce(axis, events, tell, keeps=bool(command.key))
+        self._announce(axis, events, tell, at_once=True, keeps=bool(command.key))
 
     def tick(self, axis: str) -> None:
         """Let time pass on an axis, and announce its condition."""
-        self._announce(axis, self.axes[axis].tick(now_ns()))
+        self._announce(axis, self.axes[axis].tick(now_ns()), at_once=True)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -158,20 +153,22 @@ class Monitors:
             trend = await self._threads.run(monitor.trend_work())
             monitor.take_trend(trend, now_ns())
 
-    def _say(self, axis: str, events: tuple[Event, ...]) -> None:
-        """Announce events, if there are any, with the condition that goes with them."""
-        if events:
-            self._announce(axis, events)
-
     def _announce(
         self,
         axis: str,
         events: tuple[Event, ...],
         told: Callable[[str], None] = lambda _problem: None,
         *,
+        at_once: bool = False,
         keeps: bool = False,
     ) -> None:
-        """Publish events and condition once they are kept with the state of the axis."""
+        """Publish events and condition once they are kept with the state of the axis.
+
+        Args:
+            at_once, keeps: also without an event; also where no event asks for it.
+        """
+        if not (events or at_once):
+            return
         monitor = self.axes[axis]
         health = monitor.health(now_ns())
         events = announced(events, health)
@@ -196,29 +193,29 @@ async def run(context: NodeContext) -> None:
     component.counters = lambda: preloads.counts() | {"damaged_states": monitors.damaged}
     component.problems = lambda: [context.store.problem] if context.store.problem else []
 
-    def tick() -> None:
-        for axis in monitors.axes:
-            with component.bears(f"the time that passes on axis {axis}"):
-                monitors.tick(axis)
+    def of_all(what: str, work: Callable[[str], None]) -> Callable[[], None]:
+        """Work on every axis, of which one may fail alone."""
 
-    def keep() -> None:
-        for axis in monitors.axes:
-            with component.bears(f"the state of axis {axis}"):
-                monitors.keep(axis)
+        def each() -> None:
+            for axis in monitors.axes:
+                with component.bears(f"the {what} of axis {axis}"):
+                    work(axis)
+
+        return each
 
     async def foresee() -> None:
         for axis in (*monitors.axes,):
             with component.bears(f"the trend of axis {axis}"):
                 await monitors.foresee(axis)
 
+    keep = of_all("state", monitors.keep)
     async with component.running():
         await component.from_store(monitors.load)
         component.to(ComponentStatus.OK)
         component.follow(preloads, monitors.take_preload)
         component.follow(features, monitors.take_features)
         component.follow(context.subscribe_to_components(STATUS), monitors.take_report)
-        component.follow(context.subscribe(COMMAND), monitors.take_command)
-        component.repeat(HEALTH_PERIOD_S, tick)
+        component.repeat(HEALTH_PERIOD_S, of_all("time", monitors.tick))
         component.repeat(HEALTH_PERIOD_S, foresee)
         component.repeat(SAVE_PERIOD_S, keep)
         monitors.serve_commands()

@@ -73,7 +73,7 @@ class HttpNode:
         self._authenticator = Authenticator(
             Tokens(context.store), required=needs_token(config.http)
         )
-        self._tls = server_files("http", config.http.certificate, config.http.private_key)
+        self._tls = server_files(config.http)
         self.state = _state_of(context)
         self._outputs = StoreOutputDesk(config, context.store)
         self._scrape = Scrape(context, self.state, self._outputs)
@@ -87,13 +87,7 @@ class HttpNode:
         service += () if config.file is None else (str(config.file),)
         jobs, files = self._folder / "jobs", self._machine_files
         self._jobs = Jobs(context.store, jobs, self._recordings, files, service)
-        commands = context.publishers(COMMAND)
-
-        def on_kept(axis: str, name: str) -> None:
-            command = Command(action="recorded", user="edge-service", note=name)
-            commands[axis].publish(command, now_ns())
-
-        self._recorder = DisagreementRecorder(self._recordings.folder, on_kept)
+        self._recorder = DisagreementRecorder(self._recordings.folder, self._tell_kept)
         context.renewals.append(self._renew)
 
     async def run(self) -> None:
@@ -229,6 +223,10 @@ class HttpNode:
             return None if answer is None else OUTCOME.decode(answer)[2]
         except CodecError:
             return None
+
+    async def _tell_kept(self, axis: str, name: str) -> None:
+        command = Command(action="recorded", user="edge-service", note=name)
+        await self._send_command(axis, command)
 
     def _note_change(self, caller: Caller, action: str) -> None:
         """Tell of a change that was made by a request."""

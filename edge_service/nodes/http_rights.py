@@ -10,8 +10,6 @@ from ..health.store.tokens import Tokens, token_of
 from ..messages.addresses import is_loopback
 from ..secret_files import SecretError, expanded, read_secret
 
-_FIRST = "edge-service token CONFIG --add NAME --role operator"
-
 
 def tokens_of(config: EdgeConfig) -> Tokens:
     """Tokens in the store of a configuration; in memory if it keeps nothing."""
@@ -42,42 +40,33 @@ def needs_token(http: HttpConfig) -> bool:
 
 def check_access(config: EdgeConfig) -> str:
     """Check tokens and certificate; returns a line on who is let in. Raises ConfigError."""
-    http = config.http
-    server_files("http", http.certificate, http.private_key)
-    encrypted = "no TLS" if http.certificate is None else "TLS"
-    folder = config.store.folder
+    http, folder = config.http, config.store.folder
+    encrypted = "no TLS" if server_files(http) is None else "TLS"
     try:
         there = folder is not None and (folder / FILE_NAME).exists()
         count = len(tokens_of(config).all()) if there else 0
     except StoreFailedError as error:
         return f"{encrypted}, tokens cannot be read ({error})"
     if count == 0 and needs_token(http):
-        key = "url" if http.url is not None else "host"
-        raise ConfigError(f"http.{key}: beyond loopback a token is needed: {_FIRST}")
+        key, mend = "url" if http.url else "host", "edge-service token CONFIG --add NAME"
+        raise ConfigError(f"http.{key}: beyond loopback a token is needed: {mend} --role operator")
     people = f"whoever has one of {count} tokens" if count else "any user of this machine"
     return f"{encrypted}, for {people}"
 
 
-def server_files(
-    table: str, certificate: Path | None, private_key: Path | None
-) -> tuple[Path, Path] | None:
-    """Certificate and key of a table, which fit each other. Raises ConfigError."""
+def server_files(http: HttpConfig) -> tuple[Path, Path] | None:
+    """Certificate and key, which fit each other; None without. Raises ConfigError."""
+    certificate, private_key = http.certificate, http.private_key
     if certificate is None or private_key is None:
         return None
     try:
-        certificate.read_bytes()
         read_secret(private_key)  # which others must not be able to read
         key = expanded(private_key)
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
     except SecretError as error:
-        raise ConfigError(f"{table}.private_key: {error}") from None
-    except OSError as error:
-        words = f"{certificate}: cannot be read ({error.strerror})"
-        raise ConfigError(f"{table}.certificate: {words}") from None
-    try:
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(certificate, key, password="")
-    except (ssl.SSLError, ValueError) as error:
-        reason = getattr(error, "reason", None) or "not in PEM format, or the key has a password"
-        pair = f"{certificate} with {private_key}"
-        raise ConfigError(f"{table}.certificate: {pair}: {reason}") from None
+        raise ConfigError(f"http.private_key: {error}") from None
+    except (OSError, ValueError) as error:  # those of ssl are OSErrors
+        reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
+        reason = reason or "not in PEM format, or the key has a password"
+        raise ConfigError(f"http.certificate: {certificate} with {private_key}: {reason}") from None
     return certificate, key

@@ -10,12 +10,10 @@ from typing import Any
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
 from ..health.axis_state import AxisState
-from ..health.components import ComponentWatch
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
 from ..http_api.words import words_in
-from ..messages.answer import AxisAnswer
 from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import AxisCondition, Event
@@ -37,6 +35,7 @@ from .component import Component, first_of
 from .context import NodeContext
 from .http_rights import knows_of
 
+log = logging.getLogger(__name__)
 SHOW_PERIOD_S = 0.5
 TAKE_S = 30.0
 """Longest time in which an output takes a message."""
@@ -45,7 +44,6 @@ MOST_TOGETHER = 100
 """Events that are handed over together, at most."""
 MOST_BROKEN = 5
 """Times that a connection may break at one event, while it takes other messages in between."""
-log = logging.getLogger(__name__)
 
 
 def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Output:
@@ -79,40 +77,35 @@ def outbox_of(store: Store, output: Output, receiver: str, log: EventLog | None 
     return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds, log)
 
 
-class LatestAnswers:
-    """Latest estimate and condition of each configured axis. Raises ConfigError."""
-
-    def __init__(self, context: NodeContext) -> None:
-        self._started_ns = now_ns()
-        silent = ComponentWatch(HEALTH.stale_after_s)
-        self._states = {axis: AxisState(axis, None, silent) for axis in context.machines}
-
-    def take_estimate(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
-        """Take an estimate in."""
-        self._states[axis].hear_estimate(header, estimate, now_ns())
-
-    def take_health(self, axis: str, header: Header, health: AxisHealth) -> None:
-        """Take a condition in."""
-        self._states[axis].hear_health(header, health, now_ns())
-
-    def now(self) -> tuple[AxisAnswer, ...]:
-        """Answers as they hold now, an axis each."""
-        at_ns = now_ns()
-        return tuple(state.answer(self._started_ns, at_ns) for state in self._states.values())
-
-
 async def run(context: NodeContext, name: str) -> None:
     """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
-    output, latest = make_output(context.config, name), LatestAnswers(context)
-    component = Component(context, name)
+    output, component = make_output(context.config, name), Component(context, name)
+    states, started_ns = {axis: AxisState(axis) for axis in context.machines}, now_ns()
     node = OutputNode(output, component, context.events)
-    retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
+
+    def take_estimate(axis: str, header: Header, estimate: PreloadEstimate) -> None:
+        if axis in states and states[axis].preload_input.accept(header, now_ns()):
+            states[axis].estimate = estimate
+
+    def take_health(axis: str, header: Header, health: AxisHealth) -> None:
+        if axis in states and states[axis].health_input.accept(header, now_ns()):
+            states[axis].health = health
+
+    async def show() -> None:
+        """Hand over what is known now of all axes, again and again."""
+        retry = new_retry()
+        while True:
+            for state in states.values():
+                if not await node.send("answers", state.answer(started_ns, now_ns()), retry):
+                    break
+            else:
+                await asyncio.sleep(SHOW_PERIOD_S)
 
     async def life() -> None:
         try:
             async with asyncio.TaskGroup() as group:
                 if output.takes_answers:
-                    group.create_task(node.show(latest))
+                    group.create_task(show())
                 for receiver in output.receivers:
                     group.create_task(node.deliver(receiver))
         except BaseExceptionGroup as errors:
@@ -122,10 +115,15 @@ async def run(context: NodeContext, name: str) -> None:
 
     async with component.running():
         if output.takes_answers:
-            component.follow(context.subscribe(PRELOAD), latest.take_estimate)
-            component.follow(context.subscribe(HEALTH), latest.take_health)
-        await component.again(life, retry, OutputUnavailableError)
+            component.follow(context.subscribe(PRELOAD), take_estimate)
+            component.follow(context.subscribe(HEALTH), take_health)
+        await component.again(life, new_retry(), OutputUnavailableError)
         await context.forever()
+
+
+def new_retry() -> Retry:
+    """Pauses after which an output is tried again."""
+    return Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
 
 
 class OutputNode:
@@ -137,7 +135,6 @@ class OutputNode:
 
     def __init__(self, output: Output, component: Component, events: EventLog) -> None:
         self._output, self._component, self._events = output, component, events
-        self._name = output.context.name
         self._opening = asyncio.Lock()
         self._problems: dict[str, str] = {}
         self._sent_s = time.monotonic()
@@ -155,64 +152,46 @@ class OutputNode:
 
         Raises RefusedError.
         """
-        output = self._output
         try:
             async with self._opening:
-                await within(output.open_s, output.open())
-            await within(TAKE_S, output.take(message))
+                await within(self._output.open_s, self._output.open())
+            await within(TAKE_S, self._output.take(message))
         except OutputUnavailableError as error:
-            await self.wait(who, str(error), retry)
+            await self._wait(who, str(error), retry)
             return False
         finally:
             if self._component.status is not ComponentStatus.OK:
                 self._component.to(ComponentStatus.OK)
         self.sent += 1
         self._sent_s = time.monotonic()
-        self.works(who, retry)
+        self._works(who, retry)
         return True
 
-    def works(self, who: str, retry: Retry) -> None:
-        """Note that there is no problem any more."""
+    def _works(self, who: str, retry: Retry) -> None:
         retry.reset()
         if self._problems.pop(who, None) is not None:
-            log.info("%s: works again", self._name)
+            log.info("%s: works again", self._component.name)
             self._component.publish()
 
-    async def wait(self, who: str, problem: str, retry: Retry) -> None:
-        """Tell of a problem, and pause."""
+    async def _wait(self, who: str, problem: str, retry: Retry) -> None:
         if who not in self._problems:
-            log.warning("%s: %s; trying again", self._name, problem)
+            log.warning("%s: %s; trying again", self._component.name, problem)
         self._problems[who] = problem
         self._component.publish()
         await asyncio.sleep(retry.pause_s())
 
-    async def show(self, latest: LatestAnswers) -> None:
-        """Hand over what is known now of all axes, again and again."""
-        retry = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-        while True:
-            for answer in latest.now():
-                if not await self.send("answers", answer, retry):
-                    break
-            else:
-                await asyncio.sleep(SHOW_PERIOD_S)
-
     async def deliver(self, receiver: str) -> None:
         """Hand over the events of an outbox in their order; what is refused holds up nobody."""
-        output, run, who = self._output, self._events.store.run, f"events {receiver}".strip()
-        outbox, retry = (
-            outbox_of(self._events.store, output, receiver, self._events),
-            Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S),
-        )
-        hour: deque[float] = deque()
-        broken, sent_before = 0, 0
+        who, retry, hour = f"events {receiver}".strip(), new_retry(), deque[float](maxlen=100)
+        outbox = outbox_of(self._events.store, self._output, receiver, self._events)
+        run, broken, sent_before = self._events.store.run, 0, 0
         while True:
             try:
-                batch = due(output, await run(outbox.waiting, MOST_TOGETHER), hour)
+                batch = due(self._output, await run(outbox.waiting, MOST_TOGETHER), hour)
                 if not batch:
                     await asyncio.sleep(SHOW_PERIOD_S)
                     continue
-                message = Events(receiver, tuple(each.event for each in batch))
-                refusal = ""
+                message, refusal = Events(receiver, tuple(each.event for each in batch)), ""
                 try:
                     if not await self.send(who, message, retry):
                         broken += self.sent > sent_before
@@ -222,19 +201,18 @@ class OutputNode:
                         refusal = f"the connection broke at it {broken} times"
                 except RefusedError as error:
                     refusal = str(error)
-                    self.works(who, retry)
+                    self._works(who, retry)
                 broken, sent_before = 0, self.sent
-                if output.most_per_hour is not None:
-                    hour.append(time.monotonic())
+                hour.append(time.monotonic())
                 for each in batch:
                     if refusal:
                         words = "%s: event %d is a dead letter: %s"
-                        log.warning(words, self._name, each.id, refusal)
+                        log.warning(words, self._component.name, each.id, refusal)
                         await run(outbox.refused, each.id, refusal)
                     else:
                         await run(outbox.delivered, each.id)
             except StoreFailedError as error:
-                await self.wait(who, str(error), retry)
+                await self._wait(who, str(error), retry)
 
 
 async def within(limit_s: float, work: Coroutine[Any, Any, None]) -> None:

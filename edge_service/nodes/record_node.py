@@ -2,11 +2,10 @@
 
 import asyncio
 import logging
+import math
 import signal
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,24 +28,17 @@ BEFORE_S, AFTER_S = 2.0, 60.0
 """Of the beginning of a disagreement, and of the moment at which it was sure."""
 LONGEST_S = 150.0
 MOST_ROWS = 200_000
-_MOST_WAITING = 4
-"""Recordings that wait for the disk; the oldest go."""
+MOST_WAITING = 4
+"""Recordings that wait for the disk; further ones are lost."""
 MOST_KEPT = 5
 """Recordings of one axis that the service makes by itself; the oldest go."""
 FIRST_FRAME_S = 5.0
 
 
 async def record_axis(
-    config: EdgeConfig,
-    axis: str,
-    out: Path,
-    duration_s: float | None,
-    tell: Callable[[float], None] = lambda _share: None,
+    config: EdgeConfig, axis: str, out: Path, duration_s: float | None
 ) -> tuple[int, int]:
     """Record until `duration_s` of axis time, SIGINT or SIGTERM.
-
-    Args:
-        tell: takes the share that is recorded, once a second.
 
     Returns:
         Rows written and payloads lost on the way.
@@ -54,49 +46,30 @@ async def record_axis(
     Raises:
         ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
     """
-    place = config.bus
+    place, key = config.bus, config.keys.key(axis, RAW)
     bus = await Bus.open(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
     try:
-        subscriber = bus.subscribe(config.keys.key(axis, RAW), RAW, depth=4096)
-        loop = asyncio.get_running_loop()
+        subscriber = bus.subscribe(key, RAW, depth=4096)
         for number in (signal.SIGINT, signal.SIGTERM):
-            with suppress(NotImplementedError, RuntimeError):
-                loop.add_signal_handler(number, subscriber.close)
-        frames = aiter(subscriber)
+            with suppress(NotImplementedError, RuntimeError):  # not the main thread: a test
+                asyncio.get_running_loop().add_signal_handler(number, subscriber.close)
+        frames, nothing = aiter(subscriber), (axis, None, None)
         try:
             async with asyncio.timeout(FIRST_FRAME_S):
-                _, _, frame = await anext(frames)
-        except (TimeoutError, StopAsyncIteration):
-            raise ConfigError(
-                f"{config.keys.key(axis, RAW)}: nothing is published; check the name of the axis"
-            ) from None
-        rows, first_s = 0, float(frame.time_s[0])
-        told_s = first_s
+                _, _, frame = await anext(frames, nothing)
+        except TimeoutError:
+            frame = None
+        if frame is None:
+            raise ConfigError(f"{key}: nothing is published; check the name of the axis")
+        rows, end_s = 0, math.inf if duration_s is None else frame.time_s[0] + duration_s
         with TraceWriter(out, tuple(frame.channels)) as writer:
-            while True:
-                if duration_s is not None:
-                    frame = frame.until(first_s + duration_s)
+            while frame is not None and len(frame := frame.until(end_s)):
                 writer.write(frame)
                 rows += len(frame)
-                if duration_s and len(frame) and frame.time_s[-1] >= told_s + 1.0:
-                    told_s = float(frame.time_s[-1])
-                    tell((told_s - first_s) / duration_s)
-                if duration_s is not None and frame.time_s.size == 0:
-                    break
-                try:
-                    _, _, frame = await anext(frames)
-                except StopAsyncIteration:
-                    break
+                _, _, frame = await anext(frames, nothing)
         return rows, subscriber.counts()["lost_payloads"]
     finally:
         await bus.close()
-
-
-@dataclass(frozen=True, slots=True)
-class _Cut:
-    name: str
-    from_s: float
-    to_s: float
 
 
 class DisagreementRecorder:
@@ -107,13 +80,12 @@ class DisagreementRecorder:
         on_kept: called with axis and name of each recording that is ready.
     """
 
-    def __init__(self, folder: Path, on_kept: Callable[[str, str], None]) -> None:
-        self._folder = folder
-        self._on_kept = on_kept
+    def __init__(self, folder: Path, on_kept: Callable[[str, str], Awaitable[None]]) -> None:
+        self._folder, self._on_kept = folder, on_kept
         self._rings: dict[str, SampleRing] = {}
-        self._cuts: dict[str, _Cut] = {}
-        self._ready: deque[tuple[str, str, list[SampleFrame]]] = deque(maxlen=_MOST_WAITING)
-        self._wake = asyncio.Event()
+        self._cuts: dict[str, tuple[str, float, float]] = {}
+        """By axis: name of what is being recorded, its beginning and end, s."""
+        self._ready = asyncio.Queue[tuple[str, str, list[SampleFrame]]](MOST_WAITING)
         self._threads = Threads("recorder")
 
     def note(self, event: Event) -> None:
@@ -125,36 +97,32 @@ class DisagreementRecorder:
         if isinstance(name, str) and isinstance(since_s, float):
             from_s = max(since_s - BEFORE_S, ring.newest_s - KEEP_S)
             to_s = min(ring.newest_s + AFTER_S, from_s + LONGEST_S)
-            self._cuts[event.axis] = _Cut(name, from_s, to_s)
+            self._cuts[event.axis] = name, from_s, to_s
             ring.keep_s = to_s - from_s + 1.0
 
     def follow(self, axis: str, frame: SampleFrame) -> None:
         """Take samples in; what is complete is written by `run`."""
         ring = self._rings.setdefault(axis, SampleRing(KEEP_S, MOST_ROWS))
         ring.push(frame)
-        cut = self._cuts.get(axis)
-        if cut is None or cut.from_s <= ring.newest_s < cut.to_s:
-            return
-        del self._cuts[axis]
-        ring.keep_s = KEEP_S
-        frames = ring.cut(cut.from_s, cut.to_s)
-        if frames:
-            self._ready.append((axis, cut.name, frames))
-            self._wake.set()
+        name, from_s, to_s = self._cuts.get(axis, ("", -math.inf, math.inf))
+        if name and not from_s <= ring.newest_s < to_s:
+            del self._cuts[axis]
+            ring.keep_s = KEEP_S
+            frames = ring.cut(from_s, to_s)
+            if frames and not self._ready.full():
+                self._ready.put_nowait((axis, name, frames))
 
     async def run(self) -> None:
         """Write what is complete until cancelled; the disk holds up no sample."""
         while True:
-            await self.write()
-            self._wake.clear()
-            await self._wake.wait()
-
-    async def write(self) -> None:
-        """Write all that is complete now."""
-        while self._ready:
-            axis, name, frames = self._ready.popleft()
+            axis, name, frames = await self._ready.get()
             if await self._threads.run(self._keep, axis, name, frames):
-                self._on_kept(axis, name)
+                await self._on_kept(axis, name)
+            self._ready.task_done()
+
+    async def written(self) -> None:
+        """Wait until all that is complete now is written by `run`."""
+        await self._ready.join()
 
     def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
         """Write a recording; one that is there stays; a full disk is logged and stops nothing."""

@@ -1,10 +1,7 @@
 """A stub server: the simulated drive, or a recording, behind a real protocol."""
 
-import asyncio
 import logging
-import signal
 from collections.abc import AsyncGenerator, Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -15,6 +12,7 @@ from drivers.stub import Fault, Stub, StubAxis, load_stub, stub_names
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, check_settings, load_machine
 from ..messages.samples import SampleFrame
+from .service import install_stop
 
 log = logging.getLogger(__name__)
 FRAME_S = 0.005
@@ -42,10 +40,7 @@ async def run_stub(
     """
     stub = make_stub(name, config, axis, scenario, recording, port)
     stub.fault = fault
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(NotImplementedError, RuntimeError):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = install_stop()
     try:
         announce(await stub.start())
         await stop.wait()
@@ -73,34 +68,30 @@ def make_stub(
     if recording is not None and not recording.is_file():
         raise ConfigError(f"--trace {recording}: no such file")
     try:
-        axes = [_stub_axis(each, scenario, recording, port) for each in chosen]
-        return load_stub(name)(axes)
+        return load_stub(name)([stub_axis(each, scenario, recording, port) for each in chosen])
     except DriverMisconfiguredError as error:
         raise ConfigError(f"stub {name}: {error}") from None
 
 
-def _stub_axis(
+def stub_axis(
     axis: AxisConfig, scenario: str, recording: Path | None, port: int | None
 ) -> StubAxis:
-    given = axis.settings if port is None else _on_port(axis.settings, port)
+    """An axis that a stub serves, with its samples. Raises ConfigError."""
+    given = axis.settings
+    if port is not None:
+        parts = urlsplit(str(given["url"]))
+        given = given | {"url": f"{parts.scheme}://{parts.hostname}:{port}{parts.path}"}
     model = load_driver(axis.driver).config_model
     settings = check_settings(model, given, f"axes.{axis.name}.settings")
     context = DriverContext(axis.name, load_machine(axis.machine))
-    played = recording is not None
-    given = {"path": recording} if played else {"scenario": scenario}
-    source = _driven("replay" if played else "simulated", given, context)
-    return StubAxis(axis.name, settings, context, source)
+    if recording is None:
+        samples = driven("simulated", {"scenario": scenario}, context)
+    else:
+        samples = driven("replay", {"path": recording}, context)
+    return StubAxis(axis.name, settings, context, samples)
 
 
-def _on_port(settings: dict[str, Any], port: int) -> dict[str, Any]:
-    """Settings of a driver with another port, which stands in its address or beside it."""
-    if "url" not in settings:
-        return settings | {"port": port}
-    parts = urlsplit(str(settings["url"]))
-    return settings | {"url": f"{parts.scheme}://{parts.hostname}:{port}{parts.path}"}
-
-
-async def _driven(
+async def driven(
     name: str, settings: dict[str, Any], context: DriverContext
 ) -> AsyncGenerator[SampleFrame, None]:
     """Samples of another driver, until it has no more."""

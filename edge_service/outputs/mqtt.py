@@ -151,11 +151,11 @@ class MqttOutput(Output):
         """A client with our will; that of a test has a name of its own, and no will."""
         if self._node is not None:
             self._node.begin()
-        will, name = aiomqtt.Will(*self._death(), 1, self._node is None), self.context.name
-        if self.context.is_test:
-            will, name = None, "test"
-        who = f"edge-service-{self.context.site}-{self.context.machine}-{name}"
-        return self.config.client(who, will=will)
+        will = aiomqtt.Will(*self._death(), 1, self._node is None)
+        is_test, name = self.context.is_test, self.context.name
+        who = f"edge-service-{self._machine.replace('/', '-')}-{'test' if is_test else name}"
+        client: aiomqtt.Client = self.config.client(who, will=None if is_test else will)
+        return client
 
     async def _publish(
         self, topic: str, content: Any, qos: int = 1, *, retain: bool = False

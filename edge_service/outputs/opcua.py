@@ -247,11 +247,13 @@ class _Sessions(InternalServer):
             raise ServiceError(StatusCodes.BadTooManySessions)
         return super().create_session(name, user, external)
 
-    def register_server(self, *_: Any) -> None:
+    def register_server(self, server: Any, conf: Any = None) -> None:
         """Refuse: it is no discovery server, and would keep whatever it is told."""
         raise ServiceError(StatusCodes.BadServiceUnsupported)
 
-    register_server2 = register_server
+    def register_server2(self, params: Any) -> None:
+        """Refuse as well."""
+        self.register_server(params)
 
 
 class BoundedServer(Server):
@@ -279,7 +281,8 @@ class BoundedServer(Server):
         if not self._policies:  # or a second try would offer all twice
             await self._setup_server_nodes()
         await self.iserver.start()
-        listener = _Listener(self.iserver, *self._get_bind_socket_info(), self.limits)
+        host, port = self.endpoint.hostname, self.endpoint.port
+        listener = _Listener(self.iserver, host or "", port or 0, self.limits)
         listener.set_policies(self._policies)
         try:
             await listener.start()

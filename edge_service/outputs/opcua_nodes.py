@@ -231,8 +231,8 @@ class AddressSpace:
         await start.write_value(ua.Variant(100.0, _DOUBLE))
         unit = await counter.get_child(ua.QualifiedName("EngineeringUnits"))
         await unit.write_value(_unit("%"))
-        where, name = self._id(f"{axis}.{PRELOAD}.WarningValues"), self._name(DI, "WarningValues")
-        await counter.add_property(where, name, ua.Variant([0.0], _DOUBLE))
+        warning = self._id(f"{axis}.{PRELOAD}.WarningValues"), self._name(DI, "WarningValues")
+        await counter.add_property(*warning, ua.Variant([0.0], _DOUBLE))
         nodeid: ua.NodeId = counter.nodeid
         return nodeid
 

@@ -8,9 +8,10 @@ import pytest
 
 from edge_service.config_tables import StoreConfig
 from edge_service.messages.command import Command
-from edge_service.messages.topics import COMMAND
+from edge_service.messages.topics import COMMAND, OUTCOME
+from edge_service.nodes.context import header
 
-from .conftest import config_of, done, running
+from .conftest import PATIENCE_S, config_of, done, running
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 NOTE = {"action": "note", "user": "Kim", "note": "greased"}
@@ -52,18 +53,18 @@ async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Pat
 async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path) -> None:
     """By HTTP and by the bus, with another start between."""
     config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
-    header, notes = {"idempotency-key": '"a"'}, []
+    again, notes = {"idempotency-key": '"a"'}, []
     command = Command(action="note", user="Kim", note="greased", key="a")
     for _ in range(2):
         async with running(config) as service:
             address = await asyncio.wait_for(service.address, 20.0)
-            bus = service.bus.publisher(config.keys.key("X", COMMAND), COMMAND, "X")
             async with httpx.AsyncClient(base_url=address) as client:
-                bus.publish(command, 1)
                 answer = await done(client, PATH, NOTE, key="a")
-                bus.publish(command, 1)
+                asked = COMMAND.encode("X", header(), command)
+                told = await service.bus.ask(config.keys.key("X", OUTCOME), asked, PATIENCE_S)
+                assert told is not None and OUTCOME.decode(told)[2].message == "greased (Kim)"
                 assert answer.json() == {"outcome": "greased (Kim)"}
-                other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=header)
+                other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=again)
                 assert other.status_code == 422
                 assert "another command" in other.json()["detail"]
                 found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]

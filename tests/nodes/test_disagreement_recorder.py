@@ -40,16 +40,21 @@ class Scene:
 
     def __init__(self, folder: Path) -> None:
         self.kept: list[tuple[str, str]] = []
-        self.recorder = DisagreementRecorder(folder, lambda *each: self.kept.append(each))
+        self.recorder = DisagreementRecorder(folder, self._take)
         self.now_s = 0.0
+
+    async def _take(self, axis: str, name: str) -> None:
+        self.kept.append((axis, name))
 
     async def run(self, seconds: float) -> None:
         """Let samples come, a second at a time."""
+        writing = asyncio.create_task(self.recorder.run())
         for _ in range(round(seconds)):
             time_s = self.now_s + np.arange(RATE_HZ) / RATE_HZ
             self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
-            await self.recorder.write()
+            await self.recorder.written()
             self.now_s += 1.0
+        writing.cancel()
 
 
 async def test_the_seconds_around_it_are_kept(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_machine
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.samples import Floats
 from edge_service.messages.topics import PRELOAD
-from edge_service.nodes.stub_node import _driven
+from edge_service.nodes.stub_node import driven
 from edge_service.offline.estimate import estimates
 from edge_service.offline.recordings import open_recording
 from edge_service.recordings.reader import read_trace
@@ -78,7 +78,7 @@ async def played_by_the_stub(
 ) -> AsyncIterator[None]:
     """The stub's own count, as fast as it can."""
     context = DriverContext("X", MACHINE)
-    source = _driven("replay", {"path": recording, "speed": 0.0}, context)
+    source = driven("replay", {"path": recording, "speed": 0.0}, context)
     stub = MqttStub([StubAxis("X", config, context, source)])
     await stub.start()
     try:

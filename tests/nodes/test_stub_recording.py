@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, ConfigError, EdgeConfig
-from edge_service.nodes.stub_node import _stub_axis, make_stub
+from edge_service.nodes.stub_node import make_stub, stub_axis
 
 CONFIG = EdgeConfig.model_validate(
     {
@@ -33,7 +33,7 @@ async def test_a_stub_plays_the_samples_of_a_recording(tmp_path: Path) -> None:
     trace.write_text("time_s,torque_command_nm,motor_angle_rad\n")
     with trace.open("a") as file:
         np.savetxt(file, rows, delimiter=",")
-    axis = _stub_axis(CONFIG.axes[0], "healthy", trace, None)
+    axis = stub_axis(CONFIG.axes[0], "healthy", trace, None)
     frames = [frame async for frame in axis.source]
     played = np.concatenate([frame.channels["torque_command_nm"] for frame in frames])
     np.testing.assert_allclose(played, rows[:, 1])
