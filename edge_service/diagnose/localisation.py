@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..messages.samples import Booleans, Floats
-from ..regression.run import Integers
+from ..messages.samples import Booleans, Floats, Integers
 from .result import Place
 from .session.session import Rows
 

@@ -12,9 +12,16 @@ from ..checks.live.channel_check import ChannelCheck, ChannelState
 from ..checks.live.channel_limits import ChannelLimits
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.row_faults import T
-from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame, is_uncertain
+from ..messages.samples import (
+    ANGLE,
+    TABLE_POSITION,
+    TORQUE,
+    Floats,
+    Integers,
+    SampleFrame,
+    is_uncertain,
+)
 from ..messages.stored import Stored, decoded, encoded
-from ..regression.run import Integers
 from .rows import RowScreen, Screened, table_of
 from .statistics import (
     MAX_SPEED_RAD_S,

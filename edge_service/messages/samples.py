@@ -80,6 +80,7 @@ def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:
 
 Floats = npt.NDArray[np.float64]
 Booleans = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 Qualities = npt.NDArray[np.uint8]
 """One code of `Quality` per sample, shape (n,)."""
 

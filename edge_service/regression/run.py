@@ -4,15 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from ..messages.samples import Booleans, Floats
+from ..messages.samples import Booleans, Floats, Integers
 from ..models.compiled import compiled
 from ..models.effects.baseline import Motion
 from ..models.effects.effect import ACCELERATION_HZ
 from ..recordings.conditioning import low_pass
 
-Integers = npt.NDArray[np.int64]
 SLOW_HZ = ACCELERATION_HZ
 """Below this sampling rate accelerations come and go between two samples: what is compared is the
 motion that lasts, sample by sample, without a low-pass."""

@@ -11,12 +11,11 @@ from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats
+from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Role
 from ...models.effects.registry import disturbance, effects, get_effect
 from ...models.machine import Machine
-from ...regression.run import Integers
 from ...threads import in_threads
 from ..session.session import TORQUE_GAP, Session
 from ..session.twin import parameter_tolerances

@@ -6,8 +6,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from ...messages.samples import Floats
-from ...regression.run import Integers
+from ...messages.samples import Floats, Integers
 
 Columns = npt.NDArray[np.float32]
 """Half the memory; products of theirs are summed in double precision."""

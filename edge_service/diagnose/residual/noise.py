@@ -15,10 +15,9 @@ from typing import Self
 import numpy as np
 from scipy.spatial import KDTree
 
-from ...messages.samples import Floats
+from ...messages.samples import Floats, Integers
 from ...models.machine import Machine
 from ...regression.linear import effective_size
-from ...regression.run import Integers
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
 from .structure import predicted_structure
 

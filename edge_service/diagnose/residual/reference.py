@@ -13,12 +13,12 @@ import numpy as np
 from scipy import stats
 
 from ...checks.same_axis import by_recording
-from ...messages.samples import Floats
+from ...messages.samples import Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
-from ...regression.run import Integers, Run
+from ...regression.run import Run
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
 from .structure import SmoothFunctions, with_ridge
 

@@ -11,11 +11,10 @@ from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats
+from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind, Term
 from ...models.effects.registry import effects, effects_where, error_of
 from ...models.machine import Machine
-from ...regression.run import Integers
 from ..candidates.design_matrix import FORCE, DesignMatrix, force_pulses, healthy_priors
 from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes

@@ -14,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 from scipy import interpolate
 
-from ...messages.samples import Floats
+from ...messages.samples import Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.forward import Forward, put_into
@@ -32,7 +32,7 @@ from ...models.plant.prescribed_motion import (
 from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Loads, Plant, axial_compliance
 from ...recordings.conditioning import central_difference
-from ...regression.run import Integers, Run
+from ...regression.run import Run
 from .twin import rigid_plant
 
 _DAMPING_RATIO = 0.3

@@ -8,11 +8,11 @@ from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats
+from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect, Effect
 from ...models.effects.signature import torque_signature, transmission_signature
-from ...regression.run import Integers, Run
+from ...regression.run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats
-from ...regression.run import Integers
+from ...messages.samples import Booleans, Floats, Integers
 from ..candidates.design_matrix import FORCE
 from ..estimation.estimates import Estimates
 from ..result import Shrink
