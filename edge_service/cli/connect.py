@@ -219,8 +219,7 @@ def convert(
         return convert_history(source, out, progress)
     model = load_machine(machine)
     axis = controller_axis(model, axis_number, interpolate_positions=interpolate)
-    summary = convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
-    return Answer(summary.as_text(), summary)
+    return convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
 
 
 @command("stub modbus deploy/drivers/modbus.toml --fault delay:0.3", answers=False)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,59 +22,6 @@ from .recordings import Progress, open_recording, reported, silent
 _GAP_STEPS = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class ConvertSummary:
-    """Summary of what was written, and of what a reader of it should know.
-
-    Attributes:
-        out: the file.
-        rows: its rows.
-        channels: its columns beside `time_s`.
-        rate_hz: of the rows; None for a single row.
-        duration_s: from the first to the last row, s.
-        gaps: steps of time longer than 1.5 usual ones.
-        missing: channel -> cells without a number, where there are any.
-        set_aside: rows of the source that could not be read.
-        ignored: columns of the source that were not written.
-        remarks: how signals were read, and doubts about them; one line each.
-    """
-
-    out: Path
-    rows: int
-    channels: tuple[str, ...]
-    rate_hz: float | None
-    duration_s: float
-    gaps: int
-    missing: dict[str, int]
-    set_aside: int
-    ignored: tuple[str, ...]
-    remarks: tuple[str, ...]
-
-    def as_text(self) -> str:
-        """A line on the whole, and one on each thing worth knowing."""
-        rate = "" if self.rate_hz is None else f" at {self.rate_hz:.6g} Hz"
-        lines = [
-            f"{self.out}: {self.rows} rows, {self.duration_s:.6g} s{rate}, {self.gaps} gaps; "
-            f"{', '.join(self.channels)}",
-            *self.remarks,
-        ]
-        lines += [f"{name}: {count} values missing" for name, count in self.missing.items()]
-        if self.set_aside:
-            lines.append(f"{self.set_aside} rows could not be read and are left out")
-        if self.ignored:
-            lines.append(f"not written: {', '.join(self.ignored)}")
-        return "\n".join(lines)
-
-
-@dataclass(frozen=True, slots=True)
-class ConvertedHistory:
-    """File that was written from a store."""
-
-    out: Path
-    rows: int
-    axes: tuple[str, ...]
-
-
 def convert(
     source: Path,
     out: Path,
@@ -84,7 +30,7 @@ def convert(
     *,
     keep_all: bool = False,
     progress: Progress = silent,
-) -> ConvertSummary:
+) -> Answer:
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
     Args:
@@ -114,18 +60,31 @@ def convert(
                 yield frame
 
         doubts = speed_doubts(spread(written()))
-    return ConvertSummary(
-        out=out,
-        rows=rows.count,
-        channels=reader.channels,
-        rate_hz=None if rows.step_s is None else 1.0 / rows.step_s,
-        duration_s=(rows.last_s or 0.0) - rows.first_s,
-        gaps=rows.gaps,
-        missing={name: count for name, count in reader.bad_cells.items() if count},
-        set_aside=reader.ragged_rows,
-        ignored=reader.ignored,
-        remarks=(*reader.remarks, *doubts),
-    )
+    rate_hz = None if rows.step_s is None else 1.0 / rows.step_s
+    duration_s = (rows.last_s or 0.0) - rows.first_s
+    missing = {name: count for name, count in reader.bad_cells.items() if count}
+    remarks = (*reader.remarks, *doubts)
+    rate = "" if rate_hz is None else f" at {rate_hz:.6g} Hz"
+    head = f"{out}: {rows.count} rows, {duration_s:.6g} s{rate}, {rows.gaps} gaps"
+    lines = [f"{head}; {', '.join(reader.channels)}", *remarks]
+    lines += [f"{name}: {count} values missing" for name, count in missing.items()]
+    if reader.ragged_rows:
+        lines.append(f"{reader.ragged_rows} rows could not be read and are left out")
+    if reader.ignored:
+        lines.append(f"not written: {', '.join(reader.ignored)}")
+    document = {
+        "out": str(out),
+        "rows": rows.count,
+        "channels": reader.channels,
+        "rate_hz": rate_hz,
+        "duration_s": duration_s,
+        "gaps": rows.gaps,
+        "missing": missing,
+        "set_aside": reader.ragged_rows,
+        "ignored": reader.ignored,
+        "remarks": remarks,
+    }
+    return Answer("\n".join(lines), document)
 
 
 def is_database(source: Path) -> bool:
@@ -157,7 +116,7 @@ def convert_history(source: Path, out: Path, progress: Progress = silent) -> Ans
     except OSError as error:
         raise TraceError(f"{out}: {error.strerror}") from None
     text = f"{out}: {rows} rows of {len(axes)} axes: {', '.join(axes) or 'none'}"
-    return Answer(text, ConvertedHistory(out=out, rows=rows, axes=tuple(axes)))
+    return Answer(text, {"out": str(out), "rows": rows, "axes": axes})
 
 
 class _Rows:

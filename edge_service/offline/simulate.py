@@ -3,7 +3,7 @@
 import contextlib
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,16 +15,16 @@ from ..messages.samples import CHANNELS, Floats
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
-from ..models.motions.registry import MotionLimits, motion_limits
+from ..models.motions.registry import motion_limits
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
-from .commanded_motion import CommandedMotion, MotionWish
+from .commanded_motion import CommandedMotion, commanded_motion, parse_motion
 from .document import Document
+from .recordings import Progress, silent
 
 _BLOCK_S = 10.0
 _NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")
-Progress = Callable[[str], None]
 
 
 class SimulationError(BadInputError):
@@ -72,7 +72,7 @@ class SimulationSettings:
 
 
 def simulate(
-    machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = lambda _: None
+    machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = silent
 ) -> Answer:
     """Write the recording to `out`, .csv or .parquet.
 
@@ -80,15 +80,9 @@ def simulate(
         SimulationError: an unknown motion or effect, or a number that cannot be.
         TraceError: `out` cannot be written.
     """
-    axis = _Axis.of_machine(machine, settings)
-    try:
-        wish = MotionWish.parse(settings.motion, settings.duration_s)
-        commanded = wish.cut_off(axis.limits, settings.rate_hz, axis.random(1))
-    except ValueError as error:
-        raise SimulationError(str(error)) from error
-    with TraceWriter(out, tuple(CHANNELS)) as writer:
-        axis.record(commanded, writer, progress)
-    return _answer([axis.recording(commanded, out)])
+    axis = _Axis(machine, settings)
+    wish = settings.motion, settings.duration_s
+    return axis.recorded([axis.commanded(1, *wish)], [out], progress)
 
 
 def simulate_session(
@@ -96,7 +90,7 @@ def simulate_session(
     settings: SimulationSettings,
     motions: Sequence[str],
     out: Path,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
 
@@ -112,97 +106,86 @@ def simulate_session(
         SimulationError: as `simulate` does, or the folder holds recordings of another session.
         TraceError: a file cannot be written.
     """
-    axis = _Axis.of_machine(machine, settings)
-    try:
-        session = [
-            MotionWish.parse(motion).and_home(axis.limits, settings.rate_hz, axis.random(number))
-            for number, motion in enumerate(motions, start=1)
-        ]
-    except ValueError as error:
-        raise SimulationError(str(error)) from error
-    paths = _numbered(out, [each.name for each in session])
-    with contextlib.ExitStack() as files:
-        writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
-        first = 0
-        for commanded, writer in zip(session, writers, strict=True):
-            axis.record(commanded, writer, progress, first)
-            first += commanded.count
-    return _answer(
-        [axis.recording(commanded, path) for commanded, path in zip(session, paths, strict=True)]
-    )
+    axis = _Axis(machine, settings)
+    session = [axis.commanded(k, motion, returns=True) for k, motion in enumerate(motions, 1)]
+    return axis.recorded(session, _numbered(out, [each.name for each in session]), progress)
 
 
-def _answer(recordings: list[SimulatedRecording]) -> Answer:
-    words = "\n".join(each.as_text() for each in recordings)
-    return Answer(words, {"recordings": recordings})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Axis:
     """The simulated axis, at home, under the conditions of the settings."""
 
-    drive: FeedDrive
-    limits: MotionLimits
-    preload_percent: float
-    settings: SimulationSettings
-    load_kg: float
-    force: Floats | None
-
-    @classmethod
-    def of_machine(cls, machine: Machine, settings: SimulationSettings) -> "_Axis":
-        preload_percent = _preload_percent(machine, settings.preload_percent)
-        load_kg, force = 0.0, None
-        names = []
+    def __init__(self, machine: Machine, settings: SimulationSettings) -> None:
+        self._settings = settings
+        self._preload_percent = _preload_percent(machine, settings.preload_percent)
+        self._load_kg, self._force, names = 0.0, np.zeros((2, 1)), []
         for text in settings.effects:
             if text.startswith("payload:"):
-                load_kg += _load_kg(text)
+                self._load_kg += _load_kg(text)
             elif text.startswith("external_force:file="):
-                force = _force(Path(text.partition("=")[2]))
+                self._force = _force(Path(text.partition("=")[2]))
             else:
                 names.append(text)
         try:
             effects = [parse_effect(text) for text in names]
-            drive_settings = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
-            limits = motion_limits(machine)
-            drive = FeedDrive(drive_settings, limits.low_m, preload_percent, settings.seed)
+            of_drive = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
+            self._limits = motion_limits(machine)
+            low_m, percent = self._limits.low_m, self._preload_percent
+            self._drive = FeedDrive(of_drive, low_m, percent, settings.seed)
         except ValueError as error:
             raise SimulationError(str(error)) from error
-        return cls(drive, limits, preload_percent, settings, load_kg, force)
 
-    def random(self, number: int) -> np.random.Generator:
-        """Generator of what is left to chance in the motion of this number, from 1 on."""
-        return np.random.default_rng((self.settings.seed, number))
+    def commanded(
+        self, number: int, motion: str, duration_s: float | None = None, *, returns: bool = False
+    ) -> CommandedMotion:
+        """The motion of this number, from 1 on. Raises SimulationError."""
+        random = np.random.default_rng((self._settings.seed, number))
+        rate_hz = self._settings.rate_hz
+        try:
+            wish = parse_motion(motion, duration_s)
+            return commanded_motion(*wish, self._limits, rate_hz, random, returns=returns)
+        except ValueError as error:
+            raise SimulationError(str(error)) from error
 
-    def record(
-        self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int = 0
+    def recorded(
+        self, session: Sequence[CommandedMotion], paths: Sequence[Path], progress: Progress
+    ) -> Answer:
+        """Run motions one after another and write what the drive reports."""
+        recordings, first = [], 0
+        with contextlib.ExitStack() as files:
+            writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
+            for commanded, writer, path in zip(session, writers, paths, strict=True):
+                self._record(commanded, writer, progress, first)
+                first += commanded.count
+                recordings.append(self._described(commanded, path))
+        words = "\n".join(each.as_text() for each in recordings)
+        return Answer(words, {"recordings": recordings})
+
+    def _record(
+        self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int
     ) -> None:
-        """Run a motion and write what the drive reports; `first` rows were recorded before."""
-        settings, count = self.settings, commanded.count
-        block = round(_BLOCK_S * settings.rate_hz)
+        """Run a motion; `first` rows were recorded before."""
+        rate_hz, count = self._settings.rate_hz, commanded.count
+        block = round(_BLOCK_S * rate_hz)
         for done in range(0, count, block):
             rows = min(block, count - done)
-            force_n = np.zeros(rows)
-            if self.force is not None:
-                time_s = (first + done + np.arange(rows)) / settings.rate_hz
-                force_n = np.interp(time_s, self.force[0], self.force[1], left=0.0, right=0.0)
-            frame = self.drive.advance(
+            time_s = (first + done + np.arange(rows)) / rate_hz
+            frame = self._drive.advance(
                 commanded.setpoints.take(rows),
-                np.full(rows, self.preload_percent),
-                external_force_n=force_n,
-                added_mass_kg=np.full(rows, self.load_kg),
+                np.full(rows, self._preload_percent),
+                external_force_n=np.interp(time_s, *self._force, left=0.0, right=0.0),
+                added_mass_kg=np.full(rows, self._load_kg),
             )
             writer.write(frame)
             progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
 
-    def recording(self, commanded: CommandedMotion, out: Path) -> SimulatedRecording:
-        """Description of a recording."""
+    def _described(self, commanded: CommandedMotion, out: Path) -> SimulatedRecording:
         return SimulatedRecording(
             out=str(out),
             rows=commanded.count,
-            duration_s=commanded.count / self.settings.rate_hz,
+            duration_s=commanded.count / self._settings.rate_hz,
             motion=commanded.name,
-            preload_percent=self.preload_percent,
-            effects=[each.effect.name for each in self.drive.settings.effects],
+            preload_percent=self._preload_percent,
+            effects=[each.effect.name for each in self._drive.settings.effects],
         )
 
 

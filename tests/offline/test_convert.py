@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from edge_service.command_answer import Answer
 from edge_service.models.machine import Machine
-from edge_service.offline.convert import ConvertSummary, convert
+from edge_service.offline.convert import convert
 from edge_service.offline.recordings import read_recording
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace, read_trace
@@ -60,7 +61,7 @@ def _xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:
     )
 
 
-def _convert(folder: Path, out: str, text: str | None = None, **options: bool) -> ConvertSummary:
+def _convert(folder: Path, out: str, text: str | None = None, **options: bool) -> Answer:
     source = folder / "trace.xml"
     source.write_text(text or _xml())
     return convert(source, folder / out, _machine(CURRENT), **options)
@@ -68,13 +69,14 @@ def _convert(folder: Path, out: str, text: str | None = None, **options: bool) -
 
 @pytest.mark.parametrize("out", ["out.csv", "out.parquet"])
 def test_a_trace_becomes_si_rows(tmp_path: Path, out: str) -> None:
-    summary = _convert(tmp_path, out)
+    answer = _convert(tmp_path, out)
+    summary = answer.document
     read = read_trace(tmp_path / out)
-    assert len(read) == summary.rows == ROWS
-    assert summary.rate_hz == pytest.approx(500.0)
-    assert summary.duration_s == pytest.approx((ROWS - 1) * 0.002)
-    assert (summary.gaps, summary.set_aside, summary.missing) == (0, 0, {})
-    assert summary.ignored == ("/Nck/!SD/nckServoDataFlwErr64 [u1, 2]",)
+    assert len(read) == summary["rows"] == ROWS
+    assert summary["rate_hz"] == pytest.approx(500.0)
+    assert summary["duration_s"] == pytest.approx((ROWS - 1) * 0.002)
+    assert (summary["gaps"], summary["set_aside"], summary["missing"]) == (0, 0, {})
+    assert summary["ignored"] == ("/Nck/!SD/nckServoDataFlwErr64 [u1, 2]",)
     rad_per_s = 2.0 * math.pi / LEAD_M * SPEED_MM_S * 1e-3
     half = ROWS // 2
     np.testing.assert_allclose(read.channels["motor_speed_rad_s"][:half], rad_per_s, rtol=1e-12)
@@ -83,8 +85,8 @@ def test_a_trace_becomes_si_rows(tmp_path: Path, out: str) -> None:
         np.gradient(read.channels["motor_angle_rad"], 0.002)[1 : half - 1], rad_per_s, rtol=1e-6
     )
     np.testing.assert_allclose(read.channels["torque_command_nm"][:half], 1.6, rtol=1e-12)
-    assert not any("looks" in remark for remark in summary.remarks)
-    assert f"{ROWS} rows, 7.998 s at 500 Hz, 0 gaps" in summary.as_text()
+    assert not any("looks" in remark for remark in summary["remarks"])
+    assert f"{ROWS} rows, 7.998 s at 500 Hz, 0 gaps" in answer.words
 
 
 def test_the_converted_file_equals_the_source_to_the_last_bit(tmp_path: Path) -> None:
@@ -99,8 +101,9 @@ def test_the_converted_file_equals_the_source_to_the_last_bit(tmp_path: Path) ->
 
 
 def test_a_speed_in_mm_s_is_noticed(tmp_path: Path) -> None:
-    summary = _convert(tmp_path, "out.csv", _xml(velocity_scale=1.0))
-    (doubt,) = [remark for remark in summary.remarks if "looks" in remark]
+    answer = _convert(tmp_path, "out.csv", _xml(velocity_scale=1.0))
+    summary = answer.document
+    (doubt,) = [remark for remark in summary["remarks"] if "looks" in remark]
     assert "motor_speed_rad_s looks 60 times too small" in doubt
     assert "per second instead of per minute" in doubt
 
@@ -111,17 +114,19 @@ def test_gaps_and_unreadable_rows_are_counted(tmp_path: Path) -> None:
     rows = "".join(f"{time},{index}\n" for index, time in enumerate(times))
     source.write_text("time_s,motor_angle_rad\n" + rows + "6\n5.1,\n")
     seen: list[str] = []
-    summary = convert(source, tmp_path / "out.csv", _machine(), progress=seen.append)
-    assert (summary.rows, summary.gaps, summary.set_aside) == (8, 2, 1)
-    assert summary.missing == {"motor_angle_rad": 1}
+    answer = convert(source, tmp_path / "out.csv", _machine(), progress=seen.append)
+    summary = answer.document
+    assert (summary["rows"], summary["gaps"], summary["set_aside"]) == (8, 2, 1)
+    assert summary["missing"] == {"motor_angle_rad": 1}
     assert seen == ["converting in.csv: 100 %"]
 
 
 def test_all_columns_are_kept_under_their_own_names(tmp_path: Path) -> None:
     lag = "/Nck/!SD/nckServoDataFlwErr64 [u1, 2]"
-    summary = _convert(tmp_path, "out.parquet", keep_all=True)
-    assert lag in summary.channels
-    assert summary.ignored == ()
+    answer = _convert(tmp_path, "out.parquet", keep_all=True)
+    summary = answer.document
+    assert lag in summary["channels"]
+    assert summary["ignored"] == ()
     with open_trace(tmp_path / "out.parquet", keep_all=True) as reader:
         frames = list(reader)
     values = np.concatenate([frame.channels[lag] for frame in frames])

@@ -18,7 +18,7 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
-from edge_service.offline.commanded_motion import MotionWish
+from edge_service.offline.commanded_motion import commanded_motion
 from edge_service.regression.interval_estimate import IntervalEstimate
 from edge_service.regression.inverse_dynamics import identify_inverse_dynamics
 from edge_service.regression.prepared_run import (
@@ -74,7 +74,7 @@ def _recorded(
     settings = FeedDriveSettings.of_machine(machine, RATE_HZ, [parse_effect(e) for e in effects])
     limits, percent = motion_limits(machine), _percent(machine)
     random = np.random.default_rng((seed, 1))
-    commanded = MotionWish(motion).cut_off(limits, RATE_HZ, random)
+    commanded = commanded_motion(motion, None, limits, RATE_HZ, random)
     drive = FeedDrive(settings, limits.low_m, percent, seed)
     setpoints = commanded.setpoints.take(commanded.count)
     return drive.advance(setpoints, np.full(commanded.count, percent)), settings
