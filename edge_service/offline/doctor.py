@@ -21,7 +21,7 @@ from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator
 from .examination import examine
-from .recordings import Progress, silent
+from .recordings import Progress, joined, silent
 from .report.quantities import against
 
 FEW = 0.01
@@ -132,14 +132,7 @@ def _findings(
     readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
     said = f"{rows} samples; {readings}" if readings else f"{rows} samples"
     fine = Finding("connection", Verdict.FITS, said)
-    whole = SampleFrame(
-        np.concatenate([frame.time_s for frame in frames]),
-        {
-            name: np.concatenate([frame.channels[name] for frame in frames])
-            for name in frames[0].channels
-        },
-    )
-    return (fine, _quality(frames), *check_plausibility(machine, [whole]))
+    return (fine, _quality(frames), *check_plausibility(machine, [joined(frames)]))
 
 
 def _quality(frames: Sequence[SampleFrame]) -> Finding:

@@ -63,13 +63,6 @@ class OfflineEstimate:
                 yield self._estimator.estimate()
 
 
-def estimates(
-    frames: Iterable[SampleFrame], machine: Machine, config: EstimatorConfig
-) -> Iterator[PreloadEstimate]:
-    """One estimate per completed interval, as the service would publish it."""
-    return OfflineEstimate(machine, config).estimates(frames)
-
-
 def estimate_to_csv(
     trace: Path,
     machine_file: Path,

@@ -1,16 +1,14 @@
 """Examination of recording files before a command answers: the checks that `doctor` prints."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-
-import numpy as np
 
 from ..checks.examination import check_plausibility
 from ..checks.finding import Finding
 from ..config import ConfigError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, joined, open_recording, reported, silent
 
 MOST_ROWS = 600_000
 """Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
@@ -70,26 +68,12 @@ def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
             stride *= 2
             kept = [each for each in kept if each[0] % stride == 0]
             held = sum(len(each) for _, each in kept)
-    return list(_joined(kept))
-
-
-def _joined(kept: Sequence[tuple[int, SampleFrame]]) -> Iterator[SampleFrame]:
-    """Blocks that follow one another as one piece each."""
-    piece: list[SampleFrame] = []
+    pieces: list[list[SampleFrame]] = []
     before = -2
     for number, frame in kept:
-        if piece and number != before + 1:
-            yield _one(piece)
-            piece = []
-        piece.append(frame)
+        if number == before + 1:
+            pieces[-1].append(frame)
+        else:
+            pieces.append([frame])
         before = number
-    if piece:
-        yield _one(piece)
-
-
-def _one(piece: Sequence[SampleFrame]) -> SampleFrame:
-    channels = {
-        name: np.concatenate([frame.channels[name] for frame in piece])
-        for name in piece[0].channels
-    }
-    return SampleFrame(np.concatenate([frame.time_s for frame in piece]), channels)
+    return [joined(piece) for piece in pieces]

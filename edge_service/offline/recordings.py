@@ -1,7 +1,9 @@
 """Recordings of an axis, read as its machine file says: foreign columns, controller's axis."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
@@ -25,6 +27,15 @@ def reported(reader: TraceReader, words: str, progress: Progress) -> Iterator[Sa
             told = tenth
             progress(f"{words}: {10 * tenth} %")
         yield frame
+
+
+def joined(frames: Sequence[SampleFrame]) -> SampleFrame:
+    """Frames that follow one another as one; quality is left out."""
+    channels = {
+        name: np.concatenate([frame.channels[name] for frame in frames])
+        for name in frames[0].channels
+    }
+    return SampleFrame(np.concatenate([frame.time_s for frame in frames]), channels)
 
 
 def open_recording(

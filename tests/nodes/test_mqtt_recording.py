@@ -20,7 +20,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.samples import Floats
 from edge_service.messages.topics import PRELOAD
 from edge_service.nodes.stub_node import driven
-from edge_service.offline.estimate import estimates
+from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.recordings import open_recording
 from edge_service.recordings.reader import read_trace
 
@@ -99,7 +99,7 @@ async def sent_as_captured(
 
 def on_file(recording: Path, config: EdgeConfig) -> list[PreloadEstimate]:
     with open_recording(MACHINE, recording) as frames:
-        return list(estimates(frames, MACHINE, config.estimator))
+        return list(OfflineEstimate(MACHINE, config.estimator).estimates(frames))
 
 
 async def known_to_the_broker(config: MqttSourceConfig) -> None:

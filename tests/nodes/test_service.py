@@ -23,7 +23,7 @@ from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
-from edge_service.offline.estimate import estimates
+from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 
@@ -101,7 +101,9 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
     with open_trace(trace_path) as frames:
         offline = [
             e.model_dump_json()
-            for e in estimates(frames, load_machine(DEFAULT_MACHINE), config.estimator)
+            for e in OfflineEstimate(load_machine(DEFAULT_MACHINE), config.estimator).estimates(
+                frames
+            )
         ]
     async with running(config, until_sources_end=True) as service:
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)

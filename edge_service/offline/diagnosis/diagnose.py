@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +38,7 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
 from ..examination import examine
+from ..recordings import Progress, silent
 from ..report.diagnosis_page import render
 from .sessions import BadDataError, DiagnosisError, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
@@ -49,7 +50,7 @@ def diagnose(
     machine_file: Path,
     traces: Sequence[Path],
     out: Path,
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = silent,
     reference: Sequence[Path] = (),
     axis_number: int | None = None,
 ) -> Answer:
@@ -83,7 +84,7 @@ def _diagnosed(
     machine_file: Path,
     traces: Sequence[Path],
     out: Path,
-    progress: Callable[[str], None],
+    progress: Progress,
     reference: Sequence[Path],
 ) -> Answer:
     text, healthy = machine_file.read_text("utf-8"), None
@@ -109,10 +110,10 @@ def _diagnosed(
         found = diagnose_session(session, machine, progress=progress)
         found = _with_motion(beside_doubts(found, doubted), machine)
         found = with_missing_drag(found, fresh, reading)
-    silent = unobservable(session)
+    unseen = unobservable(session)
     stated = {
-        "not_judged": tuple(silent),
-        "not_judged_reasons": silent,
+        "not_judged": tuple(unseen),
+        "not_judged_reasons": unseen,
         "withheld": withheld(found),
         "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
         "reference": tuple(path.name for path in reference),
@@ -174,7 +175,7 @@ def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
 
 
 def _healthy(
-    machine: Machine, reference: Sequence[Path], progress: Callable[[str], None]
+    machine: Machine, reference: Sequence[Path], progress: Progress
 ) -> tuple[Machine, Reference]:
     """The machine as healthy recordings show it, and their gap beside it.
 

@@ -1,7 +1,7 @@
 """`edge-service gap`: how far model and machine are apart, in one number per channel."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -21,6 +21,7 @@ from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
 from ...models.effects.learned import model_effects
 from ..examination import require_sound
+from ..recordings import Progress, silent
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
 
 
@@ -31,7 +32,7 @@ class GapDocument(RootModel[dict[Literal["torque_nm", "transmission_m"], float]]
 def gap(
     machine_file: Path,
     traces: Sequence[Path],
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = silent,
     axis_number: int | None = None,
 ) -> Answer:
     """Root mean square gap by channel, over every run of all recordings, one at a time.

@@ -1,6 +1,6 @@
 """Recordings of a machine as runs and as one session to be compared with its model."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...regression.run import Run
-from ..recordings import open_recording, reported
+from ..recordings import Progress, open_recording, reported, silent
 
 NOTHING_TO_COMPARE = (
     "nothing to compare: expected a second or more of motion with a torque or both encoders"
@@ -29,9 +29,7 @@ class BadDataError(BadInputError):
     status = BAD_DATA
 
 
-def read_runs(
-    machine: Machine, traces: Sequence[Path], progress: Callable[[str], None] = lambda _line: None
-) -> list[Run]:
+def read_runs(machine: Machine, traces: Sequence[Path], progress: Progress = silent) -> list[Run]:
     """Filtered runs of all recordings, read in bounded pieces, one file at a time."""
     if not traces:
         raise DiagnosisError("no recording given; expected one trace or more")
@@ -49,7 +47,7 @@ def one_line() -> Iterator[None]:
 
 
 def opened_recordings(
-    machine: Machine, traces: Sequence[Path], progress: Callable[[str], None]
+    machine: Machine, traces: Sequence[Path], progress: Progress
 ) -> Iterator[Iterator[SampleFrame]]:
     """Each recording in turn; it is closed when the next is asked for."""
     for number, path in enumerate(traces, start=1):
