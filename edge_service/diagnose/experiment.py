@@ -18,8 +18,7 @@ from .candidates.regressors import candidates_of
 from .residual.noise import Noise
 from .selection.problem import Fit, SelectionProblem
 from .session.recordings import runs_of
-from .session.session import Session
-from .session.twin import rigid_baseline, rigid_plant
+from .session.session import Session, rigid_baseline, rigid_plant
 
 LONGEST_S = 60.0
 DECISIVE = 5.0

@@ -1,15 +1,35 @@
-"""Changes between two fingerprints of one axis: their size, and whether they matter."""
+"""Changes between fingerprints of one axis, and between the moves that its recordings repeat.
+
+Opposite directions of one move tell friction from a load: friction turns its sign with the
+direction, gravity and a load do not. So torque, following error and stretch are each split into
+half their difference and half their sum. A recording's mean has the error of its repeats, of which
+neighbours depend on each other, and an error from one day to the next that no repeats show
+(`REPEATABILITY`). Every interval is as wide as all together need to hold with the stated level
+(Bonferroni), so of the comparisons of a healthy axis one in twenty names a change.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from ..messages.samples import Floats
 from ..messages.stored import finite_or_none
-from ..regression.interval_estimate import IntervalEstimate, around, normal_quantile
+from ..regression.interval_estimate import LEVEL, IntervalEstimate, around, normal_quantile
+from ..regression.linear import effective_size
+from .moves import (
+    FOLLOWING_M,
+    SPREAD_NM,
+    STRETCH_M,
+    TEMPERATURE_C,
+    TORQUE_NM,
+    Move,
+    Section,
+    common_sections,
+)
 from .result import AxisFingerprint, Status
 
 FALSE_DISCOVERY_RATE = 0.01
@@ -20,6 +40,10 @@ LEAST_MATERIAL: Mapping[str, float] = {"N m": 0.005, "m": 1e-6, "Hz": 1.0, "s": 
 """Nor is one of less than this, by unit: what no repetition of a test on a machine comes below."""
 REPEATABILITY = 0.01
 """Assumption: relative scatter of a figure from one mounting of a test to the next."""
+_DAILY_M = 0.5 * LEAST_MATERIAL["m"]
+"""Error of a stretch from one recording to the next, one sigma."""
+_HEAT_C = 2.0
+"""Friction may follow a change of temperature by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,3 +150,170 @@ def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
     repeated = REPEATABILITY * math.hypot(old.value, new.value)
     sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
     return around(difference, sigma, new.unit, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Mean of one quantity in one recording.
+
+    Attributes:
+        sigma: standard deviation of its error, from the repeats.
+        freedom: degrees of freedom behind sigma.
+        daily: standard deviation of an error from one recording to the next.
+    """
+
+    value: float
+    sigma: float
+    freedom: float
+    daily: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """One quantity of a section over all recordings.
+
+    Attributes:
+        name: `friction_nm`, `load_nm`, ...
+        values: of each recording.
+        changes: of each recording but the first, against the first.
+        since: number of the recording from which on it is changed; None if it is not at the end.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    changes: tuple[IntervalEstimate, ...]
+
+    @property
+    def changed(self) -> tuple[bool, ...]:
+        """Flag of each change: True if it is beyond the scatter."""
+        return tuple(change.low > 0.0 or change.high < 0.0 for change in self.changes)
+
+    @property
+    def since(self) -> int | None:
+        """Number of the recording from which on it differs from the first; None if it does not."""
+        if not self.changed[-1]:
+            return None
+        first = len(self.changed) - 1
+        while first > 0 and self.changed[first - 1]:
+            first -= 1
+        return first + 1
+
+    @property
+    def relative(self) -> float:
+        """Change at the end as a share of the first value; NaN where that is zero."""
+        return self.changes[-1].value / abs(self.values[0]) if self.values[0] else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class SectionDrift:
+    """All quantities of one section.
+
+    Attributes:
+        temperature_c: mean of each recording; NaN where it is not recorded.
+    """
+
+    section: Section
+    drifts: tuple[Drift, ...]
+    temperature_c: tuple[float, ...]
+
+    @property
+    def heat(self) -> float:
+        """Change of the temperature at the end, K; NaN where it is not recorded."""
+        return self.temperature_c[-1] - self.temperature_c[0]
+
+    @property
+    def may_be_heat(self) -> bool:
+        """Difference of temperature so great that friction may follow it."""
+        return abs(self.heat) > _HEAT_C
+
+
+def compare_moves(recordings: Sequence[Sequence[Move]]) -> tuple[SectionDrift, ...]:
+    """Every common section of two recordings or more, each against the first recording."""
+    readings = [(each, _readings(each)) for each in common_sections(recordings)]
+    comparisons = sum(len(found) for _, found in readings) * (len(recordings) - 1)
+    sections = []
+    for section, found in readings:
+        drifts = []
+        for name, (first, *later) in found.items():
+            changes = tuple(_change_of_mean(first, each, name, comparisons) for each in later)
+            drifts.append(Drift(name, tuple(each.value for each in (first, *later)), changes))
+        warmth = []
+        for moves in section.there:
+            known = [m.figures[TEMPERATURE_C] for m in moves if TEMPERATURE_C in m.figures]
+            warmth.append(float(np.mean(known)) if known else math.nan)
+        sections.append(SectionDrift(section, tuple(drifts), tuple(warmth)))
+    return tuple(sections)
+
+
+def _readings(section: Section) -> dict[str, list[Reading]]:
+    """Quantities that every recording has, with a reading for each."""
+    found: dict[str, list[Reading]] = {}
+    pairs = zip(section.there, section.back or section.there, strict=True)
+    for there, back in pairs:
+        for name, reading in _of_recording(there, back if section.both_ways else ()).items():
+            found.setdefault(name, []).append(reading)
+    return {name: each for name, each in found.items() if len(each) == len(section.there)}
+
+
+_SPLIT = {
+    TORQUE_NM: ("friction_nm", "load_nm"),
+    FOLLOWING_M: ("lag_m", "offset_m"),
+    STRETCH_M: ("lost_motion_m", "stretch_m"),
+}
+"""Figure of a move -> its part that turns with the direction, and the one that does not."""
+
+
+def _of_recording(there: Sequence[Move], back: Sequence[Move]) -> dict[str, Reading]:
+    found: dict[str, Reading] = {}
+    sign = math.copysign(1.0, there[0].speed_m_s)
+    for name in (TORQUE_NM, FOLLOWING_M, STRETCH_M, SPREAD_NM):
+        if not all(name in move.figures for move in (*there, *back)):
+            continue
+        one = _reading(there, name)
+        if not back:
+            found[name] = one
+            continue
+        other = _reading(back, name)
+        if name == SPREAD_NM:
+            found[name] = _half(one, other, 1.0)
+            continue
+        turning, standing = _SPLIT[name]
+        found[turning] = _half(one, other, -1.0, sign)
+        found[standing] = _half(one, other, 1.0)
+    return found
+
+
+def _reading(moves: Sequence[Move], name: str) -> Reading:
+    values: Floats = np.array([move.figures[name] for move in moves])
+    independent = min(max(effective_size(values), 2.0), float(values.size))
+    sigma = float(values.std(ddof=1)) / math.sqrt(independent)
+    size = float(np.abs(values).mean())
+    daily = _DAILY_M if name == STRETCH_M else REPEATABILITY * size  # a stretch has no zero
+    return Reading(float(values.mean()), sigma, independent - 1.0, daily)
+
+
+def _half(one: Reading, other: Reading, part: float, sign: float = 1.0) -> Reading:
+    """Half the sum, or with a part of -1 half the difference, with a sign."""
+    return Reading(
+        0.5 * sign * (one.value + part * other.value),
+        0.5 * math.hypot(one.sigma, other.sigma),
+        _welch((one, other)),
+        0.5 * (one.daily + other.daily),
+    )
+
+
+def _welch(readings: Sequence[Reading]) -> float:
+    """Degrees of freedom of a sum (Welch and Satterthwaite)."""
+    variances = [each.sigma**2 for each in readings]
+    parts = [v**2 / each.freedom for v, each in zip(variances, readings, strict=True)]
+    return sum(variances) ** 2 / sum(parts) if sum(parts) > 0.0 else readings[0].freedom
+
+
+def _change_of_mean(old: Reading, new: Reading, name: str, comparisons: int) -> IntervalEstimate:
+    share = 0.5 * (1.0 - LEVEL) / comparisons
+    freedom = _welch((old, new))
+    repeats = float(stats.t.isf(share, freedom)) * math.hypot(old.sigma, new.sigma)
+    from_day_to_day = float(stats.norm.isf(share)) * math.hypot(old.daily, new.daily)
+    half = math.hypot(repeats, from_day_to_day)
+    change, unit = new.value - old.value, "N m" if name.endswith("_nm") else "m"
+    return IntervalEstimate(change, change - half, change + half, unit, freedom + 1.0)

@@ -11,7 +11,7 @@ from ..atomic import replaced_file
 from ..checks.torque import judge_sign
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..fingerprint.drift import Drift, SectionDrift, compare_moves
+from ..fingerprint.compare import Drift, SectionDrift, compare_moves
 from ..fingerprint.moves import CUTOFF_HZ, Move, described, find_moves, most_frequent
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine

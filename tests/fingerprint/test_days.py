@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.drift import Drift, SectionDrift, compare_moves
+from edge_service.fingerprint.compare import Drift, SectionDrift, compare_moves
 from edge_service.fingerprint.moves import Move, find_moves
 from edge_service.messages.samples import TIME, Floats, SampleFrame
 from edge_service.offline.drift import DriftReport

@@ -17,8 +17,7 @@ from ...models.effects.effect import Effect, Kind, Role
 from ...models.effects.registry import disturbance, effects, get_effect
 from ...models.machine import Machine
 from ...threads import in_threads
-from ..session.session import TORQUE_GAP, Session
-from ..session.twin import parameter_tolerances
+from ..session.session import TORQUE_GAP, Session, parameter_tolerances
 from .normal_equations import Columns, NormalEquations
 from .regressors import CandidateRegressor, EntryRegressor, entry_regressor
 

@@ -19,8 +19,7 @@ from ..candidates.design_matrix import FORCE, DesignMatrix, force_pulses, health
 from ..candidates.normal_equations import inverted, solved, square_falls
 from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from ..session.twin import parameter_tolerances
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, parameter_tolerances
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""

@@ -33,7 +33,7 @@ from ...models.plant.tables import misreading
 from ...models.plant.two_mass import Loads, Plant, axial_compliance
 from ...recordings.conditioning import central_difference
 from ...regression.run import Run
-from .twin import rigid_plant
+from .session import rigid_plant
 
 _DAMPING_RATIO = 0.3
 """Of the table on its spring: what is compared ends below that resonance."""

@@ -30,8 +30,7 @@ from ...diagnose.result import (
     learnable,
     withheld,
 )
-from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
-from ...diagnose.session.twin import rigid_baseline
+from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, rigid_baseline
 from ...messages.interval import printed
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine

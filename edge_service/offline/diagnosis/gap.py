@@ -16,8 +16,8 @@ from ...diagnose.session.session import (
     TORQUE_GAP,
     TRANSMISSION_GAP,
     channel_gap,
+    rigid_baseline,
 )
-from ...diagnose.session.twin import rigid_baseline
 from ...messages.samples import Floats
 from ...models.effects.learned import model_effects
 from ..examination import require_sound

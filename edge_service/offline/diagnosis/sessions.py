@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ...diagnose.session.recordings import runs_of
-from ...diagnose.session.session import Session
-from ...diagnose.session.twin import rigid_baseline
+from ...diagnose.session.session import Session, rigid_baseline
 from ...exit_status import BAD_DATA, BadInputError
 from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ...fingerprint.drift import Drift
+from ...fingerprint.compare import Drift
 from ...fingerprint.result import AxisFingerprint, Curve
 from ...regression.interval_estimate import IntervalEstimate
 from ..drift import DriftReport, short

@@ -19,8 +19,7 @@ from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.pipeline import diagnose_session
 from ...diagnose.session.recordings import runs_of
-from ...diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from ...diagnose.session.twin import rigid_baseline
+from ...diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, rigid_baseline
 from ...messages.samples import SampleFrame
 from ...models.effects.registry import get_effect, machine_effects, parse_effect
 from ...models.effects.signature import transmission_signature

@@ -20,8 +20,7 @@ from edge_service.config import load_machine
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.result import Diagnosis
 from edge_service.diagnose.session.recordings import runs_of
-from edge_service.diagnose.session.session import Session
-from edge_service.diagnose.session.twin import rigid_baseline
+from edge_service.diagnose.session.session import Session, rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.registry import active_effect, effects
 from edge_service.models.machine import Machine

@@ -9,7 +9,7 @@ import pytest
 
 from edge_service.checks.session import DataCheck, check_data
 from edge_service.diagnose.session.recordings import runs_of
-from edge_service.diagnose.session.twin import rigid_baseline
+from edge_service.diagnose.session.session import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 

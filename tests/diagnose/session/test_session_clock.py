@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from edge_service.checks.session import check_data
-from edge_service.diagnose.session.clock import LONGEST_S, PAUSE_S
-from edge_service.diagnose.session.recordings import runs_of
-from edge_service.diagnose.session.session import TORQUE_GAP, Session
-from edge_service.diagnose.session.twin import rigid_baseline
+from edge_service.diagnose.session.recordings import LONGEST_S, PAUSE_S, runs_of
+from edge_service.diagnose.session.session import TORQUE_GAP, Session, rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 

@@ -8,8 +8,13 @@ import pytest
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.session.prescribed_motion import PrescribedMotionAxis
 from edge_service.diagnose.session.recordings import runs_of
-from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
-from edge_service.diagnose.session.twin import rigid_baseline, rigid_plant
+from edge_service.diagnose.session.session import (
+    TORQUE_GAP,
+    TRANSMISSION_GAP,
+    Session,
+    rigid_baseline,
+    rigid_plant,
+)
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.session.twin import rigid_baseline
+from edge_service.diagnose.session.session import rigid_baseline
 from edge_service.estimate.mixture.model import axis_model, start_of
 from edge_service.estimate.mixture.physics import (
     expected_stretch,
