@@ -157,17 +157,17 @@ MOST_LINES = {
     "checks": 3613,
     "cli": 1345,
     "config": 656,
-    "diagnose": 5078,
+    "diagnose": 5058,
     "downsample": 1245,
     "drivers": 3811,
     "estimate": 5312,
-    "fingerprint": 2975,
+    "fingerprint": 2963,
     "health": 4912,
     "http_api": 2553,
     "messages": 2069,
     "models": 5906,
     "nodes": 2966,
-    "offline": 5832,
+    "offline": 5829,
     "outputs": 1883,
     "recordings": 3401,
     "regression": 1087,
@@ -175,7 +175,7 @@ MOST_LINES = {
     "tests": 48513,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 396
+MOST_FILES = 393
 """Modules of the product."""
 
 
