@@ -86,7 +86,7 @@ def estimate(
     Several TRACEs are cases of their own, and --out is a folder.
     """
     from ..config import EstimatorConfig
-    from ..estimate.registry import AUTO, ESTIMATORS
+    from ..estimate.interface import AUTO, ESTIMATORS
     from ..offline.estimate import estimate_case, estimate_to_csv
 
     if method not in (AUTO, *ESTIMATORS):

@@ -13,7 +13,7 @@ from ..config_tables import (
     Table,
     VibrationConfig,
 )
-from ..estimate.registry import AUTO, ESTIMATORS
+from ..estimate.interface import AUTO, ESTIMATORS
 from ..messages.addresses import is_http_url, is_loopback, split_endpoint
 from ..messages.keys import MachineKeys, check_component, check_part
 

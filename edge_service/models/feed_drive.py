@@ -12,11 +12,10 @@ from .effects.effect import ActiveEffect
 from .effects.forward import Forward, put_into
 from .effects.registry import machine_effects
 from .machine import Machine
-from .plant.closed_loop import LOOP_STATE_SIZE, Inputs, Loop, advance_loop
-from .plant.controller import MAX_TORQUE_NM, Gains, gains_for
-from .plant.encoders import (
+from .plant.closed_loop import (
     ANGLE,
     FORCE,
+    LOOP_STATE_SIZE,
     MOTOR_SPEED,
     NOISES,
     OUTPUTS,
@@ -26,8 +25,12 @@ from .plant.encoders import (
     SPEED,
     TEMPERATURE,
     TORQUE,
+    Inputs,
+    Loop,
     Sensors,
+    advance_loop,
 )
+from .plant.controller import MAX_TORQUE_NM, Gains, gains_for
 from .plant.from_machine import plant_of, screw_drag
 from .plant.tables import misreading, nut_shift
 from .plant.two_mass import (

@@ -193,6 +193,12 @@ class Machine(_Table):
         return Quantity(value=value, tolerance=sigma / value)
 
     @property
+    def fresh_drag_nm(self) -> float:
+        """The fresh screw's own drag, N m; 0 where the file states one level for the whole axis."""
+        drag = self.model.preload_drag_nm
+        return drag.value if drag is not None and self.model.preload_n is not None else 0.0
+
+    @property
     def drag_per_percent_nm(self) -> float | None:
         """Screw drag torque per point of preload, N m; None where the file cannot tell.
 

@@ -14,7 +14,7 @@ from ..config import (
     load_machine,
 )
 from ..downsample import Downsampler, DownsampleSettings
-from ..estimate import registry
+from ..estimate import interface
 from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ..models.machine import Machine
@@ -46,7 +46,7 @@ def make_downsampler(
 def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
     """The configured estimator for one axis. Raises ConfigError if the machine lacks for it."""
     try:
-        return registry.make_estimator(config.method, machine, config)
+        return interface.make_estimator(config.method, machine, config.engine)
     except UnsuitableMachineError as error:
         raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 

@@ -14,7 +14,7 @@ from ..checks.examination import check_plausibility
 from ..checks.finding import Finding, Verdict
 from ..command_answer import Answer
 from ..config import AxisConfig, ConfigError, EdgeConfig, EstimatorConfig, load_machine
-from ..estimate.registry import ESTIMATORS
+from ..estimate.interface import ESTIMATORS
 from ..exit_status import DONE
 from ..messages.samples import Quality, SampleFrame, is_bad, is_uncertain
 from ..models.machine import Machine

@@ -10,10 +10,14 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from edge_service.config import EstimatorConfig
 from edge_service.downsample.statistics import absent_block
-from edge_service.estimate.interface import PreloadEstimator, UnsuitableMachineError
-from edge_service.estimate.registry import AUTO, ESTIMATORS, make_estimator
+from edge_service.estimate.interface import (
+    AUTO,
+    ESTIMATORS,
+    PreloadEstimator,
+    UnsuitableMachineError,
+    make_estimator,
+)
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import Fault, FeatureBlock, Phase
@@ -53,7 +57,7 @@ def blocks(one_encoder: bool = False) -> tuple[FeatureBlock, ...]:
 
 
 def made(method: str, one_encoder: bool = False) -> PreloadEstimator:
-    return make_estimator(method, machine(one_encoder), EstimatorConfig(method=method))
+    return make_estimator(method, machine(one_encoder))
 
 
 def fed(estimator: PreloadEstimator, block: FeatureBlock) -> PreloadEstimate:
@@ -258,10 +262,10 @@ def test_a_stop_on_another_clock_is_bridged(method: str) -> None:
 def test_auto_takes_the_first_that_suits_the_machine() -> None:
     nominal = axis(one_encoder=False).nominal()
     kinds = {
-        (method, file is nominal): type(make_estimator(method, file, EstimatorConfig()))
+        (method, file is nominal): type(make_estimator(method, file))
         for method, file in product([AUTO, "kf-imm"], [nominal, machine()])
     }
     assert kinds[AUTO, True] is kinds["kf-imm", True] is kinds["kf-imm", False]
     assert kinds[AUTO, False] is type(made("mixture"))
     with pytest.raises(UnsuitableMachineError, match="edge-service commission"):
-        make_estimator("mixture", nominal, EstimatorConfig())
+        make_estimator("mixture", nominal)

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.config import EstimatorConfig
-from edge_service.estimate.registry import make_estimator
+from edge_service.estimate.interface import make_estimator
 from edge_service.messages.estimate import EstimateStatus
 
 from ..bench.estimator.axis import OwnAxis
@@ -21,7 +20,7 @@ def stored(name: str) -> str:
 @pytest.mark.parametrize("method", ["mixture", "kf-imm", "sif-imm"])
 def test_a_stored_estimator_goes_on(method: str) -> None:
     machine = OwnAxis(1, one_encoder=True).commissioned()
-    estimator = make_estimator(method, machine, EstimatorConfig(method=method))
+    estimator = make_estimator(method, machine)
     estimator.restore(json.loads(stored(method)))
     assert json.dumps(estimator.snapshot(), allow_nan=False) == stored(method)
     assert estimator.estimate().status is EstimateStatus.ESTIMATED

@@ -15,7 +15,7 @@ import pytest
 
 from edge_service.config import EstimatorConfig
 from edge_service.config_tables import StoreConfig
-from edge_service.estimate.registry import make_estimator
+from edge_service.estimate.interface import make_estimator
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.store.store import State

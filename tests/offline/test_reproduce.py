@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.imm.bank import run_bank
-from edge_service.estimate.imm.mode_transition import THESIS_MODE_TRANSITION
-from edge_service.estimate.imm.mode_weighting import weighted_level
+from edge_service.estimate.imm.modes import THESIS_MODE_TRANSITION, weighted_level
 from edge_service.offline.reproduce.simulation import (
     LEVELS,
     ThesisCase,

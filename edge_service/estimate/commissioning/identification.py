@@ -47,7 +47,7 @@ def commissioned(
     phases = SteadyPhases.of(recordings, EffectCompensation.of_machine(machine))
     torque = fit_torque_balance(phases, machine, limits)
     require_identified(recordings, phases, torque, machine)
-    stroke_map = torque.harmonics_nm / _screw_drag_nm(machine, torque)
+    stroke_map = torque.harmonics_nm / (machine.fresh_drag_nm or torque.coulomb_nm)
     stretch = fit_series_compliance(
         phases, machine, partial(_nut_compliance_share, machine, torque, stroke_map)
     )
@@ -58,7 +58,9 @@ def commissioned(
     require_light_guides(torque, machine)
     ratio = machine.transmission_ratio_m_per_rad
     reversal_n = math.inf if transmission is None else transmission.reversal_force_n
-    guide_n, bearing_nm = friction_shares(other_drag_nm(machine, torque), ratio, reversal_n)
+    other_nm = other_drag_nm(machine, torque)  # without a linear encoder all of it is the guide's
+    guide_n = min(reversal_n, other_nm / ratio)
+    bearing_nm = max(other_nm - ratio * guide_n, 0.0)
     by_mass = 0.0 if transmission is None else mass[1] / mass[0]
     guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
     model = {
@@ -94,26 +96,6 @@ def _sample_period_s(recordings: Sequence[Sequence[FeatureBlock]]) -> float:
         for blocks in recordings
     )
     return round(max(float(np.median(periods)) for periods in every if periods), 6)
-
-
-def friction_shares(
-    other_nm: float, ratio_m_per_rad: float, reversal_n: float
-) -> tuple[float, float]:
-    """Friction beyond the screw's own as force of the guide, N, and torque of the bearings, N m.
-
-    Args:
-        reversal_n: guide force by the linear encoder; infinite without one, and then all of it
-            counts as the guide's.
-    """
-    guide_n = min(reversal_n, other_nm / ratio_m_per_rad)
-    return guide_n, max(other_nm - ratio_m_per_rad * guide_n, 0.0)
-
-
-def _screw_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
-    """The fresh screw's own drag; without it the whole friction."""
-    screw = machine.model.preload_drag_nm
-    stated = screw is not None and machine.model.preload_n is not None
-    return screw.value if screw is not None and stated and screw.value else torque.coulomb_nm
 
 
 def _nut_compliance_share(

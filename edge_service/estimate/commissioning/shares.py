@@ -59,9 +59,7 @@ def table_mass(
 
 def other_drag_nm(machine: Machine, torque: TorqueBalance) -> float:
     """Coulomb friction of guides, seals and bearings beyond the fresh screw's own, N m."""
-    screw = machine.model.preload_drag_nm
-    fresh_nm = screw.value if screw is not None and machine.model.preload_n is not None else 0.0
-    return max(torque.coulomb_nm - fresh_nm, 0.0)
+    return max(torque.coulomb_nm - machine.fresh_drag_nm, 0.0)
 
 
 def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, float] | None:
@@ -103,14 +101,10 @@ def nut_share(
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Reason why recordings do not show a fresh screw.
-
-    Attributes:
-        contradicts: the data sheet's figures speak against it; else they leave it open.
-    """
+    """Reason why recordings do not show a fresh screw."""
 
     words: str
-    contradicts: bool
+    contradicts: bool  # the data sheet's figures speak against it; else they leave it open
 
 
 def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
@@ -122,14 +116,11 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
     guides'. With one encoder the guides could be what a worn screw has lost. The stiffness cannot
     tell: a nut that lost half its preload is a fifth softer by the cube root law, and the axis, of
     which it is a quarter, by a twentieth. A file that knows all frictions, such as one that was
-    commissioned before, leaves it open again where some of them is missing.
-
-    Args:
-        nominal: the machine file before, with the data sheet's figures.
-        learned: what came out.
+    commissioned before, leaves it open again where some of them is missing. `nominal` has the data
+    sheet's figures.
     """
     screw, taught = nominal.model.preload_drag_nm, learned.commissioned
-    if screw is None or taught is None or nominal.model.preload_n is None or not screw.value:
+    if screw is None or taught is None or not nominal.fresh_drag_nm:
         return None
     stated_nm = taught.coulomb_nm - nominal.other_drag_nm.value
     sigma = math.hypot(learned.model.bearing_drag_nm.sigma, nominal.other_drag_nm.sigma)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -60,27 +60,8 @@ class _State:
 _STORED: Stored[_State] = Stored(_State)
 
 
-class FilterBank(Protocol):
-    """A filter bank behind one of the engines."""
-
-    def reset(self, start: BankStart) -> None:
-        """Start every mode from one state."""
-
-    def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
-        """Predict and update with a measurement (2,).
-
-        Raises ValueError, with the bank as it was before, if the input or the result is not finite.
-        """
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that the next step depends on, as JSON-able values."""
-
-    def restore(self, snapshot: Mapping[str, Any]) -> None:
-        """Continue from a snapshot, bit for bit; ValueError if it is none."""
-
-
 class CompiledBank:
-    """FilterBank with Kalman gains (eq. 4.4.4) or K = C^+ sat(|e| / delta) (eqs. 4.4.7-4.4.12).
+    """Filter bank with Kalman gains (eq. 4.4.4) or K = C^+ sat(|e| / delta) (eqs. 4.4.7-4.4.12).
 
     `boundary` is delta of the sliding innovation filter, per measurement (2,), or KALMAN.
     """
@@ -94,7 +75,10 @@ class CompiledBank:
         self._state = _state_of(start)
 
     def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
-        """Predict and update; ValueError leaves the bank as it was."""
+        """Predict and update with a measurement (2,).
+
+        ValueError, with the bank as it was before, if the input or the result is not finite.
+        """
         if self._state is None:
             raise ValueError(NO_STATE)
         run, state = _run(step, step.drive[None], measurement[None], self._state, self._boundary)

@@ -18,12 +18,12 @@ from ...messages.interval import Interval
 from ...messages.samples import Floats
 from ...messages.stored import Number, Stored, StoredFloats
 from ...models.machine import Machine
-from ..interface import EstimatorOptions
+from ..interface import Engine
 from ..validity import Validity
-from .bank import KALMAN, BankStart, CompiledBank, FilterBank, LinearStep
+from .bank import KALMAN, BankStart, CompiledBank, LinearStep
 from .drag import DragFilter
-from .mode_transition import LEVELS_PERCENT, scaled_mode_transition
-from .mode_weighting import mode_weights
+from .filterpy_bank import FilterpyBank
+from .modes import LEVELS_PERCENT, mode_weights, scaled_mode_transition
 
 TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
@@ -72,7 +72,7 @@ class ImmPreloadEstimator:
         self,
         machine: Machine,
         method: Method = "kf-imm",
-        engine: Literal["compiled", "filterpy"] = "compiled",
+        engine: Engine = "compiled",
     ) -> None:
         self._machine, self._method = machine, method
         self._levels = np.array(LEVELS_PERCENT)
@@ -80,7 +80,9 @@ class ImmPreloadEstimator:
         self._drag = DragFilter(machine)
         if self._per_percent is not None:
             self._balance = MomentumBalance(machine, self._levels * self._per_percent)
-            self._bank = _bank_of(method, engine)
+            self._bank: CompiledBank | FilterpyBank = FilterpyBank()
+            if engine == "compiled":
+                self._bank = CompiledBank(SLIDING_BOUNDARY if method == "sif-imm" else KALMAN)
         self.reset()
 
     def reset(self) -> None:
@@ -230,14 +232,6 @@ class ImmPreloadEstimator:
         self._now = now
 
 
-def _bank_of(method: Method, engine: str) -> FilterBank:
-    if engine == "filterpy":
-        from .filterpy_bank import FilterpyBank
-
-        return FilterpyBank()
-    return CompiledBank(SLIDING_BOUNDARY if method == "sif-imm" else KALMAN)
-
-
 def informative(block: FeatureBlock) -> bool:
     """Good data of steady motion in one direction."""
     if not block.usable or abs(block.direction_mean) < 0.999:
@@ -298,11 +292,11 @@ class MomentumBalance:
         return step, np.array([block.angle_end_rad, block.speed_end_rad_s])
 
 
-def kalman_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
-    """Estimator with Kalman filters (see registry)."""
-    return ImmPreloadEstimator(machine, "kf-imm", options.engine)
+def kalman_imm(machine: Machine, engine: Engine) -> ImmPreloadEstimator:
+    """Estimator with Kalman filters (see interface)."""
+    return ImmPreloadEstimator(machine, "kf-imm", engine)
 
 
-def sliding_innovation_imm(machine: Machine, options: EstimatorOptions) -> ImmPreloadEstimator:
-    """Estimator with sliding innovation filters (see registry)."""
-    return ImmPreloadEstimator(machine, "sif-imm", options.engine)
+def sliding_innovation_imm(machine: Machine, engine: Engine) -> ImmPreloadEstimator:
+    """Estimator with sliding innovation filters (see interface)."""
+    return ImmPreloadEstimator(machine, "sif-imm", engine)

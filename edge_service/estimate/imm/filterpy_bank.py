@@ -37,7 +37,7 @@ _STORED: Stored[_State] = Stored(_State)
 
 
 class FilterpyBank:
-    """FilterBank on filterpy's IMMEstimator and KalmanFilter; see FilterBank for the methods."""
+    """Filter bank on filterpy's IMMEstimator and KalmanFilter; methods as those of CompiledBank."""
 
     def __init__(self) -> None:
         self._state: _State | None = None

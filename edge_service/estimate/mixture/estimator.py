@@ -11,7 +11,7 @@ from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ...models.steady_limits import LONGEST_HOLD_S
 from ..effect_compensation import EffectCompensation
-from ..interface import EstimatorOptions, UnsuitableMachineError
+from ..interface import Engine, UnsuitableMachineError
 from ..validity import Validity
 from .gathering import SteadyInterval, gathered, interval_snapshot, restored_interval
 from .hypotheses import continue_after_stop, initial_bank, leader_of
@@ -287,8 +287,8 @@ class MixturePreloadEstimator:
         self._bank, self._waiting, self._validity = bank, waiting, validity
 
 
-def mixture(machine: Machine, options: EstimatorOptions) -> MixturePreloadEstimator:
-    """Estimator for a commissioned axis (see registry). Raises UnsuitableMachineError."""
+def mixture(machine: Machine, _engine: Engine) -> MixturePreloadEstimator:
+    """Estimator for a commissioned axis (see interface). Raises UnsuitableMachineError."""
     if machine.commissioned is None or machine.drag_per_percent_nm is None:
         raise UnsuitableMachineError(
             "needs a machine file written by `edge-service commission` with model.preload_n, "

@@ -12,7 +12,7 @@ from ...models.compiled import compiled
 from ...models.machine import Machine
 from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
-from ..imm.mode_transition import LEVELS_PERCENT
+from ..imm.modes import LEVELS_PERCENT
 from .state import (
     BEARING_FRICTION,
     BEFORE,

@@ -38,8 +38,6 @@ class Baseline:
         """
         plant = plant_of(machine)
         ratio = plant.ratio_m_per_rad
-        preload = machine.model.preload_drag_nm
-        screw_nm = preload.value if preload and machine.model.preload_n else 0.0
         guide_nm = plant.guide_force_n * ratio
         position = np.linspace(0.0, plant.screw_length_m, _COMPLIANCE_POINTS)
         percent = machine.fresh_preload_percent or 0.0
@@ -48,7 +46,7 @@ class Baseline:
             inertia_kg_m2=machine.model.inertia_kg_m2.value,
             table_inertia_kg_m2=table_inertia(plant.table_mass_kg, machine.axis.lead_m),
             viscous_nm_s_per_rad=machine.model.viscous_nm_s_per_rad.value,
-            coulomb_nm=screw_nm + plant.bearing_drag_nm + guide_nm,
+            coulomb_nm=machine.fresh_drag_nm + plant.bearing_drag_nm + guide_nm,
             table_coulomb_nm=guide_nm,
             position_m=position,
             compliance_m_per_n=np.array([axial_compliance(plant, x, percent) for x in position]),

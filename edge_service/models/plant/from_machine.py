@@ -35,6 +35,12 @@ def plant_of(machine: Machine) -> Plant:
             f"beside a table of {mass:g} kg"
         )
     coupling = axial_stiffness_of_torsion(COUPLING_NM_PER_RAD, ratio)
+    catalogue, fresh_percent = NUT_CATALOGUE_N_PER_M, machine.fresh_preload_percent
+    if model.nut_stiffness_n_per_m is not None and fresh_percent is not None:
+        catalogue = catalogue_nut_stiffness(model.nut_stiffness_n_per_m.value, fresh_percent)
+    drag, guide_n = model.preload_drag_nm, model.guide_force_n.value
+    if drag is not None and model.preload_n is None:  # the whole Coulomb level, put on the guides
+        guide_n += drag.value / ratio
     length = max(axis.screw_length_m or SCREW_LENGTH_M, axis.stroke_m or 0.0)
     rigid = Plant(
         ratio_m_per_rad=ratio,
@@ -45,15 +51,19 @@ def plant_of(machine: Machine) -> Plant:
         screw_rigidity_n=STEEL_MODULUS_PA * screw_area(axis.screw_diameter_m or SCREW_DIAMETER_M),
         screw_length_m=length,
         far_end_fixed=1.0 if axis.bearing_arrangement == "fixed-fixed" else 0.0,
-        nut_catalogue_n_per_m=_nut_catalogue(machine),
+        nut_catalogue_n_per_m=catalogue,
         bearing_compliance_m_per_n=1.0 / BEARING_N_PER_M,
         further_compliance_m_per_n=1.0 / coupling,
         damping_n_s_per_m=0.0,
         bearing_drag_nm=model.bearing_drag_nm.value,
-        guide_force_n=model.guide_force_n.value + _drag_of_no_screw_nm(machine) / ratio,
+        guide_force_n=guide_n,
         speed_lag_s=SPEED_LAG_S,
     )
-    return rigid._replace(damping_n_s_per_m=_structural_damping(rigid, machine))
+    # damper that gives the free resonance at mid-stroke its damping ratio: 2 z sqrt(K m), with
+    # m = m1 m2 / (m1 + m2), as in the denominator of (5.3.19) without D_2
+    stiffness = 1.0 / axial_compliance(rigid, 0.5 * length, fresh_percent or 0.0)
+    reduced_kg = 1.0 / (1.0 / rigid.motor_mass_kg + 1.0 / rigid.table_mass_kg)
+    return rigid._replace(damping_n_s_per_m=2.0 * DAMPING_RATIO * math.sqrt(stiffness * reduced_kg))
 
 
 def table_mass(machine: Machine) -> float:
@@ -69,32 +79,5 @@ def screw_drag(machine: Machine) -> tuple[float, float]:
 
     Where the file cannot tell preload in percent, the drag does not follow it.
     """
-    drag = machine.model.preload_drag_nm
-    if drag is None or machine.model.preload_n is None:
-        return 0.0, 0.0
     per_percent = machine.drag_per_percent_nm
-    return (drag.value, 0.0) if per_percent is None else (0.0, per_percent)
-
-
-def _drag_of_no_screw_nm(machine: Machine) -> float:
-    """`preload_drag_nm` where no preload is known: the whole Coulomb level, put on the guides."""
-    drag = machine.model.preload_drag_nm
-    return drag.value if drag and machine.model.preload_n is None else 0.0
-
-
-def _nut_catalogue(machine: Machine) -> float:
-    stiffness, preload = machine.model.nut_stiffness_n_per_m, machine.fresh_preload_percent
-    if stiffness is None or preload is None:
-        return NUT_CATALOGUE_N_PER_M
-    return catalogue_nut_stiffness(stiffness.value, preload)
-
-
-def _structural_damping(plant: Plant, machine: Machine) -> float:
-    """Damper that gives the free resonance at mid-stroke its damping ratio, N s/m: 2 z sqrt(K m).
-
-    With m = m1 m2 / (m1 + m2), as in the denominator of (5.3.19) without D_2.
-    """
-    fresh_percent = machine.fresh_preload_percent or 0.0
-    stiffness = 1.0 / axial_compliance(plant, 0.5 * plant.screw_length_m, fresh_percent)
-    reduced_kg = 1.0 / (1.0 / plant.motor_mass_kg + 1.0 / plant.table_mass_kg)
-    return 2.0 * DAMPING_RATIO * math.sqrt(stiffness * reduced_kg)
+    return (machine.fresh_drag_nm, 0.0) if per_percent is None else (0.0, per_percent)

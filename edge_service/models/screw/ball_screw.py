@@ -26,17 +26,11 @@ def lead_angle(lead_m: float, ball_circle_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class BallPassOrders:
-    """Ball pass orders: events per revolution of the screw in a nut that does not turn.
+    """Ball pass orders: events per revolution of the screw in a nut that does not turn."""
 
-    Attributes:
-        on_nut: balls pass a point of the nut's track, and enter its circuit.
-        on_screw: balls pass a point of the screw's track.
-        spin: a ball turns about itself; a spot on it meets each track once per turn.
-    """
-
-    on_nut: float
-    on_screw: float
-    spin: float
+    on_nut: float  # balls pass a point of the nut's track, and enter its circuit
+    on_screw: float  # balls pass a point of the screw's track
+    spin: float  # a ball turns about itself; a spot on it meets each track once per turn
 
 
 def ball_pass_orders(
@@ -51,13 +45,8 @@ def ball_pass_orders(
     Not in the thesis. z / 2 (1 - g), z / 2 (1 + g) and D / (2 d) (1 - g^2) with the share
     g = d cos(beta) cos(lambda) / D, a ball bearing's formulas (Harris and Kotzalas, Rolling Bearing
     Analysis, 2006) with the contact angle beta in the section normal to the track, which climbs by
-    the lead angle lambda. Balls without spacers touch: z = pi D / (d cos lambda) per turn of one
-    track. Circuits and starts change the strength of an order, not its place. Balls slip by a per
-    cent or two.
-
-    Args:
-        ball_circle_m: D, the diameter of the circle of the balls' centres.
-        balls_per_turn: z; unless given that of balls without spacers.
+    the lead angle lambda; D is the circle of the balls' centres. Unless z is given, balls touch:
+    z = pi D / (d cos lambda) per turn of one track. Balls slip by a per cent or two.
 
     >>> orders = ball_pass_orders(3.175e-3, 0.0206, 0.02, math.radians(45.0))
     >>> round(orders.on_nut, 2), round(orders.on_screw, 2), round(orders.spin, 2)
@@ -65,9 +54,7 @@ def ball_pass_orders(
     """
     tangent = math.tan(lead_angle(lead_m, ball_circle_m))
     climb = 1.0 / math.hypot(1.0, tangent)
-    balls = balls_per_turn
-    if balls is None:
-        balls = math.pi * ball_circle_m / (ball_diameter_m * climb)
+    balls = balls_per_turn or math.pi * ball_circle_m / (ball_diameter_m * climb)
     share = ball_diameter_m * math.cos(contact_angle_rad) * climb / ball_circle_m
     return BallPassOrders(
         on_nut=0.5 * balls * (1.0 - share),
@@ -79,8 +66,7 @@ def ball_pass_orders(
 def table_inertia(mass_kg: float, lead_m: float) -> float:
     """Inertia of table and workpiece at the screw, kg m^2: J_t = (m_t + m_wp) (h_p / 2 pi)^2.
 
-    (4.3.2) as printed, (m_t + m_wp) h_p^2 / 2 pi, squares the lead only; the value in Table 4.1
-    has the square over 2 pi too.
+    (4.3.2) as printed squares the lead only; the value in Table 4.1 has the square over 2 pi too.
 
     >>> round(table_inertia(20.0, 0.02), 6)  # Table 4.1: 2e-4
     0.000203

@@ -13,9 +13,8 @@ Number = TypeVar("Number", float, Floats)
 def stribeck_decay(speed: Number, stribeck_speed: float, exponent: float = 1.0) -> Number:
     """Share of the Stribeck excess that is left at a speed: exp(-|v / v_st|^delta).
 
-    In the shape of `speed`, whose unit is that of `stribeck_speed`. Not in the thesis; the exponent
-    delta is 1 or 2 in most of the literature (Armstrong-Helouvry, 1991). Compiled code takes it
-    `inlined`.
+    In the shape of `speed`. Not in the thesis; delta is 1 or 2 in most of the literature
+    (Armstrong-Helouvry, 1991). Compiled code takes it `inlined`.
 
     >>> round(float(stribeck_decay(2.0, 2.0)), 6)
     0.367879
@@ -35,13 +34,9 @@ def exponential_friction(
 
     sgn(v) (F_c + (F_brk - F_c) exp(-(v / v_st)^2)) + D v
 
-    Not in the thesis, but common in the literature (Armstrong-Helouvry, 1991).
-
-    Its peak is at rest, where it jumps from -F_brk to F_brk; (5.3.13) peaks at v_st / sqrt(2). With
-    equal constants the Stribeck parts are equal where v / v_st = 1 / sqrt(2 e) = 0.43, and above it
-    the printed form has the longer tail: the same record fitted with both gives different F_brk
-    and v_st, and neither pair may be used in the other form. For torques at the motor multiply by
-    R_t, with the speed over R_t.
+    Not in the thesis, but common in the literature (Armstrong-Helouvry, 1991). It jumps at rest
+    from -F_brk to F_brk; (5.3.13) peaks at v_st / sqrt(2) and has the longer tail: constants fitted
+    with one form may not be used in the other. Torques at the motor: times R_t, the speed over R_t.
 
     >>> round(float(exponential_friction(1e-9, 60.0, 90.0, 0.01)), 6)
     90.0

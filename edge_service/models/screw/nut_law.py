@@ -26,9 +26,8 @@ _LOOSE_PERCENT = 0.15
 def nut_stiffness(catalogue_n_per_m: float, preload_percent: float) -> float:
     """Axial stiffness of a nut under preload, N/m: 0.8 K (F_a / (0.1 C_a))^(1/3) (5.3.11).
 
-    K_n is the true stiffness of the nut, K the nominal one of its catalogue, F_a the force of the
-    preload and C_a the dynamic load rating; the thesis' text calls three of the four F_a. Here
-    `preload_percent` is 100 F_a / C_a. Below `LEAST_NUT_LOAD_PERCENT` the stiffness stays.
+    K is the catalogue's, F_a the preload and C_a the dynamic load rating; `preload_percent` is
+    100 F_a / C_a. Below `LEAST_NUT_LOAD_PERCENT` the stiffness stays.
 
     >>> round(nut_stiffness(1.6e8, 10.0) / 1e8, 3)
     1.28
@@ -75,13 +74,8 @@ def nut_deflection(
     q = (p / p0)^(2/3); for small loads the stiffness is 3 F0 q^0.5 / d0, the cube root law of
     (5.3.11). Without preload the pair has a clearance, q < 0.
 
-    Args:
-        percent: preload p at this place, of the load rating; `fresh_percent` is p0.
-        fresh_preload_n: F0, the force of p0, N.
-        clearance_share: clearance of the pair without preload, over d0.
-
-    Returns:
-        y, dy/dF 1/N and dy/dp 1/%.
+    `percent` is p, of the load rating, `fresh_percent` p0, `fresh_preload_n` its force F0, and
+    `clearance_share` the clearance without preload over d0. Returns y, dy/dF 1/N and dy/dp 1/%.
 
     >>> round(nut_deflection(1.0, 7.0, 7.0, 700.0, 0.0)[0] * 3.0 * 700.0, 6)
     1.0

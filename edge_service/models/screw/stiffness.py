@@ -11,8 +11,7 @@ STEEL_SHEAR_MODULUS_PA = 7.9e10
 def screw_area(diameter_m: float) -> float:
     """Cross section A of (5.3.9) of the screw taken as a cylinder, m^2: pi d^2 / 4.
 
-    The nominal diameter is generous: the core between the grooves carries less. A core of 17.5 mm
-    in a 20 mm screw has 23 % less, which a tolerance of the rigidity should cover.
+    The nominal diameter is generous: a core of 17.5 mm in a 20 mm screw has 23 % less.
 
     >>> round(screw_area(0.02) * 1e6, 1)  # mm^2
     314.2
@@ -41,17 +40,10 @@ def screw_compliance(
 ) -> float:
     """Axial compliance of the screw in its bearings at the nut, m/N (5.3.2, 5.3.9, 5.3.10).
 
-    Each held end is an arm: the bearing with its support and a rod of A E. Fixed-free has one,
-    c + a / (A E); fixed-fixed has two side by side, of the lengths a and L - a. Without the
-    compliance c of a bearing they are (5.3.9), a / (A E), and (5.3.10), a (L - a) / (A E L); the L
-    of (5.3.9) is this a, and b of (5.3.10) is L - a. The thesis lets the fixed-free stiffness fall
+    Each held end is an arm: the bearing with its support, c, and a rod of A E. Fixed-free has one,
+    c + a / (A E), with a the nut's place from the fixed bearing; fixed-fixed (`far_end_fixed` 1.0)
+    has two side by side, of the lengths a and L - a. The thesis lets the fixed-free stiffness fall
     "linearly" along the screw; it is the compliance that grows linearly.
-
-    Args:
-        position_m: a, of the nut from the fixed bearing.
-        axial_rigidity_n: A E.
-        far_end_fixed: 0.0 or 1.0.
-        bearing_m_per_n: c, of one fixed bearing with its support.
 
     >>> round(1.0 / screw_compliance(0.5, 6.4e7, 1.0, 0.0) / 1e8, 3)
     1.28

@@ -19,29 +19,19 @@ _Band = tuple[Floats, Floats, Floats]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StrokeProfile:
-    """One axis along its stroke, for any mean preload.
+    """One axis along its stroke, for any mean preload."""
 
-    Attributes:
-        position_m: places of the table, m, (n,).
-        fresh_percent: mean preload when it was commissioned, percent of the load rating.
-        preload_share: preload at a place over its mean, (n,).
-        compliance_m_per_n: of all in series at the commissioned mean preload, m/N, (n,); all NaN
-            where it was not learned.
-        compliance_tolerance: its relative standard deviation.
-        nut_m_per_n, nut_sigma_m_per_n: the nut's own part of it, with its standard deviation.
-    """
-
-    position_m: Floats
-    fresh_percent: float
-    preload_share: Floats
-    compliance_m_per_n: Floats
-    compliance_tolerance: float
-    nut_m_per_n: float
+    position_m: Floats  # places of the table, (n,)
+    fresh_percent: float  # mean preload when it was commissioned, of the load rating
+    preload_share: Floats  # preload at a place over its mean, (n,)
+    compliance_m_per_n: Floats  # of all in series at that preload, (n,); NaN where not learned
+    compliance_tolerance: float  # its relative standard deviation
+    nut_m_per_n: float  # the nut's own part of it
     nut_sigma_m_per_n: float
 
     @property
     def knows_stiffness(self) -> bool:
-        """True if commissioning saw the stretch between two encoders."""
+        """Return whether commissioning saw the stretch between two encoders."""
         return bool(np.isfinite(self.compliance_m_per_n).all())
 
     def told(self, estimate: PreloadEstimate) -> Stroke:
@@ -103,16 +93,9 @@ def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | No
     if known is None or fresh is None or machine.axis.stroke_m is None:
         return None
     position_m = np.linspace(0.0, machine.axis.stroke_m, places)
-    compliance, tolerance, nut, nut_sigma = _series(machine, known.transmission, position_m)
-    return StrokeProfile(
-        position_m=position_m,
-        fresh_percent=fresh,
-        preload_share=preload_share(known.stroke_map, position_m / machine.axis.stroke_m),
-        compliance_m_per_n=compliance,
-        compliance_tolerance=tolerance,
-        nut_m_per_n=nut,
-        nut_sigma_m_per_n=nut_sigma,
-    )
+    share = preload_share(known.stroke_map, position_m / machine.axis.stroke_m)
+    series = _series(machine, known.transmission, position_m)
+    return StrokeProfile(position_m, fresh, share, *series)
 
 
 def preload_share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...estimate.imm.mode_weighting import causal_moving_average, weighted_level
+from ...estimate.imm.modes import causal_moving_average, weighted_level
 from ...messages.samples import Floats
 from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
 from .simulation import (

@@ -11,8 +11,13 @@ from typing import Literal
 import numpy as np
 
 from ...estimate.imm.bank import KALMAN, BankOutput, BankStart, LinearStep, run_bank
-from ...estimate.imm.mode_transition import LEVELS_PERCENT, scaled_mode_transition
-from ...estimate.imm.mode_weighting import PUBLISHED_EXPONENT, causal_moving_average, weighted_level
+from ...estimate.imm.modes import (
+    LEVELS_PERCENT,
+    PUBLISHED_EXPONENT,
+    causal_moving_average,
+    scaled_mode_transition,
+    weighted_level,
+)
 from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.screw.ball_screw import transmission_ratio

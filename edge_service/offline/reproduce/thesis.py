@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...atomic import replaced_file
-from ...estimate.imm.mode_weighting import (
+from ...estimate.imm.modes import (
     PUBLISHED_EXPONENT,
     centred_moving_average,
     weighted_level,

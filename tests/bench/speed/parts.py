@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from scipy.integrate import solve_ivp
 
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
-from edge_service.estimate.imm.bank import CompiledBank, FilterBank, run_bank
+from edge_service.estimate.imm.bank import CompiledBank, run_bank
 from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.health.store.history import CHUNKS_S, HOUR_S, History, put_chunk
 from edge_service.health.store.rows import (
@@ -117,7 +117,7 @@ def bank_us(repeats: int) -> tuple[float, float, float]:
     step, drives, start = bank_inputs(ThesisCase(1, step_s=1e-3), run)
     measurements = run.measurement
 
-    def one_by_one(bank: FilterBank, steps: int) -> float:
+    def one_by_one(bank: CompiledBank | FilterpyBank, steps: int) -> float:
         inputs = [(replace(step, drive=drives[k]), measurements[k]) for k in range(steps)]
 
         def work() -> None:

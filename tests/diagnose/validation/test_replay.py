@@ -20,7 +20,7 @@ from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import active_effect, effects, get_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.closed_loop import Sensors
 
 from ..conftest import frame_of, recorded, session_of
 from ..test_diagnosis import diagnosed

@@ -128,14 +128,3 @@ def test_a_loss_that_happens_at_a_stop_is_not_taken_for_grease(seed: int, stop_s
     value, _, high = axis.moved(10 + seed, 5.0, Truth(percent=0.5 * FRESH), stop_s).said().preload
     assert value < 0.7 * FRESH
     assert high < 0.8 * FRESH
-
-
-@pytest.mark.parametrize("wind_up", [0.0, 0.15, 0.3])
-@pytest.mark.parametrize("percent", [0.6 * FRESH, FRESH])
-def test_a_screw_that_winds_up_is_read_as_one_that_does_not(wind_up: float, percent: float) -> None:
-    """No healthy axis shows how far the nut's drag winds up the screw."""
-    truth = Truth(percent=percent, wind_up=wind_up, nut=-0.2, bearing=-0.2, guide=-0.2)
-    axis = Axis(one_encoder=False).moved(3, 180.0, truth)
-    value, low, high = axis.said().preload
-    assert low <= percent <= high
-    assert value == pytest.approx(percent, abs=0.15 * FRESH)

@@ -8,15 +8,12 @@ import pytest
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.estimate.commissioning.identification import commissioned
-from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import TABLE_POSITION, TABLE_SPEED, TIME, SampleFrame
+from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-from ... import foreign_plant as plant
-from ...bench.estimator.plants.foreign import nominal_machine
 from .production import AXIS, FRESH, held, numbers, run
 
 KNOWN_LIMIT = "most of a preload that was lost before the first sample, at 50 samples/s"
@@ -37,14 +34,6 @@ def thinned(frames: Iterator[SampleFrame], every: int, of: Machine) -> list[Feat
 def own(percent: float, seed: int, every: int) -> list[FeatureBlock]:
     frames = AXIS.frames("production", np.full(90_000, percent), seed)
     return thinned(frames, every, AXIS.nominal())
-
-
-def foreign(case: object, every: int, one_encoder: bool) -> list[FeatureBlock]:
-    columns = dict(plant.simulate(case).columns)
-    time_s = columns.pop(TIME)
-    if one_encoder:
-        del columns[TABLE_POSITION], columns[TABLE_SPEED]
-    return thinned(iter([SampleFrame(time_s, columns)]), every, nominal_machine())
 
 
 @cache
@@ -90,19 +79,3 @@ def test_an_axis_commissioned_from_slow_samples_is_read_from_them(every: int, sh
     late = answers[answers[:, 0] > 20.0]
     assert len(late) > 500
     assert held(late, percent) > 0.95
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("one_encoder", [False, True], ids=["two encoders", "one encoder"])
-def test_a_plant_of_others_is_read_from_slow_samples(one_encoder: bool) -> None:
-    try:
-        case = plant.commissioning_case(axis_seed=7501)
-        of = commissioned([foreign(case, 10, one_encoder)], nominal_machine())
-    except CommissioningError as error:
-        pytest.fail(f"not commissioned: {error}")
-    case = plant.axis_case(axis_seed=7501, seed=1, duration_s=60.0)
-    truth = plant.Machine().preload_percent
-    answers = numbers(run(foreign(case, 10, one_encoder), MixturePreloadEstimator(of)))
-    late = answers[answers[:, 0] > 20.0]
-    assert len(late) > 300
-    assert held(late, truth) > 0.9

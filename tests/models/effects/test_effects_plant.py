@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats, SampleFrame
@@ -14,7 +13,7 @@ from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move, Setpoints
-from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.closed_loop import Sensors
 from edge_service.models.plant.tables import find_friction, misreading, nut_shift
 from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,
@@ -59,51 +58,6 @@ def follow(settings: FeedDriveSettings, *segments: Move | Dwell) -> SampleFrame:
 
 def difference(frame: SampleFrame, ratio: float) -> Floats:
     return frame.channels[channels.TABLE_POSITION] - ratio * frame.channels[channels.ANGLE]
-
-
-def smooth_reference(plant: Plant, torque_nm: float, end_s: float) -> Floats:
-    """The equations with ripple, churning, wobble and load by an adaptive integrator, (4,)."""
-    ratio, d1 = plant.ratio_m_per_rad, plant.motor_viscous_nm_s_per_rad / plant.ratio_m_per_rad**2
-    stiffness = 1.0 / axial_compliance(plant, START_M, PERCENT)
-
-    def rate(_t: float, s: Floats) -> list[float]:
-        x1, v1, x2, v2 = s
-        angle = x1 / ratio
-        shift = 2e-5 * math.sin(angle) + 1e-4 * x1
-        gear = 1.0 + 2e-5 * math.cos(angle) / ratio + 1e-4
-        spring = stiffness * (x1 + shift - x2 - shift_zero)
-        spring += plant.damping_n_s_per_m * (gear * v1 - v2)
-        resisting_nm = 0.1 * math.sin(6.0 * angle + 0.5) + 1e-4 * (v1 / ratio) * abs(v1 / ratio)
-        a1 = (torque_nm - resisting_nm) / ratio - gear * spring - d1 * v1
-        return [v1, a1 / plant.motor_mass_kg, v2, (spring - 0.2 / ratio) / plant.table_mass_kg]
-
-    shift_zero = 2e-5 * math.sin(START_M / ratio) + 1e-4 * START_M
-    start = [START_M, 0.1, START_M, 0.1]
-    solution = solve_ivp(rate, (0.0, end_s), start, method="DOP853", rtol=1e-10, atol=1e-13)
-    return np.asarray(solution.y[:, -1])
-
-
-def test_smooth_effects_agree_with_an_independent_integrator(plant: Plant) -> None:
-    busy = with_effects(
-        plant,
-        "torque_ripple:amplitude_nm=0.1,order=6,phase_rad=0.5",
-        "quadratic_friction:coefficient_nm_s2_per_rad2=1e-4",
-        "lead_error:amplitude_m=2e-5,pitch_error=1e-4",
-    )
-    shift_m, _ = nut_shift(busy.tables, START_M, busy.ratio_m_per_rad)
-    busy = busy._replace(stretch_zero_m=-shift_m)
-    expected = smooth_reference(plant, 1.0, 0.05)
-    errors_m = []
-    for substeps in (16, 64, 256):
-        state = moving(0.1)
-        load_n = -0.2 / busy.ratio_m_per_rad
-        load = Load(1.0, load_n, 0.0, axial_compliance(busy, START_M, PERCENT))
-        for _ in range(50):
-            advance_plant(busy, state, load, 1e-3, substeps)
-        errors_m.append(np.max(np.abs(state[:4] - expected) * [1.0, 1e-3, 1.0, 1e-3]))
-    assert errors_m[0] < 1e-6
-    assert errors_m[2] < errors_m[0] / 10.0
-    assert abs(expected[0] - START_M) > 5e-3
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from edge_service.models.effects.signature import torque_signature, transmission
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import Dwell, Move, Setpoints
-from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.closed_loop import Sensors
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))
 HOME_M, RATE_HZ = 0.2, 1000.0

@@ -1,6 +1,5 @@
 """Every named motion: what it promises, and that it keeps to the axis."""
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -191,16 +190,6 @@ def test_friction_turns_the_screw_whole_times_at_each_speed_of_table_5_1_both_wa
     assert found >= {sign * each for each in TABLE_5_1_MM_PER_MIN for sign in (1.0, -1.0)}
 
 
-def test_signature_turns_at_least_twenty_times_at_each_speed() -> None:
-    turns = [
-        (round(each.speed_m_s * 3000.0), each.speed_m_s * (each.phases_s[2] - 0.1) / 0.02)
-        for each in plan_of("signature").segments
-        if isinstance(each, Move) and abs(each.distance_m) > 0.4
-    ]
-    assert [rpm for rpm, _ in turns] == [120, 120, 300, 300, 600, 600]
-    assert all(n == pytest.approx(round(n), abs=1e-6) and n >= 20 for _, n in turns)
-
-
 def test_reversals_are_of_the_stated_sizes_at_three_positions_from_either_side() -> None:
     steps = [
         (round(start_m, 9), round(each.distance_m * 1e6))
@@ -219,16 +208,6 @@ def test_reversals_are_of_the_stated_sizes_at_three_positions_from_either_side()
         )
     ]
     assert steps == expected
-
-
-def test_standstill_rests_two_seconds_at_one_place_after_either_approach() -> None:
-    rests = []
-    listed = list(with_starts(plan_of("standstill"), BENCH))
-    for (_, before), (start_m, each) in itertools.pairwise(listed):
-        if isinstance(each, Dwell):
-            rests.append((round(start_m, 9), math.copysign(1.0, before.distance_m)))
-            assert each.duration_s == 2.0
-    assert rests == [(s, way) for s in (0.16, 0.4, 0.64) for way in (1.0, -1.0)]
 
 
 def test_acceleration_is_held_all_along_the_stroke_at_three_levels_both_ways() -> None:

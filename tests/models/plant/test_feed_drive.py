@@ -12,7 +12,7 @@ from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Dwell, Move, Setpoints, motion_limits
-from edge_service.models.plant.encoders import Sensors
+from edge_service.models.plant.closed_loop import Sensors
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance
 

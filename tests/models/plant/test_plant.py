@@ -199,18 +199,6 @@ def test_resonance_lies_where_the_two_masses_and_the_spring_put_it(plant: Plant)
     assert decay_per_s == pytest.approx(damping * natural_rad_s, rel=0.01)
 
 
-def test_stribeck_excess_falls_by_e_at_its_speed(plant: Plant) -> None:
-    plant = plant._replace(bearing_drag_nm=0.05)
-    plant = with_effects(plant, "stribeck:excess_nm=0.2,speed_rad_s=2.0")
-    load, level = Load(0.0, 0.0, 0.146, compliance(plant)), 0.146 + 0.05
-    for speed_rad_s, excess in ((0.0, 0.2), (2.0, 0.2 / math.e), (-2.0, 0.2 / math.e)):
-        speed_m_s = speed_rad_s * plant.ratio_m_per_rad
-        drag, _, _, _ = resistance(plant, load, START_M, speed_m_s, 0.0)
-        expected_n = (level + excess) / plant.ratio_m_per_rad
-        assert drag.forward_n == pytest.approx(expected_n, rel=1e-5)
-        assert drag.backward_n == pytest.approx(expected_n, rel=1e-5)
-
-
 def test_parts_of_the_friction_never_make_it_push(plant: Plant) -> None:
     plant = with_effects(plant, "once_per_rev_friction:amplitude_nm=1.0")
     load = Load(0.0, 0.0, 0.146, compliance(plant))

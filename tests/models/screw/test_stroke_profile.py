@@ -75,22 +75,6 @@ def test_what_is_not_known_of_the_nut_widens_the_bounds_away_from_the_fresh_prel
     assert worn_high[1] - worn_low[1] == pytest.approx(expected, rel=0.2)
 
 
-def test_bounds_of_the_preload_are_bounds_of_the_stiffness() -> None:
-    profile = stroke_profile(machine(), places=5)
-    assert profile is not None
-    value, low, high = profile.stiffness(3.0, 2.0, 4.0)
-    assert np.all((low < value) & (value < high))
-    at_most = profile.stiffness(4.0, 4.0, 4.0)[0]
-    assert high[1] == pytest.approx(at_most[1], rel=0.02)
-
-
-def test_without_preload_the_stiffness_stays_finite() -> None:
-    profile = stroke_profile(machine(nut_sigma=0.15))
-    assert profile is not None
-    for band in profile.stiffness(0.0, 0.0, 0.3):
-        assert np.all(np.isfinite(band) & (band > 0.0))
-
-
 @pytest.mark.parametrize("lacking", [{"linear": False}, {"mass": False}])
 def test_without_linear_encoder_or_mass_there_is_preload_but_no_stiffness(
     lacking: dict[str, bool],
