@@ -4,7 +4,7 @@ import io
 import json
 import math
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -188,7 +188,7 @@ class EdgeStream:
         self._order = Order()
         self._header: Any = None
         self._live: LiveRows | None = None
-        self._ended = {"lost_samples": 0, "gaps": 0, "ragged_rows": 0, "restarts": 0}
+        self._ended = Counter[str](lost_samples=0, gaps=0, ragged_rows=0, restarts=0)
         self._shift_s, self._newest_s = 0.0, -np.inf
         self._delivered = 0
         self.channels: tuple[str, ...] = ()
@@ -269,17 +269,14 @@ class EdgeStream:
         self._delivered += len(frame)
         return SampleFrame(time_s, frame.channels, quality)
 
-    def _sums(self) -> dict[str, int]:
+    def _sums(self) -> Counter[str]:
         """Counts of all captures."""
-        if self._live is None:
-            return self._ended
-        clock, ended = self._live.clock, self._ended
-        return {
-            "lost_samples": ended["lost_samples"] + round(clock.lost),
-            "gaps": ended["gaps"] + clock.gaps,
-            "ragged_rows": ended["ragged_rows"] + self._live.rows.ragged_rows,
-            "restarts": ended["restarts"] + clock.restarts,
-        }
+        sums = self._ended.copy()
+        if self._live is not None:
+            clock, ragged_rows = self._live.clock, self._live.rows.ragged_rows
+            sums.update(lost_samples=round(clock.lost), gaps=clock.gaps)
+            sums.update(ragged_rows=ragged_rows, restarts=clock.restarts)
+        return sums
 
 
 def _signals(header: Any) -> Any:

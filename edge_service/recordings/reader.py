@@ -1,5 +1,6 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -80,12 +81,8 @@ class TraceReader:
         self._has_number: set[str] = set()
         names = dict.fromkeys(name for column in columns.values() for name in column.names)
         self.ignored = tuple(name for name in source.names if name and name not in names)
-        self._needed = {
-            each
-            for name, column in columns.items()
-            if name == TIME or name in CHANNELS
-            for each in column.names
-        }
+        needed = [column.names for name, column in columns.items() if name in (TIME, *CHANNELS)]
+        self._needed = set(itertools.chain.from_iterable(needed))
         self._directions = {
             channel: DirectionSign() for channel, column in columns.items() if column.direction
         }
@@ -120,10 +117,13 @@ class TraceReader:
                 self._check_whole()
                 raise StopIteration
             self._note_text(block)
-            frame = self._frame(block)
-            if len(frame):
-                self.rows_read += len(frame)
-                return frame
+            time_s = self._values(TIME, block)
+            channels = {name: self._values(name, block) for name in self.channels}
+            timed = ~np.isnan(time_s)
+            if timed.any():
+                self.rows_read += int(np.count_nonzero(timed))
+                kept = {name: values[timed] for name, values in channels.items()}
+                return SampleFrame(time_s[timed], kept)
 
     def close(self) -> None:
         """Close the file; safe twice."""
@@ -140,17 +140,8 @@ class TraceReader:
     ) -> None:
         self.close()
 
-    def _frame(self, block: Block) -> SampleFrame:
-        """Channels in SI units for the rows that have a time."""
-        time_s = self._values(TIME, block)
-        channels = {name: self._values(name, block) for name in self.channels}
-        timed = ~np.isnan(time_s)
-        if not timed.all():
-            time_s = time_s[timed]
-            channels = {name: values[timed] for name, values in channels.items()}
-        return SampleFrame(time_s, channels)
-
     def _values(self, channel: str, block: Block) -> Floats:
+        """A channel in SI units."""
         column = self._columns[channel]
         is_row_number = column.column == ROW_NUMBER
         values = block.row_number if is_row_number else block.values[column.column]
@@ -196,8 +187,7 @@ class TraceReader:
         raise TraceError(f"{self.path}: {problem}; expected rows of numbers")
 
     def _no_number(self, name: str, text: Text) -> TraceError:
-        said = f"column {name!r} holds {text.first!r} and no number at all"
-        return TraceError(f"{self.path}: {said}")
+        return TraceError(f"{self.path}: column {name!r} holds {text.first!r} and no number at all")
 
 
 def open_trace(

@@ -23,14 +23,13 @@ _SEQUENCE_NUMBERS = 1 << 32
 
 
 class TraceWriter:
-    """Writes frames to a file that takes the place of `path` with `commit`.
+    """Writes frames to a file that takes the place of `path` at the end, if there is no exception.
 
-    As a context manager it commits on success and aborts on an exception. Numbers are written
-    with all their digits, what is not finite as missing. A channel that a frame lacks is missing
-    in its rows.
+    Numbers are written with all their digits, what is not finite as missing. A channel that a frame
+    lacks is missing in its rows.
 
     Args:
-        path: the file to write, .csv, .parquet or .mcap; one that exists is replaced by `commit`.
+        path: the file to write, .csv, .parquet or .mcap; one that exists is replaced.
         channels: the channels to write beside `time_s`, in this order.
 
     Raises:
@@ -43,8 +42,6 @@ class TraceWriter:
         self.rows_written = 0
         self._pending: list[SampleFrame] = []
         self._pending_rows = 0
-        self._file: BinaryIO | None = None
-        self._sink: Any = None
         self._place = contextlib.ExitStack()
         suffix = path.suffix.lower()
         if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
@@ -53,19 +50,17 @@ class TraceWriter:
             )
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
+        self._sink: Any = None
         with self._one_line_errors():
-            self._file = self._place.enter_context(replaced_bytes(path))
-            self._sink = _open_sink(suffix, self._file, (TIME, *self.channels))
+            file = self._place.enter_context(replaced_bytes(path))
+            self._sink = _open_sink(suffix, file, (TIME, *self.channels))
 
     def write(self, frame: SampleFrame) -> None:
         """Add the rows of a frame.
 
         Raises:
-            TraceError: the frame holds a channel that the header lacks, the file is finished, or
-                the disk is full.
+            TraceError: the frame holds a channel that the header lacks, or the disk is full.
         """
-        if self._file is None:
-            raise TraceError(f"{self.path}: already finished; no more rows can be written")
         for name in frame.channels:
             if name not in self.channels:
                 raise TraceError(
@@ -79,27 +74,6 @@ class TraceWriter:
             with self._one_line_errors():
                 self._flush()
 
-    def commit(self) -> None:
-        """Finish the file and put it in place of `path` in one step. Raises TraceError."""
-        if self._file is None:
-            return
-        with self._one_line_errors():
-            self._flush()
-            self._sink.close()
-            self._place.close()
-            self._file = None
-
-    def abort(self) -> None:
-        """Remove what was written; safe twice, and without effect after `commit`."""
-        if self._file is None:
-            return
-        self._file = None
-        with contextlib.suppress(OSError):
-            if self._sink is not None:
-                self._sink.close()
-        with contextlib.suppress(OSError):
-            self._place.__exit__(TraceError, TraceError("aborted"), None)
-
     def __enter__(self) -> Self:
         return self
 
@@ -109,10 +83,22 @@ class TraceWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if kind is None:
-            self.commit()
-        else:
-            self.abort()
+        if kind is not None:
+            self._abort()
+            return
+        with self._one_line_errors():
+            self._flush()
+            self._sink.close()
+            self._place.close()
+
+    def _abort(self) -> None:
+        """Remove what was written; safe twice."""
+        sink, self._sink = self._sink, None
+        with contextlib.suppress(OSError):
+            if sink is not None:
+                sink.close()
+        with contextlib.suppress(OSError):
+            self._place.__exit__(TraceError, TraceError("aborted"), None)
 
     def _flush(self) -> None:
         import pyarrow as pa
@@ -136,13 +122,12 @@ class TraceWriter:
     def _one_line_errors(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
-            self.abort()
+        except (OSError, TraceError) as error:
+            self._abort()
+            if isinstance(error, TraceError):
+                raise TraceError(f"{self.path}: {error}") from None
             reason = error.strerror or error
             raise TraceError(f"{self.path}: cannot be written ({reason})") from None
-        except TraceError as error:
-            self.abort()
-            raise TraceError(f"{self.path}: {error}") from None
 
 
 def _open_sink(suffix: str, file: BinaryIO, names: Sequence[str]) -> Any:

@@ -69,15 +69,12 @@ def test_missing_values_and_channels_are_empty(tmp_path: Path, suffix: str) -> N
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_nothing_stands_in_place_before_commit(tmp_path: Path, suffix: str) -> None:
+def test_nothing_stands_in_place_before_the_end(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"trace{suffix}"
     path.write_text("what was there before")
-    writer = TraceWriter(path, [TORQUE, ANGLE])
-    writer.write(_frame(70_000))
-    assert path.read_text() == "what was there before"
-    writer.commit()
-    writer.commit()
-    writer.abort()
+    with TraceWriter(path, [TORQUE, ANGLE]) as writer:
+        writer.write(_frame(70_000))
+        assert path.read_text() == "what was there before"
     assert len(read_trace(path)) == 70_000
     assert list(tmp_path.iterdir()) == [path]
 
@@ -88,7 +85,6 @@ def test_an_exception_leaves_nothing_behind(tmp_path: Path, suffix: str) -> None
     with pytest.raises(ZeroDivisionError), TraceWriter(path, [TORQUE, ANGLE]) as writer:
         writer.write(_frame(70_000))
         raise ZeroDivisionError
-    writer.abort()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -118,8 +114,10 @@ def test_a_full_disk_is_reported_in_one_line(
     def refuse(_table: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    writer = TraceWriter(tmp_path / "trace.csv", [TORQUE, ANGLE])
-    monkeypatch.setattr(writer, "_sink", SimpleNamespace(write_table=refuse, close=list))
-    with pytest.raises(TraceError, match="No space left"):
+    with (
+        pytest.raises(TraceError, match="No space left"),
+        TraceWriter(tmp_path / "trace.csv", [TORQUE, ANGLE]) as writer,
+    ):
+        monkeypatch.setattr(writer, "_sink", SimpleNamespace(write_table=refuse, close=list))
         writer.write(_frame(70_000))
     assert list(tmp_path.iterdir()) == []

@@ -26,7 +26,7 @@ class JsonError(Exception):
 
 
 class JsonText:
-    """Values of a JSON text one by one, in bounded memory. Every method raises JsonError."""
+    """Values of a JSON text one by one, in bounded memory."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -36,35 +36,35 @@ class JsonText:
         self._json = json.JSONDecoder()
 
     def elements(self, name: str, members: dict[str, Any]) -> Iterator[Any]:
-        """Elements of the list `name` of the outermost object; `members` takes those before it."""
-        self.expect("{")
-        while self.peek() != "}":
-            key = self.value()
-            self.expect(":")
-            if key == name and self.peek() == "[":
+        """Elements of the list `name` of the outermost object; `members` takes those before it.
+
+        Raises JsonError.
+        """
+        self._expect("{")
+        while self._peek() != "}":
+            key = self._value()
+            self._expect(":")
+            if key == name and self._peek() == "[":
                 break
             if not isinstance(key, str) or len(members) > 100:
                 raise JsonError(f"no list {name!r}")
-            members[key] = self.value()
-            if self.peek() == ",":
-                self.expect(",")
+            members[key] = self._value()
+            if self._peek() == ",":
+                self._expect(",")
         else:
             raise JsonError(f"no list {name!r}")
-        self.expect("[")
-        if self.peek() == "]":
-            return
-        yield self.value()
-        while self.peek() != "]":
-            self.expect(",")
-            yield self.value()
+        self._expect("[")
+        while self._peek() != "]":
+            yield self._value()
+            if self._peek() != "]":
+                self._expect(",")
 
-    def expect(self, mark: str) -> None:
-        """Pass a mark."""
-        if self.peek() != mark:
+    def _expect(self, mark: str) -> None:
+        if self._peek() != mark:
             raise self._damaged(f"no {mark!r}")
         self._position += 1
 
-    def peek(self) -> str:
+    def _peek(self) -> str:
         """The next character that is no space; empty at the end."""
         while True:
             while self._position < len(self._text) and self._text[self._position] in _SPACE:
@@ -74,9 +74,8 @@ class JsonText:
             if not self._more(CHUNK_BYTES):
                 return ""
 
-    def value(self) -> Any:
-        """The next value."""
-        self.peek()
+    def _value(self) -> Any:
+        self._peek()
         while True:
             try:
                 value, end = self._json.raw_decode(self._text, self._position)
