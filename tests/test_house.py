@@ -159,7 +159,7 @@ MOST_LINES = {
     "config": 656,
     "diagnose": 5058,
     "downsample": 1245,
-    "drivers": 3811,
+    "drivers": 3808,
     "estimate": 5246,
     "fingerprint": 2963,
     "health": 4912,
@@ -169,10 +169,10 @@ MOST_LINES = {
     "nodes": 2966,
     "offline": 5834,
     "outputs": 1883,
-    "recordings": 3401,
+    "recordings": 3375,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 48327,
+    "tests": 48325,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 390
