@@ -115,12 +115,12 @@ def _answer(
     if mechanics is not None:
         lines.append(f"found, from {mechanics.seconds:.3g} s of motion (95 %):")
         for name, each in mechanics.named().items():
-            value, low, high = (each.value, each.low, each.high) if each.determined else [None] * 3
-            numbers = {"value": value, "low": low, "high": high, "unit": each.unit}
-            found.append({"name": name} | numbers)
+            numbers: dict[str, float | None] = dict.fromkeys(("value", "low", "high"))
             said = "not determined"
             if each.determined:
-                said = f"{value:.4g} {each.unit} ({low:.3g} to {high:.3g})"
+                numbers = {"value": each.value, "low": each.low, "high": each.high}
+                said = f"{each.value:.4g} {each.unit} ({each.low:.3g} to {each.high:.3g})"
+            found.append({"name": name} | numbers | {"unit": each.unit})
             lines.append(f"  {name}: {said}")
     doubts = [each for each in findings or () if each.is_doubtful]
     if findings is None:

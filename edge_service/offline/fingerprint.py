@@ -91,7 +91,9 @@ def fingerprint(
         axis = measured.axis or tunings[0].stem
     if baseline is not None and baseline.machine != axis:
         raise FingerprintError(f"{baseline_file}: of axis {baseline.machine}, expected axis {axis}")
-    found, days, modes = AxisFingerprint(axis, (), {}), None, None
+    found = AxisFingerprint(axis, (), {})
+    days: DriftReport | None = None
+    modes: list[Mode] | None = None
     if machine is not None:
         found, days = _tested(machine, recorded, baseline, by, progress)
     if measured is not None:

@@ -117,7 +117,8 @@ class _Axis:
     def __init__(self, machine: Machine, settings: SimulationSettings) -> None:
         self._settings = settings
         self._preload_percent = _preload_percent(machine, settings.preload_percent)
-        self._load_kg, self._force, names = 0.0, np.zeros((2, 1)), []
+        self._load_kg, self._force = 0.0, np.zeros((2, 1))
+        names = []
         for text in settings.effects:
             if text.startswith("payload:"):
                 self._load_kg += _load_kg(text)
@@ -165,6 +166,7 @@ class _Axis:
     ) -> None:
         """Run a motion; `first` rows were recorded before."""
         rate_hz, count = self._settings.rate_hz, commanded.count
+        force_s, force_n = self._force
         block = round(_BLOCK_S * rate_hz)
         for done in range(0, count, block):
             rows = min(block, count - done)
@@ -172,7 +174,7 @@ class _Axis:
             frame = self._drive.advance(
                 commanded.setpoints.take(rows),
                 np.full(rows, self._preload_percent),
-                external_force_n=np.interp(time_s, *self._force, left=0.0, right=0.0),
+                external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
                 added_mass_kg=np.full(rows, self._load_kg),
             )
             writer.write(frame)

@@ -47,18 +47,18 @@ def drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
     torques = {"torque command u": first.torque_nm, "net torque û": first.net_torque_nm}
     drops = {f"{DROP_STEPS} steps": quick, f"{window} steps": estimates[4]}
     sliders = {"KF-IMM": estimates[5], "SIF-IMM": slid}
-    drawn: list[tuple[str, Mapping[str, Floats], Floats | None, str]] = [
-        ("4.3", torques, None, "N m"),
-        ("4.4", dict(zip(levels, modes[1].T, strict=True)), None, _PROBABILITY),
-        ("4.5", dict(zip(levels, smooth.T, strict=True)), None, _PROBABILITY),
-        ("4.6", by_exponent, truth[1], _PRELOAD),
-        ("4.7", {"estimate": estimates[2]}, truth[2], _PRELOAD),
-        ("4.8", {"estimate": estimates[3]}, truth[3], _PRELOAD),
-        ("4.9", drops, truth[4], _PRELOAD),
-        ("4.10", sliders, truth[5], _PRELOAD),
-    ]
+    drawn: dict[str, tuple[Mapping[str, Floats], Floats | None, str]] = {
+        "4.3": (torques, None, "N m"),
+        "4.4": (dict(zip(levels, modes[1].T, strict=True)), None, _PROBABILITY),
+        "4.5": (dict(zip(levels, smooth.T, strict=True)), None, _PROBABILITY),
+        "4.6": (by_exponent, truth[1], _PRELOAD),
+        "4.7": ({"estimate": estimates[2]}, truth[2], _PRELOAD),
+        "4.8": ({"estimate": estimates[3]}, truth[3], _PRELOAD),
+        "4.9": (drops, truth[4], _PRELOAD),
+        "4.10": (sliders, truth[5], _PRELOAD),
+    }
     return {
-        "svg": {number: _svg(first.time_s, *content) for number, *content in drawn},
+        "svg": {number: _svg(first.time_s, *content) for number, content in drawn.items()},
         "right_share": {
             "4.4": _right_share(modes[1], truth[1]),
             "4.5": _right_share(smooth, truth[1]),

@@ -7,7 +7,7 @@ lacks, in the order in which it matters; what it names is put into the model, an
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,7 +116,7 @@ def solve(seed: int = SEED, progress: Progress = silent) -> Puzzle:
         verdicts.append(found.verdict.value)
         for effect in sorted(found.effects, key=lambda each: -each.shrink.estimate):
             for values in effect.entries:
-                machine = _with_effect(machine, effect.name, dict(values))
+                machine = _with_effect(machine, effect.name, values)
             steps.append(Step(effect.name, gap_of(machine, frames)))
         if not found.effects:
             break
@@ -148,21 +148,25 @@ def recorded(bench: Machine, seed: int = SEED) -> list[SampleFrame]:
 
 
 def linear_model(bench: Machine, frames: Sequence[SampleFrame]) -> Machine:
-    """Inertia and viscous friction of the bench, one spring, no dry friction."""
+    """Inertia and viscous friction of the bench, no dry friction, the one spring that fits best."""
     model = bench.model.model_copy(update={"preload_drag_nm": Quantity(value=0.0)})
     linear = bench.model_copy(update={"model": model})
-    return _with_effect(linear, "compliance", {"level_m_per_n": _spring(linear, frames)})
+    session, effect = session_of(linear, frames), get_effect("compliance")
+    unit = effect.complete({"level_m_per_n": _UNIT_M_PER_N})
+    column = session.column(
+        TRANSMISSION_GAP,
+        lambda motion: transmission_signature(effect, unit, motion, session.baseline),
+    )
+    gap = session.channels[TRANSMISSION_GAP].gap
+    spring = _UNIT_M_PER_N * float(column @ gap / (column @ column))
+    return _with_effect(linear, "compliance", {"level_m_per_n": spring})
 
 
 def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
     """The linear model with the inertia and the viscous friction that fit best: least squares."""
     session = session_of(linear, frames)
-    columns = np.column_stack(
-        [
-            session.column(TORQUE_GAP, lambda motion: motion.acceleration_rad_s2),
-            session.column(TORQUE_GAP, lambda motion: motion.speed_rad_s),
-        ]
-    )
+    terms = (lambda motion: motion.acceleration_rad_s2), (lambda motion: motion.speed_rad_s)
+    columns = np.column_stack([session.column(TORQUE_GAP, term) for term in terms])
     off = np.linalg.lstsq(columns, session.channels[TORQUE_GAP].gap, rcond=None)[0]
     better = {}
     for name, by in zip(("inertia_kg_m2", "viscous_nm_s_per_rad"), off, strict=True):
@@ -171,20 +175,7 @@ def fitted(linear: Machine, frames: Sequence[SampleFrame]) -> Machine:
     return linear.model_copy(update={"model": linear.model.model_copy(update=better)})
 
 
-def _spring(machine: Machine, frames: Sequence[SampleFrame]) -> float:
-    """Compliance that explains most of the stretch, m/N."""
-    session = session_of(machine, frames)
-    effect = get_effect("compliance")
-    unit = effect.complete({"level_m_per_n": _UNIT_M_PER_N})
-    column = session.column(
-        TRANSMISSION_GAP,
-        lambda motion: transmission_signature(effect, unit, motion, session.baseline),
-    )
-    gap = session.channels[TRANSMISSION_GAP].gap
-    return _UNIT_M_PER_N * float(column @ gap / (column @ column))
-
-
-def _with_effect(machine: Machine, name: str, values: dict[str, float]) -> Machine:
+def _with_effect(machine: Machine, name: str, values: Mapping[str, float]) -> Machine:
     parameters = {key: Quantity(value=float(value)) for key, value in values.items()}
     added = EffectConfig(name=name, parameters=parameters)
     return machine.model_copy(update={"effects": (*machine.effects, added)})
