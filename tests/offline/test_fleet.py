@@ -3,7 +3,6 @@
 import asyncio
 import base64
 import json
-import signal
 import subprocess
 import sys
 import threading
@@ -31,21 +30,6 @@ from edge_service.offline.fleet import Fleet, FleetWatch
 
 from ..documents import ROOT
 
-MACHINE = f"""
-[service]
-site = "hall"
-machine = "{{name}}"
-[bus]
-endpoint = "tcp/127.0.0.1:0"
-zenoh_file = "zenoh.json5"
-[http]
-port = 0
-[[axes]]
-name = "X"
-machine = "{ROOT / "deploy" / "commissioned.toml"}"
-driver = "simulated"
-settings = {{{{ scenario = "healthy" }}}}
-"""
 PATIENCE_S = 120.0
 LIMIT = Crossing(
     limit="fault", limit_percent=2.0, earliest_ns=10**18, likely_ns=10**18, latest_ns=None
@@ -81,21 +65,6 @@ def joining(folder: Path, endpoint: str) -> Path:
     return path
 
 
-@contextmanager
-def machine(folder: Path, name: str, endpoint: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """A simulated service in a process of its own that joins a router of the plant."""
-    folder = folder / name
-    folder.mkdir()
-    (folder / "edge.toml").write_text(MACHINE.format(name=name))
-    joining(folder, endpoint)
-    command = [sys.executable, "-m", "edge_service", "run", str(folder / "edge.toml")]
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 def until(watch: FleetWatch, holds: Callable[[Fleet], bool]) -> Fleet:
     """The first look that holds."""
     end = threading.Event()
@@ -123,27 +92,6 @@ async def until_heard(watch: FleetWatch, said: Callable[[], None], heard: dict[s
 
 def reasons(found: Fleet) -> dict[str, str]:
     return {f"{row.machine} {row.axis}": row.reason for row in found.axes}
-
-
-@pytest.mark.slow
-def test_a_plant_of_two_machines_of_which_one_is_killed(tmp_path: Path) -> None:
-    with (
-        router() as endpoint,
-        machine(tmp_path, "mill-1", endpoint),
-        machine(tmp_path, "mill-2", endpoint) as second,
-    ):
-        watch, both = FleetWatch([endpoint]), {"mill-1 X": "", "mill-2 X": ""}
-        assert all(row.limits for row in until(watch, lambda seen: reasons(seen) == both).axes)
-        late = FleetWatch([endpoint])
-        assert reasons(late.look()) == both
-        late.close()
-        second.send_signal(signal.SIGKILL)
-        second.wait()
-        gone = {"mill-1 X": "", "mill-2 X": "gone from the bus"}
-        killed = until(watch, lambda seen: reasons(seen) == gone).axes
-        (row,) = (each for each in killed if each.machine == "mill-2")
-        assert (row.condition, row.of_fresh) == (AxisCondition.UNAVAILABLE, None)
-        watch.close()
 
 
 def health_of(axis: str, condition: AxisCondition, percent: float | None) -> AxisHealth:

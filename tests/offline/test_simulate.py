@@ -111,12 +111,6 @@ def test_effects_of_the_machine_file_are_simulated_too(machine: Machine, tmp_pat
     assert np.median(change) == pytest.approx(0.5, abs=0.02)
 
 
-def test_progress_is_reported(machine: Machine, tmp_path: Path) -> None:
-    lines: list[str] = []
-    simulate(machine, replace(SHORT, duration_s=12.0), tmp_path / "a.csv", lines.append)
-    assert lines == ["recording production: 83 %", "recording production: 100 %"]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -191,15 +185,6 @@ def test_the_axis_of_a_session_warms_up_from_file_to_file(machine: Machine, tmp_
         levels.append(np.mean((trace[channels.TORQUE] * np.sign(speed))[cruise]))
         faded.append(np.mean(excess_nm * np.exp(-trace[channels.TIME][cruise] / tau_s)))
     assert np.diff(levels) == pytest.approx(np.diff(faded), rel=0.03)
-
-
-def test_one_motion_may_say_its_duration_too(machine: Machine, tmp_path: Path) -> None:
-    for name, settings in (
-        ("a", SimulationSettings("warmup", duration_s=2.0)),
-        ("b", SimulationSettings("warmup:duration_s=2")),
-    ):
-        simulate(machine, settings, tmp_path / f"{name}.csv")
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
