@@ -167,12 +167,12 @@ MOST_LINES = {
     "messages": 2069,
     "models": 5828,
     "nodes": 2966,
-    "offline": 5834,
+    "offline": 5829,
     "outputs": 1883,
     "recordings": 3375,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 48325,
+    "tests": 48258,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 390
