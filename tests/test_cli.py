@@ -2,11 +2,9 @@
 
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,173 +30,99 @@ def write(folder: Path, name: str, text: str) -> str:
     return str(path)
 
 
-def private(folder: Path, name: str, text: str) -> str:
-    """A file that its owner alone may read."""
-    path = write(folder, name, text)
-    Path(path).chmod(0o600)
-    return path
-
-
-KEPT = '[store]\nfolder = "state"\n[[axes]]\nname = "X"\n'
-AXIS = '[[axes]]\nname = "X"\n'
-TRACE = "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n"
-Case = Callable[[Path], list[str]]
-TWO_MOTIONS = ["simulate", "--motion", "standstill", "--motion", "standstill"]
-CASES: dict[str, tuple[Case, str]] = {
-    "one duration for two motions": (
-        lambda p: [*TWO_MOTIONS, "--duration", "9", "--out", str(p / "runs")],
-        "--duration: with several motions expected NAME:duration_s=SECONDS",
-    ),
-    "a method that is none": (
-        lambda p: ["estimate", write(p, "t.csv", TRACE), "--out", "o.csv", "--method", "kf"],
-        "--method: no estimator 'kf'; there are auto, ",
-    ),
-    "a data sheet that is none": (
-        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--screw", "20"],
-        "--screw '20': expected \"DIAMETERxLEAD C... P...\"",
-    ),
-    "a key that no machine file has": (
-        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--set", "leed_m=1"],
-        "--set leed_m=1: no key of a machine file; did you mean lead_m?",
-    ),
-    "a unit of something else": (
-        lambda p: ["adopt", write(p, "t.csv", TRACE), "--out", "m.toml", "--set", "lead_m=1kg"],
-        "--set lead_m=1kg: 'kg' is no unit of lead_m",
-    ),
-    "a motion without a name": (
-        lambda p: ["motion", "--out", str(p / "motions.csv")],
-        "motion: --out goes with the NAME of a motion",
-    ),
-    "missing configuration": (lambda p: ["check-config", str(p / "no.toml")], "no such file"),
-    "no toml": (lambda p: ["check-config", write(p, "a.toml", "x = = 1")], "is not valid TOML"),
-    "unknown key with a hint": (
-        lambda p: ["check-config", write(p, "a.toml", AXIS + "[http]\nprot = 1")],
-        "http.prot: unknown key; did you mean http.port?",
-    ),
-    "missing driver key": (
-        lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "modbus"')],
-        "a.toml: axes.X.settings.url: missing",
-    ),
-    "unknown driver": (
-        lambda p: ["check-config", write(p, "a.toml", AXIS + 'driver = "x"')],
-        "no driver 'x' is installed; there are",
-    ),
-    "unknown effect": (
-        lambda p: [
-            "check-config",
-            write(
-                p,
-                "a.toml",
-                AXIS + f'machine = "{write(p, "m.toml", MACHINE + EFFECT)}"',
-            ),
-        ],
-        "m.toml: effects: ",
-    ),
-    "output over its own input": (
-        lambda p: ["estimate", write(p, "t.csv", TRACE), "--out", str(p / "t.csv")],
-        "would overwrite its own input",
-    ),
-    "no axes": (lambda p: ["check-config", write(p, "a.toml", "axes = []")], "axes:"),
-    "public http address": (
-        lambda p: ["check-config", write(p, "a.toml", AXIS + '[http]\nhost = "0.0.0.0"')],
-        "http: '0.0.0.0' is not a loopback address: it needs certificate and private_key",
-    ),
-    "a certificate without its key": (
-        lambda p: ["run", write(p, "a.toml", AXIS + '[http]\ncertificate = "c"')],
-        "http: private_key: missing; certificate and private_key are needed together",
-    ),
-    "a certificate that is none": (
-        lambda p: [
-            "run",
-            private(p, "a.toml", AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"'),
-        ],
-        "not in PEM format, or the key has a password",
-    ),
-    "a key that others may read": (
-        lambda p: [
-            "run",
-            write(p, "a.toml", AXIS + '[http]\ncertificate = "a.toml"\nprivate_key = "a.toml"'),
-        ],
-        "http.private_key: ",
-    ),
-    "tokens without a state folder": (
-        lambda p: ["token", write(p, "a.toml", AXIS)],
-        "store.folder: missing; tokens are kept in the state folder",
-    ),
-    "a token without a role": (
-        lambda p: ["token", write(p, "a.toml", KEPT), "--add", "kim"],
-        "expected --add NAME --role viewer|operator, or --revoke NAME",
-    ),
-    "a proxy without tokens": (
-        lambda p: ["check-config", write(p, "a.toml", KEPT + '[http]\nurl = "https://mill"')],
-        "http.url: beyond loopback a token is needed: edge-service token",
-    ),
-    "public bus address": (
-        lambda p: ["run", "--bus", "tcp/0.0.0.0:7447", write(p, "a.toml", AXIS)],
-        "tcp is for loopback addresses; state others in bus.zenoh_file",
-    ),
-    "a file of Zenoh that is not there": (
-        lambda p: ["run", write(p, "a.toml", AXIS + '[bus]\nzenoh_file = "z.json5"')],
-        "z.json5: No such file or directory",
-    ),
-    "wrong unit": (
-        lambda p: [
-            "check-config",
-            write(p, "a.toml", AXIS + f'machine = "{write(p, "m.toml", MACHINE_IN_MM)}"'),
-        ],
-        "axis.lead_m:",
-    ),
-    "missing trace": (
-        lambda p: ["estimate", str(p / "no.csv"), "--out", str(p / "out.csv")],
-        "no such file",
-    ),
-    "mapped column that is missing": (
-        lambda p: [
-            "estimate",
-            write(p, "t.csv", "t_s,q\n1,2\n"),
-            "--machine",
-            write(p, "m.toml", MACHINE + '[columns]\ntime_s = "t_s"\nmotor_angle_rad = "theta"'),
-            "--out",
-            str(p / "out.csv"),
-        ],
-        "theta",
-    ),
-    "replay of a missing trace": (
-        lambda p: ["replay", str(p / "no.csv"), "--port", "0"],
-        "no such file",
-    ),
-    "record without a service": (
-        lambda p: ["record", "--bus", "tcp/127.0.0.1:1", "--out", str(p / "out.csv")],
-        "no bus answers",
-    ),
-    "unknown command": (
-        lambda _: ["fingerprnt"],
-        "no command 'fingerprnt'; did you mean 'fingerprint'?",
-    ),
-    "missing option": (lambda p: ["estimate", write(p, "t.csv", TRACE)], "--out"),
-}
 MACHINE = "[axis]\nlead_m = 0.02\n[model]\ninertia_kg_m2 = 1e-3\n"
-EFFECT = '[[effects]]\nname = "nosuch"\n'
-MACHINE_IN_MM = "[axis]\nlead_m = 20.0\n[model]\ninertia_kg_m2 = 1e-3\n"
+FILES = {
+    "t.csv": "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n",
+    "foreign.csv": "t_s,q\n1,2\n",
+    "columns.toml": MACHINE + '[columns]\ntime_s = "t_s"\nmotor_angle_rad = "theta"',
+    "effect.toml": MACHINE + '[[effects]]\nname = "nosuch"\n',
+    "mm.toml": MACHINE.replace("0.02", "20.0"),
+    "no.toml": "x = = 1",
+}
+AXIS = '[[axes]]\nname = "X"\n'
+STORE, BOTH = "[store]\nfolder = 'state'\n", "certificate = 'a.toml'\nprivate_key = 'a.toml'"
+TWO_MOTIONS = "simulate --motion standstill --motion standstill --out runs"
+CASES = (
+    (TWO_MOTIONS + " --duration 9", "--duration: with several motions expected NAME:duration_s="),
+    ("estimate t.csv --out o.csv --method kf", "--method: no estimator 'kf'; there are auto, "),
+    ("adopt t.csv --out m.toml --screw 20", "--screw '20': expected \"DIAMETERxLEAD C... P...\""),
+    ("adopt t.csv --out m.toml --set leed_m=1", "no key of a machine file; did you mean lead_m?"),
+    ("adopt t.csv --out m.toml --set lead_m=1kg", "--set lead_m=1kg: 'kg' is no unit of lead_m"),
+    ("motion --out motions.csv", "motion: --out goes with the NAME of a motion"),
+    ("estimate t.csv --out t.csv", "would overwrite its own input"),
+    ("estimate nowhere.csv --out out.csv", "no such file"),
+    ("estimate foreign.csv --machine columns.toml --out out.csv", "theta"),
+    ("estimate t.csv", "--out"),
+    ("replay nowhere.csv --port 0", "no such file"),
+    ("record --bus tcp/127.0.0.1:1 --out out.csv", "no bus answers"),
+    ("fingerprnt", "no command 'fingerprnt'; did you mean 'fingerprint'?"),
+    ("check-config nowhere.toml", "no such file"),
+    ("check-config no.toml", "is not valid TOML"),
+)
+"""Words of a call, and what it complains of."""
+CONFIGURATIONS = (
+    ("check-config", "[http]\nprot = 1", "http.prot: unknown key; did you mean http.port?"),
+    ("check-config", AXIS + "driver = 'modbus'", "a.toml: axes.X.settings.url: missing"),
+    ("check-config", AXIS + "driver = 'x'", "no driver 'x' is installed; there are"),
+    ("check-config", AXIS + "machine = 'effect.toml'", "effect.toml: effects: "),
+    ("check-config", AXIS + "machine = 'mm.toml'", "axis.lead_m:"),
+    ("check-config", "axes = []", "axes:"),
+    (
+        "check-config",
+        "[http]\nhost = '0.0.0.0'",
+        "http: '0.0.0.0' is not a loopback address: it",
+    ),
+    ("check-config", STORE + "[http]\nurl = 'https://mill'", "beyond loopback a token is needed"),
+    ("run", "[http]\ncertificate = 'c'", "http: private_key: missing; certificate and private_key"),
+    ("run", "[http]\n" + BOTH, "http.certificate: a.toml"),
+    ("run", "[bus]\nzenoh_file = 'z.json5'", "z.json5: No such file or directory"),
+    ("run --bus tcp/0.0.0.0:7447", "", "tcp is for loopback addresses; state others in bus.zenoh"),
+    ("token", "", "store.folder: missing; tokens are kept in the state folder"),
+    ("token --add kim", STORE, "expected --add NAME --role viewer|operator, or --revoke NAME"),
+)
+"""Words of a call on a configuration, what stands there, and what it complains of."""
 
 
-@pytest.mark.parametrize("name", CASES)
+def complaint(words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """Complaint of a call, of the files in the present folder."""
+    for name, text in FILES.items():
+        Path(name).write_text(text)
+    assert main(words.split()) == 2
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    assert not Path("out.csv").exists()
+    assert not list(Path().glob(".*"))
+    return told
+
+
+@pytest.mark.parametrize(("words", "expected"), CASES)
 def test_a_mistake_is_one_line_and_status_2(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str,
+    expected: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    make, expected = CASES[name]
-    arguments = make(tmp_path)
-    status = main(arguments)
-    captured = capsys.readouterr()
-    lines = captured.err.strip().splitlines()
-    assert status == 2
-    complaint = next((line for line in lines if expected in line), lines[-1])
-    assert complaint.startswith("edge-service: ")
-    assert expected in complaint
-    assert "Traceback" not in captured.err
-    assert arguments[0] != "check-config" or re.search(r"\.toml: ", complaint)
-    assert not (tmp_path / "out.csv").exists()
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    monkeypatch.chdir(tmp_path)
+    (line,) = [line for line in complaint(words, capsys).splitlines() if expected in line]
+    assert line.startswith("edge-service: ")
+
+
+@pytest.mark.parametrize(("words", "text", "expected"), CONFIGURATIONS)
+def test_a_mistake_in_a_configuration_names_its_place(
+    words: str,
+    text: str,
+    expected: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").touch(0o600)
+    Path("a.toml").write_text(text if "axes" in text else f"{text}\n{AXIS}")
+    said = complaint(f"{words} a.toml", capsys)
+    assert expected in said
+    assert words != "check-config" or ".toml: " in said
 
 
 def test_a_port_in_use_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
