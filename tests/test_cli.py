@@ -74,7 +74,7 @@ CONFIGURATIONS = (
     ),
     ("check-config", STORE + "[http]\nurl = 'https://mill'", "beyond loopback a token is needed"),
     ("run", "[http]\ncertificate = 'c'", "http: private_key: missing; certificate and private_key"),
-    ("run", "[http]\n" + BOTH, "http.certificate: a.toml"),
+    ("run", "[http]\n" + BOTH, "not in PEM format, or the key has a password"),
     ("run", "[bus]\nzenoh_file = 'z.json5'", "z.json5: No such file or directory"),
     ("run --bus tcp/0.0.0.0:7447", "", "tcp is for loopback addresses; state others in bus.zenoh"),
     ("token", "", "store.folder: missing; tokens are kept in the state folder"),

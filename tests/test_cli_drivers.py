@@ -7,7 +7,6 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -44,48 +43,34 @@ def modbus(port: int = 1, more: str = "") -> str:
     return MODBUS.format(port=port, more=more)
 
 
-Case = Callable[[Path], list[str]]
-CASES: dict[str, tuple[Case, str]] = {
-    "no such protocol": (
-        lambda p: ["stub", "profibus", write(p, modbus())],
-        "no stub 'profibus'; there are modbus, ",
-    ),
-    "no such axis": (
-        lambda p: ["stub", "modbus", write(p, modbus()), "--axis", "Q"],
-        "no axis 'Q' with driver = 'modbus'",
-    ),
-    "no such fault": (
-        lambda p: ["stub", "modbus", write(p, modbus()), "--fault", "fire"],
-        "--fault: no fault 'fire'; expected one of none, delay",
-    ),
-    "unit of another kind": (
-        lambda p: ["stub", "modbus", write(p, modbus(more=', unit = "mm"'))],
-        "registers[0].unit: 'mm' is no unit of torque_command_nm",
-    ),
-    "doctor without a source": (lambda _: ["doctor"], "Missing argument 'SOURCE...'"),
-    "doctor with two sources": (
-        lambda p: ["doctor", write(p, modbus()), "a.csv"],
-        "a.csv: expected one configuration, or recordings",
-    ),
-    "doctor without the trace": (lambda p: ["doctor", str(p / "no.csv")], "no such file"),
-    "doctor of no such axis": (
-        lambda p: ["doctor", write(p, modbus()), "--axis", "Q"],
-        "--axis: no axis 'Q'; there are X",
-    ),
-}
+CASES = (
+    ("stub profibus edge.toml", "no stub 'profibus'; there are modbus, "),
+    ("stub modbus edge.toml --axis Q", "no axis 'Q' with driver = 'modbus'"),
+    ("stub modbus edge.toml --fault fire", "--fault: no fault 'fire'; expected one of none, delay"),
+    ("stub modbus mm.toml", "registers[0].unit: 'mm' is no unit of torque_command_nm"),
+    ("doctor", "Missing argument 'SOURCE...'"),
+    ("doctor edge.toml a.csv", "a.csv: expected one configuration, or recordings"),
+    ("doctor no.csv", "no such file"),
+    ("doctor edge.toml --axis Q", "--axis: no axis 'Q'; there are X"),
+)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("words", "expected"), CASES)
 def test_a_mistake_is_one_line_and_status_2(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str,
+    expected: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    make, expected = CASES[name]
-    assert main(make(tmp_path)) == 2
-    captured = capsys.readouterr()
-    complaint = captured.err.strip().splitlines()[-1]
-    assert complaint.startswith("edge-service: ")
-    assert expected in complaint
-    assert "Traceback" not in captured.err
+    monkeypatch.chdir(tmp_path)
+    Path("edge.toml").write_text(modbus())
+    Path("mm.toml").write_text(modbus(more=', unit = "mm"'))
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert said.strip().splitlines()[-1].startswith("edge-service: ")
+    assert expected in said
+    assert "Traceback" not in said
 
 
 def test_a_port_in_use_is_one_line_and_status_2(

@@ -66,7 +66,7 @@ def server_files(http: HttpConfig) -> tuple[Path, Path] | None:
     except SecretError as error:
         raise ConfigError(f"http.private_key: {error}") from None
     except (OSError, ValueError) as error:  # those of ssl are OSErrors
-        reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
-        reason = reason or "not in PEM format, or the key has a password"
+        name = "reason" if isinstance(error, ssl.SSLError) else "strerror"
+        reason = getattr(error, name, None) or "not in PEM format, or the key has a password"
         raise ConfigError(f"http.certificate: {certificate} with {private_key}: {reason}") from None
     return certificate, key
