@@ -47,7 +47,7 @@ CASES = (
     ("stub profibus edge.toml", "no stub 'profibus'; there are modbus, "),
     ("stub modbus edge.toml --axis Q", "no axis 'Q' with driver = 'modbus'"),
     ("stub modbus edge.toml --fault fire", "--fault: no fault 'fire'; expected one of none, delay"),
-    ("stub modbus mm.toml", "registers[0].unit: 'mm' is no unit of torque_command_nm"),
+    ("stub modbus mm.toml", "unit: 'mm' is no unit of torque_command_nm"),
     ("doctor", "Missing argument 'SOURCE...'"),
     ("doctor edge.toml a.csv", "a.csv: expected one configuration, or recordings"),
     ("doctor no.csv", "no such file"),
