@@ -172,7 +172,7 @@ MOST_LINES = {
     "recordings": 3375,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 48258,
+    "tests": 48167,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 390
