@@ -1,21 +1,17 @@
 """A machine file that a diagnosis augmented goes wherever a machine file goes."""
 
-import asyncio
 import json
 import tomllib
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.config import DEFAULT_MACHINE, AxisConfig, load_machine
+from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.result import NamedEffect, Shrink
 from edge_service.models.effects.registry import effect_names, get_effect
 from edge_service.offline.diagnosis.diagnose import augmented_toml
-
-from .conftest import config_of, running, until
 
 
 def named(name: str) -> NamedEffect:
@@ -65,17 +61,3 @@ def test_simulate_gap_estimate_and_motion_take_it(
     assert main(["estimate", *machine, str(trace_path), "--out", str(out)]) == 0
     assert len(out.read_text().splitlines()) == 200
     assert main(["motion", "friction", *machine, "--out", str(tmp_path / "m.csv")]) == 0
-
-
-async def test_the_service_runs_with_it(augmented: Path) -> None:
-    config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
-    axis = AxisConfig(name="X", machine=augmented, driver="simulated", settings={"speed": 20.0})
-    async with running(config.model_copy(update={"axes": (axis,)})) as service:
-        address = await asyncio.wait_for(service.address, 20.0)
-        async with httpx.AsyncClient(base_url=address) as client:
-
-            async def told() -> object:
-                answer = (await client.get("api/v1/axes/X/preload")).json()
-                return answer["status"] != "unestimated" and answer["measured_at"]
-
-            assert await until(told)

@@ -20,7 +20,6 @@ import pytest
 
 from edge_service.bus.session import Bus, BusSettings
 from edge_service.config import (
-    DEFAULT_CONFIG,
     DEFAULT_MACHINE,
     AxisConfig,
     BusConfig,
@@ -55,7 +54,7 @@ from edge_service.nodes.estimated_axis import (
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
-from .conftest import PATIENCE_S, Running, config_of, estimated, running, until
+from .conftest import PATIENCE_S, Running, estimated, running, until
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
 PERCENT = 6.0
@@ -258,14 +257,6 @@ async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> N
     assert document_in(tmp_path)["time_s"] == blocks()[59].time_s
 
 
-async def test_without_a_folder_nothing_is_kept() -> None:
-    begin_ns = time.time_ns() - 20 * NS
-    config = config_of("simulated", {})
-    config = config.model_copy(update={"axes": config_in(None).axes})
-    await fed(config, blocks()[:30], begin_ns)
-    assert await fed(config, blocks()[30:40], begin_ns) == one_piece(blocks()[30:40])
-
-
 async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_path: Path) -> None:
     put_state(tmp_path, ["of the axis itself"])
     config = config_in(tmp_path)
@@ -385,8 +376,3 @@ def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
         estimate = axis.take(Header(number, 1, round(source_s * NS), 0), block)
         told.append(estimate.model_dump_json())
     assert told == one_piece(blocks())
-
-
-def test_the_default_configuration_keeps_nothing() -> None:
-    assert EdgeConfig.model_validate({"axes": [{"name": "X"}]}).store.folder is None
-    assert "# folder" in DEFAULT_CONFIG.read_text()

@@ -104,12 +104,6 @@ class Scene:
         return estimate.preload_percent
 
 
-def test_one_that_works_is_left_alone() -> None:
-    scene = Scene(lambda _number, _taken: False)
-    assert scene.feed(50) == [float(number) for number in range(1, 51)]
-    assert (scene.made, scene.errors) == (1, [])
-
-
 def test_one_that_always_raises_gives_no_number_and_is_tried_ever_less_often() -> None:
     scene = Scene(lambda _number, _taken: True)
     assert set(scene.feed(6000)) == {None}
@@ -117,14 +111,6 @@ def test_one_that_always_raises_gives_no_number_and_is_tried_ever_less_often() -
     assert scene.made <= 2 * len(scene.errors) + 1
     assert scene.resets == []  # there is no state to blame
     assert scene.axis.to_keep() is None
-
-
-def test_one_that_fails_for_days_is_tried_for_days() -> None:
-    scene = Scene(lambda _number, _taken: True)
-    for _ in range(2000):
-        scene.now_s += 31.0
-        assert scene.feed(1) == [None]
-    assert len(scene.errors) == 2000
 
 
 def test_one_interval_that_raises_costs_a_second_of_the_state() -> None:

@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import pytest
 
-from edge_service.cli.entry import main
 from edge_service.clock import now_ns
-from edge_service.config import DEFAULT_MACHINE
 from edge_service.config_tables import StoreConfig
 from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
@@ -19,8 +16,6 @@ from edge_service.messages.topics import PRELOAD
 from .conftest import config_of, done, running, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
-READERS = 50
-LIVE = 10
 
 
 NOTES = {"axis": "X", "kind": "note"}
@@ -124,64 +119,3 @@ async def test_who_asks_on_the_bus_is_answered_as_by_http() -> None:
             assert set(by_http) == set(by_bus)
             assert "more than 5000" in (await asked("from=0;step=1"))["detail"]
             assert "speed: unknown" in (await asked("speed=1"))["detail"]
-
-
-async def test_fifty_readers_get_every_event_while_one_reads_nothing() -> None:
-    """Each of 49 readers sees all notes in order and live values all the while."""
-    async with running(config_of("simulated", HEALTHY | {"speed": 1.0})) as service:
-        address = await asyncio.wait_for(service.address, 20.0)
-        host, port = address.removeprefix("http://").rstrip("/").split(":")
-        _, silent = await asyncio.open_connection(host, int(port), limit=1024)
-        silent.write(b"GET /api/v1/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        notes = [f"note {number} (Kim)" for number in range(5)]
-        limits = httpx.Limits(max_connections=READERS + 5)
-        async with httpx.AsyncClient(base_url=address, limits=limits, timeout=30.0) as client:
-            readers = [asyncio.create_task(_notes(client, len(notes))) for _ in range(READERS - 1)]
-
-            async def connected() -> bool:
-                parts = (await client.get("api/v1/health")).json()["components"]
-                (http,) = (each for each in parts if each["component"] == "http")
-                return http["readings"].get("live_readers") == READERS
-
-            await until(connected)
-            for number in range(5):
-                body = {"action": "note", "user": "Kim", "note": f"note {number}"}
-                await client.post("api/v1/axes/X/commands", json=body)
-            async with asyncio.timeout(60.0):
-                heard = await asyncio.gather(*readers)
-        silent.close()
-    assert all(seen == notes for seen, _live in heard)
-    assert min(live for _seen, live in heard) >= LIVE
-
-
-async def _notes(client: httpx.AsyncClient, count: int) -> tuple[list[str], int]:
-    """Notes that a reader sees, and how many live values with them."""
-    seen: list[str] = []
-    live, event = 0, ""
-    async with client.stream("GET", "api/v1/events") as response:
-        async for line in response.aiter_lines():
-            name, _, value = line.partition(": ")
-            if name == "event":
-                event = value
-                live += value == "live"
-            elif name == "data" and event == "event":
-                message = json.loads(value)
-                seen += [message["text"]] if message["kind"] == "note" else []
-            if len(seen) >= count and live >= LIVE:
-                return seen, live
-    return seen, live
-
-
-@pytest.mark.parametrize(
-    ("table", "said"),
-    [("", "history in memory, it ends with the service"), ("[store]\nfolder = 'kept'", "kept")],
-)
-def test_check_config_says_where_history_lives(
-    table: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = tmp_path / "edge.toml"
-    config.write_text(f"{table}\n[[axes]]\nname = 'X'\nmachine = '{DEFAULT_MACHINE}'\n")
-    assert main(["check-config", str(config)]) == 0
-    line = next(each for each in capsys.readouterr().out.splitlines() if "history" in each)
-    assert said in line
-    assert not (tmp_path / "kept").exists()

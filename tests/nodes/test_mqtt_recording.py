@@ -2,18 +2,17 @@
 
 import asyncio
 import csv
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from drivers.base import DriverContext
 from drivers.mqtt.driver import MqttDriver
 from drivers.mqtt.link import MqttSourceConfig
-from drivers.mqtt.stub import BLOCK_ROWS, MqttStub
+from drivers.mqtt.stub import MqttStub
 from drivers.stub import StubAxis
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_machine
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
@@ -26,8 +25,6 @@ from edge_service.recordings.reader import read_trace
 
 from ..drivers.mqtt.bench import TOPIC
 from ..drivers.mqtt.broker import Broker, needs_broker
-from ..drivers.mqtt.test_driver import send
-from ..drivers.mqtt.test_edge_stream import messages
 from ..recordings.form_files import EDGE_NAMES
 from .conftest import PATIENCE_S, config_of, running
 
@@ -35,17 +32,6 @@ pytestmark = needs_broker
 MACHINE_FILE = DEFAULT_MACHINE.with_name("commissioned.toml")
 MACHINE = load_machine(MACHINE_FILE, 1)
 ROWS = 9_960  # the last of them complete an interval, and no block of the capture
-
-
-def whole(rows: Floats) -> Floats:
-    """Every row."""
-    return rows
-
-
-def with_gaps(rows: Floats) -> Floats:
-    """Without a few rows and without half a second; some of the torque is missing."""
-    rows[2400:2440, 3] = np.nan
-    return np.delete(rows, [*range(1201, 1204), *range(3000, 3250)], axis=0)
 
 
 def begun_anew(rows: Floats) -> Floats:
@@ -73,9 +59,7 @@ def write_recording(path: Path, rows: Floats) -> Path:
 
 
 @asynccontextmanager
-async def played_by_the_stub(
-    recording: Path, config: MqttSourceConfig, broker: Broker
-) -> AsyncIterator[None]:
+async def played(recording: Path, config: MqttSourceConfig) -> AsyncIterator[None]:
     """The stub's own count, as fast as it can."""
     context = DriverContext("X", MACHINE)
     source = driven("replay", {"path": recording, "speed": 0.0}, context)
@@ -85,16 +69,6 @@ async def played_by_the_stub(
         yield
     finally:
         await stub.close()
-
-
-@asynccontextmanager
-async def sent_as_captured(
-    recording: Path, config: MqttSourceConfig, broker: Broker
-) -> AsyncIterator[None]:
-    """The recording's own count."""
-    rows = np.genfromtxt(recording, delimiter=",", skip_header=1)
-    await send(broker, messages(rows, BLOCK_ROWS))
-    yield
 
 
 def on_file(recording: Path, config: EdgeConfig) -> list[PreloadEstimate]:
@@ -109,14 +83,14 @@ async def known_to_the_broker(config: MqttSourceConfig) -> None:
     await driver.close()
 
 
-async def live(recording: Path, config: EdgeConfig, broker: Broker, play: Any, blocks: int) -> Any:
+async def live(recording: Path, config: EdgeConfig, blocks: int) -> Any:
     """Estimates of the service whose driver hears the broker."""
     source = MqttSourceConfig.model_validate(config.axes[0].settings)
     await known_to_the_broker(source)
     async with running(config, ("estimate", "downsample", "acquire")) as service:
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         try:
-            async with play(recording, source, broker), asyncio.timeout(PATIENCE_S):
+            async with played(recording, source), asyncio.timeout(PATIENCE_S):
                 heard = aiter(subscriber)
                 return [(await anext(heard))[2] for _ in range(blocks)]
         finally:
@@ -131,20 +105,8 @@ def numbers(estimate: PreloadEstimate) -> list[float]:
     return [np.nan if each is None else each for each in said]
 
 
-@pytest.mark.parametrize(
-    ("change", "play"),
-    [
-        (begun_anew, played_by_the_stub),
-        pytest.param(begun_anew, sent_as_captured, marks=pytest.mark.slow),
-        pytest.param(with_gaps, played_by_the_stub, marks=pytest.mark.slow),
-        pytest.param(with_gaps, sent_as_captured, marks=pytest.mark.slow),
-        pytest.param(whole, played_by_the_stub, marks=pytest.mark.slow),
-    ],
-)
-async def test_the_numbers_are_those_of_the_file(
-    change: Callable[[Floats], Floats], play: Any, trace_path: Path, tmp_path: Path
-) -> None:
-    recording = write_recording(tmp_path / "recorded.csv", change(control_rows(trace_path)))
+async def test_the_numbers_are_those_of_the_file(trace_path: Path, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "recorded.csv", begun_anew(control_rows(trace_path)))
     broker = Broker(tmp_path)
     await broker.start()
     try:
@@ -153,7 +115,7 @@ async def test_the_numbers_are_those_of_the_file(
         axis = config.axes[0].model_copy(update={"machine": MACHINE_FILE})
         config = config.model_copy(update={"axes": (axis,)})
         expected = on_file(recording, config)
-        heard = await live(recording, config, broker, play, len(expected))
+        heard = await live(recording, config, len(expected))
     finally:
         await broker.stop()
     assert sum(each.status is EstimateStatus.ESTIMATED for each in expected) > 100

@@ -226,37 +226,6 @@ async def test_a_recording_of_the_bus_is_what_was_published(
     assert list(tmp_path.iterdir()) == [out]
 
 
-async def test_a_driver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    from drivers.base import DriverUnavailableError
-    from drivers.simulated import SimulatedDriver
-    from edge_service.nodes import acquire_node
-
-    class Flaky(SimulatedDriver):
-        tries = 0
-
-        async def open(self) -> None:
-            Flaky.tries += 1
-            if Flaky.tries < 3:
-                raise DriverUnavailableError("no answer from the drive")
-            await super().open()
-
-    monkeypatch.setattr(acquire_node, "load_driver", lambda _name: Flaky)
-    monkeypatch.setattr(acquire_node, "BACKOFF_FIRST_S", 0.0)
-    config = config_of("simulated", HEALTHY)
-    async with running(config, ("acquire",)) as service:
-        reports = service.bus.subscribe(
-            config.keys.all_components(STATUS),
-            STATUS,
-        )
-        seen = []
-        async with asyncio.timeout(20.0):
-            async for _, _, report in reports:
-                seen.append((report.status, report.reason))
-                if report.component == "acquire" and report.status is ComponentStatus.OK:
-                    break
-    assert (ComponentStatus.RECOVERABLE_ERROR, "no answer from the drive") in seen
-
-
 @pytest.mark.slow
 def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path: Path) -> None:
     with subprocess.Popen(

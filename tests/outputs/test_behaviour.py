@@ -7,10 +7,7 @@ that yields an `OutputBench`.
 import asyncio
 import importlib
 import logging
-import subprocess
-import sys
 from collections.abc import AsyncIterator
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -19,7 +16,6 @@ from pydantic import ValidationError
 
 from edge_service.nodes.output_node import within
 from edge_service.outputs.base import (
-    ENTRY_POINT_GROUP,
     Events,
     Message,
     Output,
@@ -143,37 +139,3 @@ async def test_who_refuses_an_event_holds_up_no_other(
 def test_what_no_output_knows_is_refused(name: str) -> None:
     with pytest.raises(ValidationError):
         load_output(name).config_model.model_validate({"no_such_key": 1})
-
-
-HIDING = """
-import importlib.abc, sys
-class Hide(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name == {hidden!r}:
-            raise ModuleNotFoundError(name)
-sys.meta_path.insert(0, Hide())
-import pkgutil, importlib, edge_service
-hidden = {hidden!r}
-for each in pkgutil.walk_packages(edge_service.__path__, "edge_service."):
-    if each.name != hidden and not each.name.endswith("__main__"):
-        importlib.import_module(each.name)
-from edge_service.outputs.base import UnknownOutputError, load_output, output_names
-for name in output_names():
-    try:
-        load_output(name)
-    except UnknownOutputError:
-        assert name == {name!r}
-    else:
-        assert name != {name!r}
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", output_names())
-def test_without_its_file_everything_else_is_there(name: str) -> None:
-    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)
-    script = HIDING.format(hidden=entry.module, name=name)
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
