@@ -64,12 +64,20 @@ async def run(context: NodeContext, axis: AxisConfig) -> None:
     Raises ConfigError, of a replay: the driver's settings cannot work.
     """
     acquisition = Acquisition(context, axis)
-    context.renewals.append(acquisition.renew)
-    try:
-        async with acquisition.component.running():
-            await acquisition.live()
-    finally:
-        context.renewals.remove(acquisition.renew)
+    component, retry = acquisition.component, Retry(BACKOFF_FIRST_S, BACKOFF_CAP_S)
+    away, misconfigured = DriverUnavailableError, DriverMisconfiguredError
+    async with component.running():
+        try:
+            await component.again(acquisition.read, retry, away, misconfigured)
+        except DriverMisconfiguredError as error:
+            words = f"{axis.place}.settings.{error}"
+            if context.is_replay:
+                raise ConfigError(words) from None
+            log.error("axis %s is not read: %s", axis.name, words)
+            component.to(ComponentStatus.PERMANENT_ERROR, words)
+            await context.forever()
+        finally:
+            await acquisition.let_go()
 
 
 class Acquisition:
@@ -82,47 +90,12 @@ class Acquisition:
         self._waves = context.publisher(axis.name, WAVE)
         self._waits_since_s: float | None = None
         self._counts = {"samples": 0, "frames": 0}
-        self._life: asyncio.Task[None] | None = None
-        self._is_renewed = False
         self.component = component = Component(context, "acquire", axis.name)
         component.counters = lambda: (
             self._counts | {"reconnects": component.restarts} | self._driver.counters
         )
         component.readings = lambda: self._driver.readings
         component.problems = self._silence
-
-    def renew(self, axis: str) -> None:
-        """Begin anew if it is this axis, as its table says now."""
-        found = [each for each in self._context.config.axes if each.name == axis]
-        if found and axis == self._axis.name and self._life is not None:
-            self._axis, self._is_renewed = found[0], True
-            self._life.cancel()
-
-    async def live(self) -> None:
-        """Read until the source ends, and anew whenever the axis is renewed."""
-        while True:
-            self._life = self.component.start(self._lived())
-            await asyncio.wait({self._life})
-            if not self._is_renewed:
-                return
-            self._is_renewed = False
-            self._driver = make_driver(self._axis)
-            self.component.to(ComponentStatus.STARTING)
-
-    async def _lived(self) -> None:
-        retry, misconfigured = Retry(BACKOFF_FIRST_S, BACKOFF_CAP_S), DriverMisconfiguredError
-        component = self.component
-        try:
-            await component.again(self.read, retry, DriverUnavailableError, misconfigured)
-        except DriverMisconfiguredError as error:
-            words = f"{self._axis.place}.settings.{error}"
-            if self._context.is_replay:
-                raise ConfigError(words) from None
-            log.error("axis %s is not read: %s", self._axis.name, words)
-            component.to(ComponentStatus.PERMANENT_ERROR, words)
-            await self._context.forever()
-        finally:
-            await self.let_go()
 
     def _silence(self) -> list[str]:
         """Line on a source that has said nothing for too long."""

@@ -10,6 +10,7 @@ from typing import Any
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
 from ..health.axis_state import AxisState
+from ..health.components import ComponentWatch
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import Store, StoreFailedError
@@ -80,16 +81,17 @@ def outbox_of(store: Store, output: Output, receiver: str, log: EventLog | None 
 async def run(context: NodeContext, name: str) -> None:
     """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
     output, component = make_output(context.config, name), Component(context, name)
-    states, started_ns = {axis: AxisState(axis) for axis in context.machines}, now_ns()
+    silent, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
+    states = {axis: AxisState(axis, None, silent) for axis in context.machines}
     node = OutputNode(output, component, context.events)
 
     def take_estimate(axis: str, header: Header, estimate: PreloadEstimate) -> None:
-        if axis in states and states[axis].preload_input.accept(header, now_ns()):
-            states[axis].estimate = estimate
+        if axis in states:
+            states[axis].hear_estimate(header, estimate, now_ns())
 
     def take_health(axis: str, header: Header, health: AxisHealth) -> None:
-        if axis in states and states[axis].health_input.accept(header, now_ns()):
-            states[axis].health = health
+        if axis in states:
+            states[axis].hear_health(header, health, now_ns())
 
     async def show() -> None:
         """Hand over what is known now of all axes, again and again."""

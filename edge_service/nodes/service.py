@@ -188,21 +188,27 @@ class _Nodes:
         self._outputs: list[asyncio.Task[None]] = []
 
     def renew(self, axis: str) -> None:
-        """Read an axis that is new, or no longer; outputs begin anew with the axes that are."""
-        if (axis in self._context.machines) == (axis in self._known):
-            return
-        self._known ^= {axis}
-        self.tell_outputs()
-        if axis in self._sources:
-            self._sources.pop(axis).cancel()
-        else:
-            self.read(axis)
+        """Read an axis anew, or no longer; outputs begin anew with another set of axes."""
+        if (axis in self._context.machines) != (axis in self._known):
+            self._known ^= {axis}
+            self.tell_outputs()
+        before = self._sources.pop(axis, None)
+        if before is not None:
+            before.cancel()
+        if axis in self._context.machines:
+            self.read(axis, before)
 
-    def read(self, axis: str) -> None:
-        """Read an axis."""
-        if "acquire" in self._names:
+    def read(self, axis: str, before: asyncio.Task[None] | None = None) -> None:
+        """Read an axis as soon as it is no longer read as `before`."""
+
+        async def reading() -> None:
+            if before is not None:
+                await asyncio.wait({before})
             table = next(each for each in self._context.config.axes if each.name == axis)
-            self._sources[axis] = self._process.start(acquire_node.run(self._context, table))
+            await acquire_node.run(self._context, table)
+
+        if "acquire" in self._names:
+            self._sources[axis] = self._process.start(reading())
 
     def tell_outputs(self) -> None:
         """Begin with the outputs, or begin anew."""
