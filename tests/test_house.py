@@ -166,13 +166,13 @@ MOST_LINES = {
     "http_api": 2553,
     "messages": 2069,
     "models": 5828,
-    "nodes": 2966,
+    "nodes": 2947,
     "offline": 5829,
     "outputs": 1883,
     "recordings": 3375,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 48167,
+    "tests": 47900,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 390
