@@ -144,7 +144,7 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     page.route("**/diagnosis.json", hold)
     with page.expect_request("**/diagnosis.json"):
         page.evaluate("location.hash = '#/X/tests'")
-    page.evaluate("location.hash = '#/X/service'")
+    page.evaluate("location.hash = '#/service'")
     page.wait_for_selector("#service:visible")
     with page.expect_response("**/api/v1/recordings"):
         page.evaluate("location.hash = '#/X/tests'")

@@ -28,7 +28,7 @@ PLACE = re.compile(r"\{\w+\}")
 USED = re.compile(
     r'\b(?:t|counted)\(\s*(?:\w+ \? )?"([^"]+)"(?: : "([^"]+)")?|data-t(?:-label)?="([^"]+)"'
 )
-TABS = ("overview", "why", "history", "tests", "service")
+TABS = ("overview", "why", "history", "tests")
 SHOWN = """() => {
     const isShown = (node) =>
         node.checkVisibility() && !node.closest("script, style, [lang=en]");

@@ -16,7 +16,7 @@ HEALTHY = {"scenario": "healthy"}
 SUDDEN = {"scenario": "sudden", "life_s": 80.0, "hold_s": 4.0}
 """New for 44 s, for 20 of which it must have moved, then without any preload."""
 BYTES_MOST = 300_000
-TABS = ("overview", "why", "history", "tests", "service")
+TABS = ("overview", "why", "history", "tests")
 
 
 def test_the_page_is_light() -> None:
@@ -86,6 +86,11 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
         show_tab(page, tab)
         assert serious_faults(page) == []
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for link, card in (("Service", "#log li"), ("Set up", "#setup-axis li")):
+        page.get_by_role("link", name=link, exact=True).click()
+        page.wait_for_selector(card)
+        assert serious_faults(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 @pytest.mark.slow
@@ -141,6 +146,25 @@ def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     page.wait_for_selector("text=greased (Kim)")
+
+
+def test_an_axis_and_its_limits_are_set_up_on_the_page(make_service: Any, open_page: Any) -> None:
+    service = make_service(**HEALTHY)
+    page = open_page(f"{service.address}#/setup").page
+    page.wait_for_selector("#setup-axis li")
+    page.fill("#setup-name", "Y")
+    page.fill("#setup-driver", "simulated")
+    page.fill("#setup-settings", 'scenario = "healthy"\nseed = 3')
+    page.click("#setup-form button[type=submit]")
+    page.wait_for_selector("#answer:has-text('Axis Y')")
+    page.get_by_role("link", name="Set up").click()
+    page.fill("#limit-warning_percent-Y", "70")
+    page.click("button[aria-label='Save Y']")
+    page.wait_for_selector("#setup-limits [role=status]:has-text('Limits of axis Y are saved.')")
+    page.click("button[aria-label='Change Y']")
+    assert page.input_value("#setup-settings") == 'scenario = "healthy"\nseed = 3\n'
+    page.click("button[aria-label='Remove Y']")
+    page.wait_for_selector("button[aria-label='Remove Y']", state="detached")
 
 
 @pytest.mark.slow

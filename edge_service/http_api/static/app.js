@@ -10,10 +10,12 @@ import { loadDrift } from "./drift.js";
 import { clock } from "./format.js";
 import { renderHistory } from "./history.js";
 import { levelOf, levelWords, worstFirst } from "./level.js";
+import { loadLog } from "./log.js";
 import { renderMachine } from "./machine.js";
 import { loadOutputs } from "./outputs.js";
-import { addressOf, route } from "./route.js";
+import { PAGES, addressOf, route } from "./route.js";
 import { renderService } from "./service.js";
+import { loadSetup } from "./setup.js";
 import { t, translateDocument } from "./strings.js";
 import { hideTabs, renderTabs } from "./tabs.js";
 import { loadTests } from "./tests.js";
@@ -30,7 +32,7 @@ const KEPT_EVENTS = 1000;
 const OF_AXIS = ["belief", "friction", "model", "quality", "past", "use", "drift"];
 
 const states = new Map();
-let shown = null; // the axis; null while the machine is shown
+let shown = null; // the axis; null while the machine or another page is shown
 let service = null;
 let source = null;
 let lastMessageMs = null;
@@ -89,6 +91,7 @@ async function start() {
       lastEventId = Math.max(lastEventId, events.at(-1)?.id ?? 0);
       states.set(each.axis, state);
     });
+    if (axes.length === 0 && !route().page) location.hash = "#/setup";
     show();
     connect();
   } catch {
@@ -99,10 +102,16 @@ async function start() {
 
 function show() {
   const before = shown;
+  const { page, axis } = route();
   const only = states.size === 1 ? [...states.values()][0] : null;
-  shown = states.get(route().axis) ?? only;
+  shown = page ? null : (states.get(axis) ?? only);
   slowMs = -Infinity;
-  byId("machine").hidden = shown !== null;
+  byId("machine").hidden = page !== null || shown !== null;
+  for (const id of PAGES) byId(id).hidden = id !== page;
+  for (const link of byId("pages").children) {
+    if (link.getAttribute("href") === (page ? `#/${page}` : shown && shown !== only ? null : "#/")) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
   if (shown === null) hideTabs();
   else if (shown !== before) {
     for (const id of OF_AXIS) byId(id).replaceChildren();
@@ -160,8 +169,9 @@ function watchConnection(nowMs) {
 
 function renderAxes() {
   const all = [...states.values()];
-  const key = JSON.stringify([shown === null, all.map((state) => [state.axis, levelOf(state), state === shown])]);
-  refill(byId("axes"), key, () => (shown === null ? [] : [...(all.length > 1 ? [element("a", { href: "#/", class: "chip home" }, t("machine.back"))] : []), ...all.map(chip)]));
+  const isMachine = shown === null && !route().page;
+  const key = JSON.stringify([isMachine, all.map((state) => [state.axis, levelOf(state), state === shown])]);
+  refill(byId("axes"), key, () => (isMachine ? [] : all.map(chip)));
   const [first] = worstFirst(all);
   document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${levelWords(first)}: ${first.axis}`;
 }
@@ -175,25 +185,27 @@ function chip(state) {
 function render() {
   const nowMs = performance.now();
   watchConnection(nowMs);
-  if (states.size === 0) return;
-  renderAxes();
-  if (shown === null) return renderMachine([...states.values()], nowMs, connected);
-  const { tab } = route();
-  renderTabs(shown.axis, tab);
-  TAB_PARTS[tab].render(nowMs);
+  const { page, tab } = route();
+  if (states.size > 0) renderAxes();
+  if (!page && states.size === 0) return;
+  if (!page && shown === null) return renderMachine([...states.values()], nowMs, connected);
+  if (!page) renderTabs(shown.axis, tab);
+  const part = PARTS[page ?? tab];
+  part.render(nowMs);
   if (!connected) return;
   if (nowMs - slowMs < SLOW_MS) return;
   slowMs = nowMs;
-  TAB_PARTS[tab].load?.().catch(() => {});
+  part.load?.().catch(() => {});
 }
 
-// What each tab draws at once, and, while there is a connection, every few seconds from new answers.
-const TAB_PARTS = {
+// What each tab and page draws at once, and, while there is a connection, every few seconds from new answers.
+const PARTS = {
   overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
   tests: { render: () => {}, load: () => loadTests(shown) },
-  service: { render: () => renderService(service), load: () => loadOutputs(service) },
+  service: { render: () => renderService(service), load: () => Promise.all([loadOutputs(service), loadLog()]) },
+  setup: { render: () => {}, load: loadSetup },
 };
 
 addEventListener("hashchange", show);

@@ -28,7 +28,7 @@ function noteButtons() {
   return element("div", { class: "buttons" }, act("note"), act("part_replaced"));
 }
 
-function eventNode(event) {
+export function eventNode(event) {
   const message = CODED.includes(event.kind) ? withoutCode(event.text) : event.text;
   const { text, lang } = eventWords(event, message);
   return element(

@@ -1,10 +1,12 @@
-// Address of what is shown: #/ is the machine, #/X an axis, #/X/why one of its tabs.
+// Address of what is shown: #/ is the machine, #/X an axis, #/X/why one of its tabs, #/service and #/setup pages.
 
-export const TABS = ["overview", "why", "history", "tests", "service"];
+export const TABS = ["overview", "why", "history", "tests"];
+export const PAGES = ["service", "setup"];
 
 export function route() {
-  const [axis, tab] = location.hash.replace(/^#\/?/, "").split("/").map(decoded);
-  return { axis: axis || null, tab: TABS.includes(tab) ? tab : TABS[0] };
+  const [first, tab] = location.hash.replace(/^#\/?/, "").split("/").map(decoded);
+  const page = PAGES.includes(first) ? first : null;
+  return { page, axis: page ? null : first || null, tab: TABS.includes(tab) ? tab : TABS[0] };
 }
 
 // Whatever somebody typed has a meaning: a broken escape stands for itself.

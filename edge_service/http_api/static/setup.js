@@ -1,0 +1,130 @@
+// Setting up: axes that are made here, their limits, and the tokens that let people in.
+
+import { button, byId, element, fetchJson, refill, write } from "./dom.js";
+import { clock } from "./format.js";
+import { t } from "./strings.js";
+
+const DRIVERS = ["folder", "modbus", "mqtt", "opcua", "replay", "simulated"];
+const ROLES = ["viewer", "operator"];
+const LIMITS = ["warning_percent", "fault_percent"];
+const parts = {};
+
+const pathOf = (axis) => `/api/v1/axes/${encodeURIComponent(axis)}/config`;
+const sent = (method, body) => ({ method, headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+
+// A value as TOML, in one line.
+function toml(value) {
+  if (Array.isArray(value)) return `[${value.map(toml).join(", ")}]`;
+  if (typeof value === "object") return `{ ${Object.entries(value).map(([key, each]) => `${JSON.stringify(key)} = ${toml(each)}`).join(", ")} }`;
+  return JSON.stringify(value);
+}
+
+const field = (id, key, node) => element("label", { for: id }, t(key), node);
+
+function form(id, fields, action, submit) {
+  const status = element("p", { role: "status" });
+  const node = element("form", { id }, ...fields, element("div", { class: "buttons" }, element("button", { type: "submit", class: "primary" }, action)), status);
+  node.addEventListener("submit", (event) => {
+    event.preventDefault();
+    act(status, submit());
+  });
+  return node;
+}
+
+async function act(status, request) {
+  try {
+    write(status, (await request) ?? "");
+  } catch (error) {
+    write(status, t("failed", { why: error.message }));
+  }
+  await loadSetup().catch(() => {});
+}
+
+function card(id, ...children) {
+  return element("section", { id: `setup-${id}`, class: "panel", "aria-labelledby": `setup-${id}-title` }, element("h2", { id: `setup-${id}-title` }, t(`setup.${id}`)), ...children);
+}
+
+function build() {
+  parts.axes = element("ul", { class: "plain", "aria-label": t("axes") });
+  parts.name = element("input", { id: "setup-name", required: "", maxlength: "100" });
+  parts.driver = element("input", { id: "setup-driver", required: "", list: "setup-drivers" });
+  parts.settings = element("textarea", { id: "setup-settings", rows: "6", spellcheck: "false" });
+  parts.machine = element("textarea", { id: "setup-machine", rows: "6", spellcheck: "false" });
+  parts.limits = element("ul", { class: "plain", "aria-label": t("setup.limits") });
+  parts.limitStatus = element("p", { role: "status" });
+  parts.tokens = element("ul", { class: "plain", "aria-label": t("setup.tokens") });
+  parts.person = element("input", { id: "setup-person", required: "", maxlength: "60" });
+  parts.role = element("select", { id: "setup-role" }, ...ROLES.map((value) => element("option", { value }, t(`role.${value}`))));
+  const drivers = element("datalist", { id: "setup-drivers" }, ...DRIVERS.map((value) => element("option", { value })));
+  const axis = [field("setup-name", "setup.name", parts.name), field("setup-driver", "setup.driver", parts.driver), drivers, field("setup-settings", "setup.settings", parts.settings), field("setup-machine", "setup.machine", parts.machine)];
+  const token = [field("setup-person", "setup.person", parts.person), field("setup-role", "setup.role", parts.role)];
+  byId("setup").replaceChildren(
+    card("axis", element("p", { class: "quiet" }, t("setup.axis.text")), parts.axes, form("setup-form", axis, t("setup.save"), saveAxis)),
+    card("limits", element("p", { class: "quiet" }, t("setup.limits.text")), parts.limits, parts.limitStatus),
+    card("tokens", element("p", { class: "quiet" }, t("setup.tokens.text")), parts.tokens, form("token-form", token, t("setup.token.add"), addToken)),
+  );
+}
+
+export async function loadSetup() {
+  if (!parts.axes) build();
+  const [{ axes }, { items: tokens }] = await Promise.all([fetchJson("/api/v1/axes"), fetchJson("/api/v1/tokens")]);
+  const names = axes.map(({ axis }) => axis).sort();
+  const configured = await Promise.all(names.map((name) => fetchJson(pathOf(name))));
+  refill(parts.axes, JSON.stringify(configured), () => configured.map(axisNode));
+  refill(parts.limits, JSON.stringify(configured), () => configured.map(limitNode));
+  refill(parts.tokens, JSON.stringify(tokens), () => (tokens.length ? tokens.map(tokenNode) : [element("li", { class: "quiet" }, t("setup.tokens.none"))]));
+}
+
+function axisNode(config) {
+  const change = button(t("setup.change"), { "aria-label": `${t("setup.change")} ${config.axis}` }, () => fill(config));
+  const remove = button(t("remove"), { "aria-label": `${t("remove")} ${config.axis}` }, () => act(byId("setup-form").querySelector("[role=status]"), removed(config.axis)));
+  return element("li", { class: "row" }, element("b", {}, config.axis), element("span", { lang: "en" }, config.driver), change, remove);
+}
+
+function fill({ axis, driver, settings, limits }) {
+  parts.filled = { axis, limits };
+  parts.name.value = axis;
+  parts.driver.value = driver;
+  parts.settings.value = Object.entries(settings).map(([key, value]) => `${key} = ${toml(value)}\n`).join("");
+  parts.machine.value = "";
+  parts.name.focus();
+}
+
+async function saveAxis() {
+  const axis = parts.name.value.trim();
+  const machine = parts.machine.value.trim() || null;
+  const limits = parts.filled?.axis === axis ? parts.filled.limits : {};
+  await fetchJson(pathOf(axis), sent("PUT", { driver: parts.driver.value.trim(), settings: parts.settings.value, limits, machine }));
+  location.assign(`#/${encodeURIComponent(axis)}`);
+  location.reload();
+}
+
+async function removed(axis) {
+  await fetchJson(pathOf(axis), { method: "DELETE" });
+  location.reload();
+}
+
+function limitNode(config) {
+  const inputs = LIMITS.map((name) => {
+    const id = `limit-${name}-${config.axis}`;
+    return [name, element("input", { id, type: "number", min: "0", max: "100", step: "any", value: config.limits[name] }), id];
+  });
+  const save = async () => {
+    const limits = Object.fromEntries(inputs.map(([name, node]) => [name, Number(node.value)]));
+    await fetchJson(pathOf(config.axis), sent("PUT", { ...config, limits }));
+    return t("setup.limits.saved", { axis: config.axis });
+  };
+  const fields = inputs.map(([name, node, id]) => field(id, `setup.${name}`, node));
+  return element("li", { class: "row limits" }, element("b", {}, config.axis), ...fields, button(t("setup.save"), { "aria-label": `${t("setup.save")} ${config.axis}` }, () => act(parts.limitStatus, save())));
+}
+
+function tokenNode({ name, role, used_at: used }) {
+  const revoke = () => act(byId("token-form").querySelector("[role=status]"), fetchJson(`/api/v1/tokens/${encodeURIComponent(name)}`, { method: "DELETE" }).then(() => t("removed")));
+  const about = `${t(`role.${role}`)}, ${used ? t("setup.token.used", { time: clock(used) }) : t("setup.token.unused")}`;
+  return element("li", { class: "row" }, element("b", {}, name), element("span", {}, about), button(t("setup.token.revoke"), { "aria-label": `${t("setup.token.revoke")} ${name}` }, revoke));
+}
+
+async function addToken() {
+  const { token } = await fetchJson("/api/v1/tokens", sent("POST", { name: parts.person.value.trim(), role: parts.role.value }));
+  return t("setup.token.shown", { token });
+}
