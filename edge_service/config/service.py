@@ -186,20 +186,25 @@ class EdgeConfig(_OfFile):
 
     @model_validator(mode="after")
     def _axes_fit(self) -> "EdgeConfig":
+        self.check_axes()
+        return self
+
+    def check_axes(self) -> None:
+        """Check what must hold between axes, and with `[alarms]`. Raises ValueError."""
         names = [axis.name for axis in self.axes]
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"axes: two axes are named {name!r}")
-        for name in names:
             warning, fault = self.limits_percent(name)
             if fault >= warning:
                 raise ValueError(f"axes.{name}: fault_percent must lie below warning_percent")
-        return self
 
     def with_axis(self, axis: AxisConfig) -> "EdgeConfig":
         """The same with one more axis, or with this one in place of another. Raises ValueError."""
         axes = {each.name: each for each in self.axes} | {axis.name: axis}
-        return self.model_copy(update={"axes": tuple(axes.values())})._axes_fit()
+        changed = self.model_copy(update={"axes": tuple(axes.values())})
+        changed.check_axes()
+        return changed
 
     @field_validator("outputs")
     @classmethod

@@ -1,4 +1,4 @@
-"""What routes ask for: parts of the application, an axis, times, pages, and nothing unknown."""
+"""Parts of the application, an axis, times and pages, for routes; nothing unknown is taken."""
 
 import asyncio
 from collections.abc import Callable, Sequence

@@ -38,12 +38,11 @@ from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
 from ..recordings.extent import extent_of
-from .axis_desk import AxisDesk
 from .component import Component
 from .context import NodeContext, header
+from .desks import AxisDesk, Scrape, StoreOutputDesk
 from .health_node import alarm_settings
 from .http_rights import needs_token, server_files
-from .output_desk import Scrape, StoreOutputDesk
 from .record_node import DisagreementRecorder
 
 MOST_TEMPORARY_MB = 500.0  # of recordings without a state folder: that may be memory

@@ -44,7 +44,7 @@ class AxisConfiguration(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class AxisConfigurations:
-    """What may be done with configurations; all but `read` may raise RefusedError.
+    """Reading and changing configurations; all but `read` may raise RefusedError.
 
     Attributes:
         read: configuration of an axis, and its table as TOML.

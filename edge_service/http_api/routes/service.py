@@ -243,9 +243,11 @@ async def output_items(
     state: ServiceState, now_ns: int, outputs: Outputs | None
 ) -> list[OutputAnswer]:
     """Every output as it does now."""
-    items = []
+    items: list[OutputAnswer] = []
+    if outputs is None:
+        return items
     reports = {each.component: each for each in state.components(now_ns)}
-    for name in () if outputs is None else outputs.names:
+    for name in outputs.names:
         counts, report = await outputs.counts(name), reports.get(name)
         status = ComponentStatus.STARTING if report is None else report.status
         age_s = None if report is None else report.readings.get("age_s")

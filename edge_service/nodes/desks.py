@@ -1,0 +1,279 @@
+"""The desks at which the page asks: for axes that it shows and makes, for outputs, for metrics."""
+
+import asyncio
+import re
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import tomlkit
+
+from ..atomic import PRIVATE, replaced_file
+from ..clock import now_ns
+from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, EdgeConfig, load_machine, read_axis
+from ..health.service_state import ServiceState
+from ..health.store.outbox import Counts, Outbox
+from ..health.store.store import Store, StoreFailedError
+from ..http_api.problems import RefusedError
+from ..http_api.routes.config import AxisConfiguration
+from ..messages.keys import check_part
+from ..messages.topics import FEAT, PRELOAD
+from ..models.machine import Machine
+from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
+from ..threads import Threads
+from .acquire_node import check_source
+from .context import NodeContext
+from .output_node import make_output, outbox_of, send_test
+from .stages import make_estimator
+
+HIDDEN = "***"
+"""A password, as it is shown."""
+
+
+class AxisDesk:
+    """The axes of one service; those of the state folder may be made, changed and removed."""
+
+    def __init__(self, context: NodeContext) -> None:
+        self._context = context
+        self._threads, self._one = Threads("axes"), asyncio.Lock()
+
+    def read(self, axis: str) -> tuple[AxisConfiguration, str]:
+        """Configuration of an axis that is there, and its table as TOML."""
+        config, own = self._context.config, self._known()[axis]
+        warning, fault = config.limits_percent(axis)
+        table = own.model_dump(mode="json", exclude_none=True)
+        if "password" in table["settings"]:
+            table["settings"]["password"] = HIDDEN
+        answer = AxisConfiguration(
+            axis=axis,
+            driver=own.driver,
+            settings=table["settings"],
+            limits={"warning_percent": warning, "fault_percent": fault},
+            machine=_content(self._context.machines[axis]),
+        )
+        return answer, tomlkit.dumps({"axes": [table]})
+
+    async def put(self, axis: str, asked: AxisConfiguration) -> bool:
+        """Check an axis as check-config does, keep it and begin it; returns whether it is new.
+
+        Raises RefusedError: nothing has changed then.
+        """
+        async with self._one:
+            with _refusing(axis):
+                file, before = self._file(axis), self._known().get(axis)
+                content, added = asked.machine, None
+                if before is None:
+                    content = content or _content(load_machine(DEFAULT_MACHINE))
+                elif content == _content(self._context.machines[axis]):
+                    content = None
+                if content is not None:
+                    added = await self._threads.run(_add_machine, file.parent, content)
+                try:
+                    text = _table(axis, asked, added, before)
+                    own = read_axis(file, text.encode())
+                    machine = load_machine(own.machine)
+                    self._context.config.with_axis(own)
+                    make_estimator(self._context.config.estimator, machine)
+                    await check_source(own)
+                    await self._threads.run(_write, file, text)
+                except BaseException:
+                    if added:
+                        await self._threads.run(_forget, added)
+                    raise
+            self._context.renew(own, machine)
+            return before is None
+
+    async def remove(self, axis: str) -> None:
+        """Remove an axis that was made on the page; its history stays. Raises RefusedError."""
+        async with self._one:
+            with _refusing(axis):
+                file = self._file(axis)
+                await self._threads.run(file.unlink)
+                await self._threads.run(shutil.rmtree, file.parent)
+            self._context.drop(axis)
+
+    def _known(self) -> dict[str, AxisConfig]:
+        return {each.name: each for each in self._context.config.axes}
+
+    def _file(self, axis: str) -> Path:
+        """File of an axis of the page. Raises RefusedError: another owns it, or nothing is kept."""
+        state, own = self._context.config.store.folder, self._known().get(axis)
+        if check_part(axis).startswith("."):
+            raise ValueError(f"{axis!r}: expected a letter or digit first")
+        file = None if state is None else state / "axes" / axis / "axis.toml"
+        if own is not None and (file is None or own.file != file):
+            line = f"{own.file}{_line_of(own)}: axis {axis} stands there"
+            raise RefusedError(409, f"{line}: change it there, then reload the service (SIGHUP)")
+        if file is None:
+            raise RefusedError(409, "store.folder: missing; axes of the page are kept there")
+        return file
+
+
+@contextmanager
+def _refusing(axis: str) -> Iterator[None]:
+    """What is wrong with a configuration, or the disk, as a refusal."""
+    try:
+        yield
+    except ConfigError as error:
+        raise RefusedError(422, "; ".join(error.mistakes)) from None
+    except ValueError as error:
+        raise RefusedError(422, str(error)) from None
+    except OSError as error:
+        raise RefusedError(507, f"axis {axis}: cannot be kept ({error.strerror})") from None
+
+
+def _content(machine: Machine) -> dict[str, Any]:
+    """Content of a machine file."""
+    return machine.model_dump(mode="json", exclude_none=True)
+
+
+def _add_machine(folder: Path, content: dict[str, Any]) -> Path:
+    """Write a machine file beside those that were there: they stay, dated. Raises OSError."""
+    path, day = folder / "machine.toml", datetime.fromtimestamp(now_ns() / 1e9, UTC)
+    number = 1
+    while path.exists():
+        path = folder / f"machine-{day:%Y-%m-%d}{f'.{number}' if number > 1 else ''}.toml"
+        number += 1
+    with replaced_file(path) as file:
+        file.write(tomlkit.dumps(content))
+    return path
+
+
+def _forget(machine_file: Path) -> None:
+    """Remove a machine file that is not used, and its folder if nothing else is there."""
+    with suppress(OSError):
+        machine_file.unlink()
+        machine_file.parent.rmdir()
+
+
+def _table(
+    axis: str, asked: AxisConfiguration, added: Path | None, before: AxisConfig | None
+) -> str:
+    """Table of an axis as TOML; what is not sent, or a password as it is shown, stays."""
+    table: dict[str, Any] = {"name": axis, "driver": asked.driver} | dict(asked.limits)
+    table["settings"] = dict(asked.settings)
+    if added is not None:
+        table["machine"] = added.name
+    if before is not None:
+        table.setdefault("machine", before.machine.name)
+        if table["settings"].get("password") == HIDDEN:
+            table["settings"]["password"] = before.settings.get("password")
+    return tomlkit.dumps({"axes": [table]})
+
+
+def _write(file: Path, text: str) -> None:
+    with replaced_file(file, PRIVATE) as out:
+        out.write(text)
+
+
+def _line_of(axis: AxisConfig) -> str:
+    """Line at which an axis is named in its file, as `:12`; empty where none is found."""
+    named = re.compile(rf"""\s*name\s*=\s*["']{re.escape(axis.name)}["']""")
+    lines: list[str] = []
+    with suppress(OSError):
+        lines = axis.file.read_text("utf-8").splitlines() if axis.file else []
+    found = (number for number, line in enumerate(lines, 1) if named.match(line))
+    return "".join(f":{number}" for number in islice(found, 1))
+
+
+T = TypeVar("T")
+_READS = {"http": PRELOAD.name, "estimate": FEAT.name}
+"""Topic whose payloads a component counts."""
+Action = Literal["test", "requeue", "drop"]
+
+
+class StoreOutputDesk:
+    """The outputs as configured. Raises ConfigError."""
+
+    def __init__(self, config: EdgeConfig, store: Store) -> None:
+        self._config, self._store = config, store
+        self._outboxes: dict[str, list[Outbox]] = {}
+        for name in config.outputs:
+            output = make_output(config, name)
+            self._outboxes[name] = [outbox_of(store, output, each) for each in output.receivers]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(self._outboxes)
+
+    async def counts(self, output: str) -> Counts:
+        """Events of an output that wait, and its dead letters. Raises RefusedError."""
+        counts = [await self._ask(outbox.counts) for outbox in self._outboxes[output]]
+        oldest_ns = [each.oldest_ns for each in counts if each.oldest_ns is not None]
+        waiting, dead = sum(each.waiting for each in counts), sum(each.dead for each in counts)
+        return Counts(waiting, dead, min(oldest_ns, default=None))
+
+    async def act(self, output: str, action: Action) -> None:
+        """Send a test message, try dead letters again, or drop them. Raises RefusedError."""
+        if output not in self._outboxes:
+            there = ", ".join(self._outboxes) or "none"
+            raise RefusedError(404, f"no output {output!r}; there are {there}")
+        if not self._outboxes[output]:
+            raise RefusedError(409, f"{output} takes no events, so there is nothing to {action}")
+        if action == "test":
+            problems = await send_test(self._config, output)
+            if any(problems.values()):
+                raise RefusedError(502, "; ".join(each for each in problems.values() if each))
+            return
+        for outbox in self._outboxes[output]:
+            await self._ask(outbox.requeue if action == "requeue" else outbox.drop)
+
+    async def _ask(self, work: Callable[[], T]) -> T:
+        try:
+            return await self._store.run(work)
+        except StoreFailedError as error:
+            raise RefusedError(503, f"the store cannot be read now ({error})") from None
+
+
+class Scrape:
+    """Answers a scrape by Prometheus with what holds now.
+
+    Attributes:
+        output: renders the metrics; None where it is not installed.
+    """
+
+    def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
+        self._context, self._state, self._desk = context, state, desk
+        self.output: Any = None
+        with suppress(UnknownOutputError):
+            place = context.config.service
+            facts = OutputContext("metrics", place.site, place.machine)
+            self.output = load_output("metrics")(OutputConfig(), facts)
+
+    async def text(self) -> tuple[bytes, str]:
+        """Text and its content type."""
+        state, at_ns = self._state, now_ns()
+        components = state.all_components(at_ns)
+        temperature_c = {}
+        dropped: Counter[tuple[str, str]] = Counter()
+        for axis in state.axes:
+            newest = state.live_now(axis)
+            if newest is not None and newest.temperature_c is not None:
+                temperature_c[axis] = newest.temperature_c
+        for report in state.components(at_ns):
+            if report.component in _READS:
+                lost = report.counters.get("lost_payloads", 0)
+                dropped[_READS[report.component], "gap"] += lost
+        for (key, _), count in state.refused().items():
+            dropped[key.rpartition("/")[2], "refused"] += count
+        dropped["", "unknown"] += state.ignored_payloads
+        outboxes = {}
+        for name in self._desk.outputs:
+            with suppress(RefusedError):
+                outboxes[name] = await self._desk.counts(name)
+        text = self.output.text(
+            state.configuration,
+            not state.unready(at_ns),
+            [state.answer(axis, at_ns) for axis in state.axes],
+            components,
+            temperature_c,
+            dropped,
+            outboxes,
+        )
+        return text, self.output.content_type
