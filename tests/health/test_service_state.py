@@ -190,10 +190,3 @@ async def test_close_wakes_waiting_and_future_readers():
         assert reader.closed
     with state.readers.subscribe() as late:
         assert late.closed
-
-
-async def test_next_returns_empty_after_the_time_out():
-    readers = FanOut(capacity=10)
-    with readers.subscribe() as reader:
-        batch = await reader.next(0.001)
-    assert (batch.lost, batch.events, batch.changed) == (0, (), ())

@@ -10,12 +10,11 @@ from edge_service.health.wear.trend import (
     PreloadHistory,
     PreloadSteps,
     preload_trend,
-    project_wear,
 )
 from edge_service.health.wear.wear_laws import draw_trends
 from edge_service.messages.trend import TrendStatus
 
-from ..bench.estimator.trend_coverage import coverage, simulate_life
+from ..bench.estimator.trend_coverage import coverage
 
 DAY_S = 86400.0
 NS = 1_000_000_000
@@ -209,20 +208,6 @@ def test_wear_that_follows_the_way_is_counted_against_it():
     assert trend.basis == "distance"
     by_time = 8.0 - 0.02 * days + 0.02 * rng.standard_normal(120)
     assert _trend(days, by_time, distance_m).basis == "time"
-
-
-def test_the_same_history_gives_the_same_answer():
-    days = np.arange(50.0) * DAY_S
-    percent = 7.0 - 1e-7 * days
-    unknown = np.full(50, np.nan)
-    first, second = (project_wear(days, unknown, percent, 0.1) for _ in range(2))
-    np.testing.assert_array_equal(first.draws.slope, second.draws.slope)
-
-
-def test_simulated_wear_has_the_shape_of_the_seed():
-    life = simulate_life(np.random.default_rng(8))
-    assert life.crossing_s > life.time_s[-1]
-    assert life.percent[-1] > life.limit_percent
 
 
 @pytest.mark.slow
