@@ -6,7 +6,7 @@ from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition, Event
 from ..messages.health import Advice, AlarmKind, AxisHealth, Task
 from ..messages.trend import Crossing, Trend, TrendStatus
-from .headline import as_of_now, headline, is_in_doubt
+from .headline import REASONS, as_of_now, headline, is_in_doubt
 
 LIKELY_GREASE = 0.9
 """Probability of more friction at the same preload from which regreasing is advised."""
@@ -44,21 +44,6 @@ TEXTS = {
     Task.ACKNOWLEDGE: "Acknowledge the alarm once you have taken note.",
 }
 """Words of each task; those of the page are the same."""
-_BY_REASON = {
-    "preparing": Task.WAIT,
-    "process_force": Task.MOVE_FREELY,
-    "no_motion": Task.MOVE,
-    "too_slow": Task.COMMISSION_SOURCE,
-    "learning": Task.WAIT,
-    "insufficient_excitation": Task.MOVE,
-    "stale_input": Task.CHECK_CONNECTION,
-    "no_input": Task.SWITCH_ON,
-    "no_data": Task.CHECK_CONNECTION,
-    "stale_health": Task.CHECK_SERVICE,
-    "no_health": Task.CHECK_SERVICE,
-    "no_limit": Task.COMPLETE_MACHINE_FILE,
-    "confirming": Task.WAIT,
-}
 _PASSED = {AxisCondition.WARNING: ("warning",), AxisCondition.FAULT: ("warning", "fault")}
 
 
@@ -114,7 +99,8 @@ def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
     codes = [reason.partition(":")[0] for reason in reasons]
     if _status(estimate) is EstimateStatus.INSUFFICIENT_EXCITATION:
         codes.append("insufficient_excitation")
-    return next((task for code, task in _BY_REASON.items() if code in codes), Task.WAIT)
+    tasks = (task for code, (_, task) in REASONS.items() if task and code in codes)
+    return next(tasks, Task.WAIT)
 
 
 def _status(estimate: PreloadEstimate | None) -> EstimateStatus | None:

@@ -3,21 +3,24 @@
 from datetime import UTC, datetime
 
 from ..messages.command import Command
-from ..messages.event import AxisCondition, Code, Event, told
+from ..messages.event import AxisCondition, Code, Event, Statement, told
 from .consistency import CHANNEL_WORDS, Disagreement
 from .inputs import NS_PER_S
+
+Data = dict[str, str | float | int | None]
+
+
+def _told(
+    axis: str, kind: str, words: Statement, now_ns: int, data: Data, *, warns: bool = False
+) -> Event:
+    level = AxisCondition.WARNING if warns else AxisCondition.NORMAL
+    return Event(axis=axis, kind=kind, level=level, time_ns=now_ns, data=data, **dict(words))
 
 
 def preload_rose(axis: str, before: float, after: float, now_ns: int) -> Event:
     """Event of a rise that wear cannot make; preloads in percent of the fresh screw's."""
-    return Event(
-        axis=axis,
-        kind="preload_rose",
-        level=AxisCondition.NORMAL,
-        **dict(told(Code.PRELOAD_ROSE, before=before, after=after)),
-        time_ns=now_ns,
-        data={"from_percent": before, "to_percent": after},
-    )
+    words = told(Code.PRELOAD_ROSE, before=before, after=after)
+    return _told(axis, "preload_rose", words, now_ns, {"from_percent": before, "to_percent": after})
 
 
 def recording_name(axis: str, since_ns: int) -> str:
@@ -32,36 +35,20 @@ def recording_name(axis: str, since_ns: int) -> str:
 
 def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: int) -> Event:
     """Event of a change of the verdict on the model."""
-    name = recording_name(axis, since_ns) if change.disagrees else None
-    words = {"watched": CHANNEL_WORDS[change.channel]}
-    said = told(Code.AXIS_AS_LEARNED, words, watched=change.channel)
-    if name is not None:
-        said = told(Code.AXIS_DIFFERS, words, watched=change.channel, recording=name)
-    return Event(
-        axis=axis,
-        kind="model_disagrees" if change.disagrees else "model_agrees",
-        level=AxisCondition.WARNING if change.disagrees else AxisCondition.NORMAL,
-        **dict(said),
-        time_ns=now_ns,
-        data={
-            "channel": change.channel,
-            "ratio": change.ratio,
-            "since_s": change.since_s,
-            "recording": name,
-        },
-    )
+    watched = {"watched": CHANNEL_WORDS[change.channel]}
+    data: Data = {"channel": change.channel, "ratio": change.ratio, "since_s": change.since_s}
+    if not change.disagrees:
+        words = told(Code.AXIS_AS_LEARNED, watched, watched=change.channel)
+        return _told(axis, "model_agrees", words, now_ns, data | {"recording": None})
+    name = recording_name(axis, since_ns)
+    words = told(Code.AXIS_DIFFERS, watched, watched=change.channel, recording=name)
+    return _told(axis, "model_disagrees", words, now_ns, data | {"recording": name}, warns=True)
 
 
 def recording_kept(axis: str, name: str, now_ns: int) -> Event:
     """Event of a recording that is ready to diagnose."""
-    return Event(
-        axis=axis,
-        kind="recording_kept",
-        level=AxisCondition.NORMAL,
-        **dict(told(Code.DISAGREEMENT_RECORDED, recording=name)),
-        time_ns=now_ns,
-        data={"recording": name},
-    )
+    words = told(Code.DISAGREEMENT_RECORDED, recording=name)
+    return _told(axis, "recording_kept", words, now_ns, {"recording": name})
 
 
 def clock_changed(step_ns: int, now_ns: int) -> Event:
@@ -71,14 +58,7 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
     words = told(Code.CLOCK_SET_S, way=way, seconds=abs(seconds))
     if abs(seconds) >= 3600.0:
         words = told(Code.CLOCK_SET_H, way=way, hours=abs(seconds) / 3600.0)
-    return Event(
-        axis="",
-        kind="clock_changed",
-        level=AxisCondition.WARNING,
-        **dict(words),
-        time_ns=now_ns,
-        data={"step_s": seconds},
-    )
+    return _told("", "clock_changed", words, now_ns, {"step_s": seconds}, warns=True)
 
 
 def log_entry(axis: str, command: Command, now_ns: int) -> Event:

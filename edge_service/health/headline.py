@@ -4,7 +4,7 @@ from datetime import datetime
 
 from ..messages.estimate import EstimateStatus
 from ..messages.event import AxisCondition, Code, Statement, told
-from ..messages.health import Alarm, AlarmKind, AxisHealth, Headline
+from ..messages.health import Alarm, AlarmKind, AxisHealth, Headline, Task
 from ..messages.interval import printed, rfc3339
 
 _CODES = {
@@ -12,23 +12,24 @@ _CODES = {
     AxisCondition.WARNING: (Code.WARNING, Code.MAY_BE_WARNING),
     AxisCondition.FAULT: (Code.FAULT, Code.MAY_BE_FAULT),
 }
-_CODE_OF_REASON = {
-    "preparing": Code.STARTING,
-    "learning": Code.LEARNING,
-    "confirming": Code.LEARNING,
-    "no_input": Code.NO_DATA_YET,
-    "no_data": Code.NO_DATA_YET,
-    "no_health": Code.NO_DATA_YET,
-    "stale_input": Code.NO_DATA_SINCE,
-    "stale_health": Code.NO_DATA_SINCE,
-    "no_motion": Code.NOT_MOVED,
-    "insufficient_excitation": Code.NOT_MOVED,
-    "process_force": Code.ONLY_UNDER_LOAD,
-    "model_mismatch": Code.MODEL_DISAGREES,
-    "no_limit": Code.MACHINE_FILE_LACKS,
-    "no_percent": Code.MACHINE_FILE_LACKS,
-    "too_slow": Code.TOO_SLOW,
+REASONS: dict[str, tuple[Code, Task | None]] = {
+    "preparing": (Code.STARTING, Task.WAIT),
+    "process_force": (Code.ONLY_UNDER_LOAD, Task.MOVE_FREELY),
+    "no_motion": (Code.NOT_MOVED, Task.MOVE),
+    "too_slow": (Code.TOO_SLOW, Task.COMMISSION_SOURCE),
+    "learning": (Code.LEARNING, Task.WAIT),
+    "insufficient_excitation": (Code.NOT_MOVED, Task.MOVE),
+    "stale_input": (Code.NO_DATA_SINCE, Task.CHECK_CONNECTION),
+    "no_input": (Code.NO_DATA_YET, Task.SWITCH_ON),
+    "no_data": (Code.NO_DATA_YET, Task.CHECK_CONNECTION),
+    "stale_health": (Code.NO_DATA_SINCE, Task.CHECK_SERVICE),
+    "no_health": (Code.NO_DATA_YET, Task.CHECK_SERVICE),
+    "no_limit": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
+    "no_percent": (Code.MACHINE_FILE_LACKS, None),
+    "confirming": (Code.LEARNING, Task.WAIT),
+    "model_mismatch": (Code.MODEL_DISAGREES, None),
 }
+"""Sentence and task of each reason for which there is no number; the first task counts."""
 _CODE_OF_STATUS = {
     EstimateStatus.INSUFFICIENT_EXCITATION: Code.NOT_MOVED,
     EstimateStatus.INVALID: Code.MODEL_DISAGREES,
@@ -105,7 +106,7 @@ def _unavailable(health: AxisHealth) -> Statement:
     reasons = [each.partition(": ") for each in health.reasons or ("no_input: ",)]
     own = [each for each in reasons if each[0] != "no_number"] or reasons
     reason, _, sentence = own[0]
-    code = _CODE_OF_REASON.get(reason)
+    code = REASONS.get(reason, (None, None))[0]
     if code is Code.MACHINE_FILE_LACKS:
         return told(code, {"missing": _LACKING[reason]}, missing=reason)
     sensor = reason.partition("_")[0]
