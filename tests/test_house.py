@@ -162,7 +162,7 @@ MOST_LINES = {
     "drivers": 3808,
     "estimate": 5246,
     "fingerprint": 2963,
-    "health": 4912,
+    "health": 4879,
     "http_api": 2555,
     "messages": 2069,
     "models": 5828,
@@ -172,7 +172,7 @@ MOST_LINES = {
     "recordings": 3375,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47934,
+    "tests": 47846,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 389
