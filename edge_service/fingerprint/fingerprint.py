@@ -12,9 +12,8 @@ from ..regression.interval_estimate import undetermined
 from ..regression.inverse_dynamics import identify_inverse_dynamics
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
 from .friction.cruise_tests import measure_equability, measure_signature
-from .friction.curve import measure_friction
+from .friction.curve import measure_friction, measure_friction_runs
 from .friction.points import FrictionPoint, friction_points
-from .friction.runs import measure_friction_runs
 from .response.two_mass_fit import measure_response, shakes
 from .result import AxisFingerprint, Contents, Status, examined
 from .transmission.nut_preload import measure_preload

@@ -6,9 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from edge_service.fingerprint.friction.curve import friction_parts
+from edge_service.fingerprint.friction.curve import (
+    friction_parts,
+    friction_tests,
+    measure_friction_runs,
+)
 from edge_service.fingerprint.friction.points import FrictionPoint
-from edge_service.fingerprint.friction.runs import friction_tests, measure_friction_runs
 
 SPEEDS_RPM = (15, 60, 300, 1200, 3000)
 MIDDLE_RPM = 300

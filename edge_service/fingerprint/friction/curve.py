@@ -1,9 +1,10 @@
-"""The friction curve of an axis, with only the parts that its points show.
+"""The friction curve of an axis, with only the parts that its points show, and its changes.
 
 The exponential form (Armstrong-Helouvry, 1991) stands for (5.3.12)-(5.3.15); the thesis fits it to
-(speed, torque) points in its Figure 5.10.
+(speed, torque) points in its Figure 5.10. Changes from test to test are its warm-up study (5.11).
 """
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -18,12 +19,12 @@ from ...regression.nonlinear import Unknown, best_values, fit_profiled, unexplai
 from ..result import Contents, Curve, mean_of, rounded_rpm
 from .points import FrictionPoint
 
-LEAST_SPEEDS = 4
+_LEAST_SPEEDS = 4
 """Level, excess, Stribeck speed and viscous part need as many speeds."""
 STRIBECK_SIGMAS = 3.0
 """A rise shows by so many deviations: at the level of the intervals 1 axis in 40 would have one."""
 NO_STRIBECK = "no rise of the friction at low speed is visible"
-FRICTION_LABELS = ("motor speed, rad/s", "friction torque, N m")
+_FRICTION_LABELS = ("motor speed, rad/s", "friction torque, N m")
 LEAST_ERROR_SHARE = 1e-3
 """Share of a torque by which a curve is off where too few points tell how true it is."""
 _LEAST_SHARE = 1e-6
@@ -37,9 +38,9 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
     Raises ValueError: too few speeds.
     """
     speeds = {rounded_rpm(point.speed_rad_s) for point in points}
-    if len(speeds) < LEAST_SPEEDS:
+    if len(speeds) < _LEAST_SPEEDS:
         raise ValueError(
-            f"cruises at {len(speeds)} speeds; a friction curve needs {LEAST_SPEEDS} or more"
+            f"cruises at {len(speeds)} speeds; a friction curve needs {_LEAST_SPEEDS} or more"
         )
     whole = friction_parts(points)
     figures = dict(whole.parameters)
@@ -49,7 +50,7 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
         (-half[::-1] if min(signed) < 0.0 else [], half if max(signed) > 0.0 else [])
     )
     drawn = {"fit": whole.torque_nm(speed), **whole.parts_nm(speed)}
-    curves = [Curve(name, speed, torque, *FRICTION_LABELS) for name, torque in drawn.items()]
+    curves = [Curve(name, speed, torque, *_FRICTION_LABELS) for name, torque in drawn.items()]
     for name, way in (("forward", True), ("backward", False)):
         there = [point for point in points if point.forward is way]
         if there:
@@ -58,12 +59,12 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
                 np.array([getattr(point, axis) for point in ordered])
                 for axis in ("speed_rad_s", "torque_nm")
             )
-            curves.append(Curve(name, x, y, *FRICTION_LABELS))
-        if len({rounded_rpm(point.speed_rad_s) for point in there}) >= LEAST_SPEEDS:
+            curves.append(Curve(name, x, y, *_FRICTION_LABELS))
+        if len({rounded_rpm(point.speed_rad_s) for point in there}) >= _LEAST_SPEEDS:
             parts = friction_parts(there).parameters
             for part in ("coulomb_nm", "viscous_nm_s_per_rad"):
                 figures[f"{name}_{part}"] = parts[part]
-    levels = {f"level_{rpm}_rpm_nm": mean_level(ways) for rpm, ways in both_ways(points).items()}
+    levels = {f"level_{rpm}_rpm_nm": _mean_level(ways) for rpm, ways in _both_ways(points).items()}
     return figures | levels, curves
 
 
@@ -200,7 +201,7 @@ def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
     return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
-def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
+def _both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
     """Speed, rpm -> forward or not -> points in time order, of speeds run in both directions."""
     groups: dict[str, dict[bool, list[FrictionPoint]]] = defaultdict(lambda: defaultdict(list))
     for point in sorted(points, key=lambda point: point.time_s):
@@ -208,12 +209,12 @@ def both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[Fric
     return {rpm: groups[rpm] for rpm in sorted(groups, key=float) if len(groups[rpm]) == 2}
 
 
-def mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> IntervalEstimate:
+def _mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> IntervalEstimate:
     """Mean magnitude of the friction at one speed, of points in both directions, N m."""
-    return mean_of_ways([mean_torque(points) for points in ways.values()])
+    return _mean_of_ways([_mean_torque(points) for points in ways.values()])
 
 
-def mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
+def _mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
     """Mean magnitude of the friction of points at one speed, N m."""
     return mean_of(
         [abs(point.torque_nm) for point in points],
@@ -222,9 +223,98 @@ def mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
     )
 
 
-def mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
+def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Mean of what was found in either direction, N m."""
     value = sum(way.value for way in ways) / len(ways)
     half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
     count = min(way.n_effective for way in ways)
+    return IntervalEstimate(value, value - half, value + half, "N m", count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrictionTest:
+    """One friction test.
+
+    Attributes:
+        name: of its recording.
+        start_s, end_s: of its cruises, s.
+        speeds: rpm -> forward or not -> points in time order.
+    """
+
+    name: str
+    start_s: float
+    end_s: float
+    speeds: Mapping[str, Mapping[bool, Sequence[FrictionPoint]]]
+
+
+def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> Contents:
+    """Friction of each test over speed, and its change from the first test to the last.
+
+    Figures: the change at the middle one of the speeds that all tests share, then at each, then
+    the level of each test at the middle one. Curves: one for each test, in their order.
+
+    Args:
+        recordings: points by the name of their recording.
+
+    Raises ValueError: fewer than two friction tests, or none of their speeds is shared.
+    """
+    tests = friction_tests(recordings)
+    if len(tests) < 2:
+        raise ValueError(f"{len(tests)} recordings hold a friction test; a change needs 2 or more")
+    shared = sorted(set.intersection(*(set(test.speeds) for test in tests)), key=float)
+    if not shared:
+        raise ValueError("the friction tests have no speed in common")
+    middle = shared[len(shared) // 2]
+    first, last = tests[0].speeds, tests[-1].speeds
+    figures = {}
+    for rpm in (middle, *(each for each in shared if each != middle)):
+        ways = [_change(first[rpm][way], last[rpm][way]) for way in (True, False)]
+        figures[f"change_at_{rpm}_rpm_nm"] = _mean_of_ways(ways)
+    curves = []
+    for number, test in enumerate(tests, start=1):
+        figures[f"run_{number}_level_{middle}_rpm_nm"] = _mean_level(test.speeds[middle])
+        speeds = [
+            np.mean([abs(point.speed_rad_s) for way in test.speeds[rpm].values() for point in way])
+            for rpm in shared
+        ]
+        levels = [_mean_level(test.speeds[rpm]).value for rpm in shared]
+        curves.append(Curve(test.name, np.array(speeds), np.array(levels), *_FRICTION_LABELS))
+    return figures, curves
+
+
+def friction_tests(recordings: Mapping[str, Sequence[FrictionPoint]]) -> list[FrictionTest]:
+    """Recordings that run enough speeds in both directions, in their order.
+
+    That is the order of their clocks where one test ends before the next begins. Clocks that
+    overlap were set anew for each recording, and the names count.
+    """
+    found = []
+    for name in sorted(recordings):
+        points = recordings[name]
+        speeds = _both_ways(points)
+        if len(speeds) >= _LEAST_SPEEDS:
+            times_s = [point.time_s for point in points]
+            found.append(FrictionTest(name, min(times_s), max(times_s), speeds))
+    by_clock = sorted(found, key=lambda test: test.start_s)
+    one_clock = all(a.end_s < b.start_s for a, b in itertools.pairwise(by_clock))
+    return by_clock if one_clock else found
+
+
+def _change(first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]) -> IntervalEstimate:
+    """Friction at one speed, one way, in the last test less that in the first, N m.
+
+    Repeats of one test pair off, each at its place on the stroke: what varies along the stroke is
+    in both, and leaves the difference alone.
+    """
+    if len(first) == len(last):
+        pairs = list(zip(first, last, strict=True))
+        return mean_of(
+            [abs(b.torque_nm) - abs(a.torque_nm) for a, b in pairs],
+            [float(np.hypot(a.standard_error_nm, b.standard_error_nm)) for a, b in pairs],
+            "N m",
+        )
+    before, after = _mean_torque(first), _mean_torque(last)
+    value = after.value - before.value
+    half = float(np.hypot(before.high - before.value, after.high - after.value))
+    count = min(before.n_effective, after.n_effective)
     return IntervalEstimate(value, value - half, value + half, "N m", count)
