@@ -47,7 +47,12 @@ class Option:
 
 
 def command(
-    example: str, name: str | None = None, *, answers: bool = True, **settings: Any
+    example: str,
+    name: str | None = None,
+    *,
+    answers: bool = True,
+    hidden: bool = False,
+    cls: type[click.Command] = click.Command,
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Command of a function, whose parameters say what is given to it.
 
@@ -57,10 +62,11 @@ def command(
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         made = _answering(function) if answers else function
-        for parameter in reversed(signature(function).parameters.values()):
+        for parameter in reversed([*signature(function).parameters.values()]):
             if parameter.name != "batch":
                 made = _given(parameter)(made)
-        return click.command(name, epilog=f"Example: edge-service {example}", **settings)(made)
+        epilog = f"Example: edge-service {example}"
+        return click.command(name, cls=cls, epilog=epilog, hidden=hidden)(made)
 
     return decorate
 
