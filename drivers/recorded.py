@@ -30,6 +30,10 @@ class RecordedRows:
 
         return await self.run(opened)
 
+    def is_open(self) -> bool:
+        """Return whether a recording is open."""
+        return self.reader is not None
+
     def open_now(self, path: Path) -> TraceReader:
         """A reader of a recording, for a thread of its own. Raises TraceError."""
         return open_trace(path, self._columns, self._axis)

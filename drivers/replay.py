@@ -85,7 +85,7 @@ class ReplayDriver:
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
         """Frames of about `frame_s` until the end of the trace, or until `close`."""
-        if self._rows.reader is None:
+        if not self._rows.is_open():
             raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
         pace: Pace | None = None
         newest_s = 0.0
@@ -97,7 +97,7 @@ class ReplayDriver:
                 step_s, newest_s = float(frame.time_s[-1]) - newest_s, float(frame.time_s[-1])
                 # Even without a wait: the event loop must get its turn between two reads.
                 await self._sleep(pace.wait_s(min(max(step_s, 0.0), LONGEST_STEP_S)))
-                if self._rows.reader is None:
+                if not self._rows.is_open():
                     return
                 yield frame
 

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import StrEnum, auto
 from importlib.metadata import entry_points
 from typing import Any, Protocol, cast
 
@@ -21,13 +21,13 @@ ENTRY_POINT_GROUP = "edge_service.stubs"
 class FaultKind(StrEnum):
     """Kinds of fault that a stub can simulate."""
 
-    NONE = "none"
-    DELAY = "delay"  # answers late, by `amount` seconds
-    EXCEPTION = "exception"  # refuses, with code `amount` (Modbus) or a bad status (OPC UA)
-    STALE = "stale"  # repeats the values of now
-    DROP = "drop"  # hangs up, at every request
-    WORD_ORDER = "word_order"  # exchanges the words of longer numbers (Modbus)
-    HANG = "hang"  # takes requests and never answers
+    NONE = auto()
+    DELAY = auto()  # answers late, by `amount` seconds
+    EXCEPTION = auto()  # refuses, with code `amount` (Modbus) or a bad status (OPC UA)
+    STALE = auto()  # repeats the values of now
+    DROP = auto()  # hangs up, at every request
+    WORD_ORDER = auto()  # exchanges the words of longer numbers (Modbus)
+    HANG = auto()  # takes requests and never answers
 
 
 @dataclass(frozen=True, slots=True)

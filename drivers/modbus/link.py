@@ -77,7 +77,8 @@ class ModbusLink:
         """
         loop = asyncio.get_running_loop()
         sent_s = loop.time()
-        words, quality, problem, kept = (), Quality.GOOD, "", False
+        words: tuple[int, ...] = ()
+        quality, problem, kept = Quality.GOOD, "", False
         try:
             async with asyncio.timeout(self._timeout_s):
                 words = await self._ask(request)

@@ -48,12 +48,10 @@ class ControllerAxis:
 
     def scale(self, channel: str, unit: str | None) -> float | None:
         """Factor from `unit` to the unit of `channel`; None where this axis cannot tell it."""
-        factor, si_unit = SI.get(unit or "", (1.0, ""))
         wanted = CHANNELS[channel].unit
-        if si_unit == wanted:
-            return factor
-        known = si_unit and self.lead_m is not None
-        return factor_to(unit, wanted, self.lead_m) if known else None
+        if unit is None or unit not in SI or (self.lead_m is None and SI[unit][1] != wanted):
+            return None
+        return factor_to(unit, wanted, self.lead_m or 1.0)
 
 
 SINUMERIK_UNITS = {"posn": "mm", "velo": "mm/min", "veloRot": "rev/min", "current": "A"}
