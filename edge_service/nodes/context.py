@@ -3,8 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -128,15 +127,6 @@ def header() -> Header:
     return Header(0, asked_ns, asked_ns, time.monotonic_ns())
 
 
-@dataclass(slots=True)
-class _Batch:
-    """Events that are published together."""
-
-    stored: list[StoredEvent]
-    publish: Publish
-    is_kept: bool
-
-
 class EventDispatcher:
     """A queue of events with the states that they led to: kept first, then published, in order.
 
@@ -145,36 +135,36 @@ class EventDispatcher:
 
     def __init__(self, events: EventLog) -> None:
         self._events = events
-        self._waiting: list[_Batch] = []
+        self._waiting: list[tuple[list[StoredEvent], Publish]] = []
         self._wake = asyncio.Event()
         self._saving: asyncio.Task[tuple[dict[int, int], str]] | None = None
         self._problem, self._damages = "", 0
-        self._bears: Callable[[str], AbstractContextManager[None]] = lambda _what: nullcontext()
 
     def put(self, events: Iterable[Event], publish: Publish, states: Iterable[State] = ()) -> None:
         """Publish events as soon as they are kept with states; never waits."""
-        states = tuple(states)
-        stored = self._events.put(events, now_ns(), states)
-        self._waiting.append(_Batch(stored, publish, bool(stored or states)))
+        self._waiting.append((self._events.put(events, now_ns(), states), publish))
         self._wake.set()
 
     async def run(self, bears: Callable[[str], AbstractContextManager[None]]) -> None:
         """Keep and publish, until cancelled; an error in one publication is borne."""
-        self._bears = bears
         while True:
             await self._wake.wait()
             self._wake.clear()
-            count = len(self._waiting)
-            numbers: dict[int, int] = {}
-            problem = ""
-            if any(each.is_kept for each in self._waiting):
-                numbers, problem = await self._saved()
-            self._publish(count, numbers, problem)
+            count, patience_s = len(self._waiting), 0.0
+            if self._saving is None or self._saving.done():
+                self._saving = asyncio.ensure_future(self._events.store.run(self.save))
+                patience_s = PATIENCE_S
+            await asyncio.wait({self._saving}, timeout=patience_s)
+            outcome = self._saving.result() if self._saving.done() else ({}, SILENT)
+            for _ in range(count):
+                with bears("an event"):
+                    self._publish(*outcome)
 
     def flush(self) -> None:
         """Keep and publish at once all that waits; for the end."""
-        numbers, problem = self.save()
-        self._publish(len(self._waiting), numbers, problem)
+        outcome = self.save()
+        while self._waiting:
+            self._publish(*outcome)
 
     def save(self) -> tuple[dict[int, int], str]:
         """Numbers under which events are kept, and the problem that kept them off the disk."""
@@ -182,6 +172,12 @@ class EventDispatcher:
             return self._events.save(), ""
         except StoreFailedError as error:
             return {}, str(error)
+
+    def _publish(self, numbers: dict[int, int], problem: str) -> None:
+        stored, publish = self._waiting.pop(0)
+        publish(
+            [StoredEvent(numbers.get(each.id, each.id), each.event) for each in stored], problem
+        )
 
     async def watch(self, tell: Callable[[Event], None]) -> None:
         """Write what a failing disk did not take, and tell of that and of damage."""
@@ -209,19 +205,3 @@ class EventDispatcher:
             Event(axis="", kind=kind, level=severity, text=words, time_ns=at_ns)
             for kind, severity, words in found
         ]
-
-    async def _saved(self) -> tuple[dict[int, int], str]:
-        """Outcome of writing all that waits; the problem alone where the disk is silent."""
-        patience_s = 0.0
-        if self._saving is None or self._saving.done():
-            patience_s = PATIENCE_S
-            self._saving = asyncio.ensure_future(self._events.store.run(self.save))
-        await asyncio.wait({self._saving}, timeout=patience_s)
-        return self._saving.result() if self._saving.done() else ({}, SILENT)
-
-    def _publish(self, count: int, numbers: dict[int, int], problem: str) -> None:
-        for _ in range(count):
-            batch = self._waiting.pop(0)
-            kept = [StoredEvent(numbers.get(each.id, each.id), each.event) for each in batch.stored]
-            with self._bears("an event"):
-                batch.publish(kept, problem)
