@@ -166,7 +166,7 @@ MOST_LINES = {
     "http_api": 2555,
     "messages": 2069,
     "models": 5828,
-    "nodes": 2943,
+    "nodes": 2923,
     "offline": 5829,
     "outputs": 1883,
     "recordings": 3373,
