@@ -72,20 +72,11 @@ def cli() -> None:
 
 @cli.command("help", hidden=True, epilog="Example: edge-service help diagnose")
 @click.argument("command", required=False)
-@click.pass_context
-def show_help(ctx: click.Context, command: str | None) -> None:
+def show_help(command: str | None) -> None:
     """Show the commands, or the options and an example of one."""
-    parent = ctx.parent
-    assert parent is not None
-    if command is None:
-        click.echo(parent.get_help())
-        return
-    _, found, _ = cli.resolve_command(parent, [command])
-    assert found is not None
-    if found is bench:
-        bench.main(["--help"], standalone_mode=False)
-        return
-    click.echo(found.get_help(click.Context(found, info_name=command, parent=parent)))
+    arguments = ["--help"] if command is None else [command, "--help"]
+    name = click.get_current_context().find_root().info_name
+    cli.main(arguments, prog_name=name, standalone_mode=False)
 
 
 @cli.command(hidden=True, epilog="Example: edge-service version")
