@@ -16,7 +16,7 @@ from ..diagnose.experiment import (
     rehearsed,
     separations,
 )
-from ..models.effects.effect import Role
+from ..models.effects.effect import Parameter, Role
 from ..models.effects.registry import effect_names, get_effect
 from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
@@ -124,23 +124,6 @@ def next_motion(
     return Answer("\n".join(lines), document)
 
 
-class Strength(Document):
-    """Amount of an effect, in `unit`."""
-
-    parameter: str
-    value: float
-    unit: str
-
-
-class IsolableEffect(Document):
-    """An effect, the strength from which it shows (null: never), and what it is taken for."""
-
-    effect: str
-    shows_from: Strength | None
-    looks_healthy: bool
-    rivals: list[str]
-
-
 def isolability(
     machine: Machine,
     subject: str,
@@ -163,47 +146,38 @@ def isolability(
         raise DiagnosisError(f"no motion or recording {subject!r}; there are {', '.join(MOTIONS)}")
     progress("what each effect would leave to each other one")
     found = separations(session, machine, effect_names())
-    isolable, classes = (
-        [_isolable(each, found) for each in found if not each.rival],
-        _classes(found),
-    )
-    rows = [("effect", "shows from", "a typical fault could be taken for")]
-    for each in isolable:
-        tied = ", ".join(each.rivals) or "nothing else"
-        least = each.shows_from
-        shows = "never" if least is None else f"{least.parameter} {least.value:.2g} {least.unit}"
-        rows.append((each.effect, shows, "a healthy axis" if each.looks_healthy else tied))
+    rows, effects = [("effect", "shows from", "a typical fault could be taken for")], []
+    for alone in found:
+        if alone.rival is not None:
+            continue
+        name, least = alone.effect, least_strength(alone)
+        rivals = [e.rival for e in found if e.effect == name and e.evidence < DECISIVE and e.rival]
+        looks_healthy, shows, shows_from = alone.evidence < DECISIVE, "never", None
+        if least < _NEVER:
+            leading, typical = _leading(name)
+            amount = abs(typical) * least
+            shows = f"{leading.name} {amount:.2g} {leading.unit}"
+            shows_from = {"parameter": leading.name, "value": amount, "unit": leading.unit}
+        effect = {"effect": name, "shows_from": shows_from}
+        effects.append(effect | {"looks_healthy": looks_healthy, "rivals": rivals})
+        tied = ", ".join(rivals) or "nothing else"
+        rows.append((name, shows, "a healthy axis" if looks_healthy else tied))
+    classes, channels = _classes(found), list(session.channels)
     widths = [max(len(row[k]) for row in rows) for k in (0, 1)]
-    channels = list(session.channels)
     lines = [f"{subject}: {', '.join(channels)}"]
     lines += [f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows]
     lines += [f"one class: {', '.join(each)}" for each in classes]
-    document = {"subject": subject, "channels": channels}
-    return Answer("\n".join(lines), document | {"effects": isolable, "classes": classes})
+    document = {"subject": subject, "channels": channels, "effects": effects, "classes": classes}
+    return Answer("\n".join(lines), document)
 
 
-def _isolable(alone: Separation, found: Sequence[Separation]) -> IsolableEffect:
-    rivals = [
-        each.rival
-        for each in found
-        if each.effect == alone.effect and each.evidence < DECISIVE and each.rival
-    ]
-    return IsolableEffect(
-        effect=alone.effect,
-        shows_from=_strength(alone) if least_strength(alone) < _NEVER else None,
-        looks_healthy=alone.evidence < DECISIVE,
-        rivals=rivals,
-    )
-
-
-def _strength(alone: Separation) -> Strength:
-    """The strength that shows, in the parameter that scales the effect."""
-    effect = get_effect(alone.effect)
+def _leading(name: str) -> tuple[Parameter, float]:
+    """The parameter that scales an effect, with its typical value."""
+    effect = get_effect(name)
     amounts = [p for p in effect.parameters if p.role is Role.AMOUNT] or list(effect.parameters)
-    values: Mapping[str, float] = effect.complete({})
+    values = effect.complete({})
     leading = next((p for p in amounts if values[p.name] != 0.0), amounts[0])
-    amount = abs(values[leading.name]) * least_strength(alone)
-    return Strength(parameter=leading.name, value=amount, unit=leading.unit)
+    return leading, values[leading.name]
 
 
 def _classes(found: Sequence[Separation]) -> list[list[str]]:

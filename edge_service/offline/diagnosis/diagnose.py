@@ -25,7 +25,6 @@ from ...diagnose.result import (
     Diagnosis,
     NamedEffect,
     ReplayStatus,
-    Shrink,
     Verdict,
     learnable,
     withheld,
@@ -212,11 +211,6 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
             file.write(content)
 
 
-def _shrink(each: Shrink) -> str:
-    value, low, high = printed(100.0 * each.estimate, 100.0 * each.low, 100.0 * each.high)
-    return f"{value} % ({low} to {high})"
-
-
 def _summary(found: Diagnosis, out: Path) -> str:
     lines = [f"verdict: {found.verdict.value}"]
     lines += [
@@ -224,11 +218,11 @@ def _summary(found: Diagnosis, out: Path) -> str:
         f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
         for name, each in found.gap.items()
     ]
-    lines += [
-        f"{each.name}: probability {each.probability:.3f}, shrinks {each.channel} by "
-        f"{_shrink(each.shrink)}"
-        for each in found.effects
-    ]
+    for each in found.effects:
+        shrink = each.shrink.estimate, each.shrink.low, each.shrink.high
+        value, low, high = printed(*(100.0 * share for share in shrink))
+        shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
+        lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")
     lines += [f"but {each}" for each in found.caveats]
     if faults := ", ".join(withheld(found)):
         lines.append(f"not in augmented.toml, for a model should not learn a fault: {faults}")

@@ -4,10 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
-from pydantic import RootModel
 
 from ...command_answer import Answer
 from ...config import load_machine
@@ -23,10 +21,6 @@ from ...models.effects.learned import model_effects
 from ..examination import require_sound
 from ..recordings import Progress, silent
 from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
-
-
-class GapDocument(RootModel[dict[Literal["torque_nm", "transmission_m"], float]]):
-    """Channel -> RMS of the gap."""
 
 
 def gap(
@@ -59,7 +53,7 @@ def gap(
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
     words = "\n".join(f"{name}: {rms:.4g}" for name, rms in known.items())
-    return Answer(words, GapDocument.model_validate(known))
+    return Answer(words, known)
 
 
 @dataclass(slots=True)
