@@ -11,7 +11,7 @@ import numpy as np
 from ..atomic import replaced_file
 from ..command_answer import Answer
 from ..models.machine import Machine
-from ..models.motions.excitation import Shaken
+from ..models.motions.excitation import Chirp, Shaken
 from ..models.motions.limits import assumed_limits
 from ..models.motions.nc_program import nc_blocks
 from ..models.motions.registry import (
@@ -165,7 +165,8 @@ def _check_rows(name: str, rows: float) -> None:
 
 
 def _check_rate(name: str, plan: Plan, rate_hz: float) -> None:
-    shaken = [each.wave.highest_hz for each in plan.segments if isinstance(each, Shaken)]
+    waves = [each.wave for each in plan.segments if isinstance(each, Shaken)]
+    shaken = [w.high_hz if isinstance(w, Chirp) else float(w.lines_hz[-1]) for w in waves]
     least_hz = SAMPLES_PER_CYCLE * max(shaken, default=0.0)
     if rate_hz < least_hz:
         raise MotionError(
