@@ -167,7 +167,7 @@ MOST_LINES = {
     "messages": 2069,
     "models": 5828,
     "nodes": 2923,
-    "offline": 5829,
+    "offline": 5792,
     "outputs": 1883,
     "recordings": 3373,
     "regression": 1087,
