@@ -28,8 +28,6 @@ class Answering:
         self._loop = asyncio.get_running_loop()
         self._open: set[zenoh.Query] = set()
         self._closed = False
-        self.refused = 0
-        """Questions that were too long or too many."""
         self._queryable = session.declare_queryable(
             key_expr, zenoh.handlers.Callback(self._on_query, indirect=False), complete=True
         )
@@ -40,7 +38,6 @@ class Answering:
         asked = str(query.parameters).encode() if payload is None else payload.to_bytes()
         is_fit = len(asked) <= MOST_BYTES and len(self._open) < MOST_OPEN
         if not is_fit or self._loop.is_closed():
-            self.refused += 1
             query.drop()
             return
         self._open.add(query)

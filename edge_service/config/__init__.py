@@ -1,44 +1,19 @@
 """The service's configuration and machine files: read, checked, every mistake told by its key."""
 
-from ..config_tables import AlarmsConfig, StoreConfig, Table
-from .loading import (
-    DEFAULT_CONFIG,
-    check_settings,
-    load_config,
-    load_machine,
-    read_axis,
-    read_config,
-    state_folder,
-)
-from .mistakes import ConfigError, explain
-from .service import (
-    DEFAULT_MACHINE,
-    AxisConfig,
-    BusConfig,
-    EdgeConfig,
-    EstimatorConfig,
-    HttpConfig,
-    ServiceConfig,
-)
-
-__all__ = [
-    "DEFAULT_CONFIG",
-    "DEFAULT_MACHINE",
-    "AlarmsConfig",
-    "AxisConfig",
-    "BusConfig",
-    "ConfigError",
-    "EdgeConfig",
-    "EstimatorConfig",
-    "HttpConfig",
-    "ServiceConfig",
-    "StoreConfig",
-    "Table",
-    "check_settings",
-    "explain",
-    "load_config",
-    "load_machine",
-    "read_axis",
-    "read_config",
-    "state_folder",
-]
+from ..config_tables import AlarmsConfig as AlarmsConfig
+from ..config_tables import StoreConfig as StoreConfig
+from .loading import DEFAULT_CONFIG as DEFAULT_CONFIG
+from .loading import check_settings as check_settings
+from .loading import load_config as load_config
+from .loading import load_machine as load_machine
+from .loading import read_axis as read_axis
+from .loading import read_config as read_config
+from .loading import state_folder as state_folder
+from .mistakes import ConfigError as ConfigError
+from .mistakes import explain as explain
+from .service import DEFAULT_MACHINE as DEFAULT_MACHINE
+from .service import AxisConfig as AxisConfig
+from .service import BusConfig as BusConfig
+from .service import EdgeConfig as EdgeConfig
+from .service import EstimatorConfig as EstimatorConfig
+from .service import HttpConfig as HttpConfig
