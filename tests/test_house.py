@@ -150,10 +150,10 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 934,
+    "bus": 931,
     "checks": 3613,
     "cli": 1342,
-    "config": 661,
+    "config": 636,
     "diagnose": 5058,
     "downsample": 1245,
     "drivers": 3813,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3373,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47849,
+    "tests": 47825,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
