@@ -2,15 +2,16 @@
 
 import base64
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, Request
+from pydantic import Field
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 
 from ..health.store.store import StoreFailedError
 from ..health.store.tokens import Role, Token, Tokens, token_of
+from ..messages.interval import Frozen
 from .context import part
 from .guard import SAFE_METHODS
 
@@ -19,11 +20,10 @@ _USED_NS = 600_000_000_000
 """Time after which another use of a token is noted."""
 
 
-@dataclass(frozen=True, slots=True)
-class Caller:
-    """Whoever sent a request; `name` is None where no token is needed."""
+class Caller(Frozen):
+    """Whoever asks: name and role of the token, and the address."""
 
-    name: str | None
+    name: str | None = Field(description="Null where no token is needed.")
     role: Role
     origin: str
 
@@ -81,12 +81,12 @@ class Authenticator:
         """Caller of a request; None if its token is missing or unknown."""
         origin = request.client.host if request.client else ""
         if not self.needs_token:
-            return Caller(None, "operator", origin)
+            return Caller(name=None, role="operator", origin=origin)
         token = token_of(_secret(request.headers.get("authorization", "")), self._known)
         if token is None:
             return None
         self._used.add(token.name)
-        return Caller(token.name, token.role, origin)
+        return Caller(name=token.name, role=token.role, origin=origin)
 
 
 def _secret(authorization: str) -> str:

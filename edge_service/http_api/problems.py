@@ -79,14 +79,6 @@ DOCUMENTED_DEFAULT: dict[int | str, dict[str, Any]] = {
 """The `responses` of every route."""
 
 
-def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The `responses` of a route that may answer with these problems."""
-    return {
-        status: {"description": HTTPStatus(status).phrase, "content": _DOCUMENTED}
-        for status in statuses
-    }
-
-
 def problem_schemas() -> dict[str, Any]:
     """Schemas of a problem document, for the components of the description."""
     schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")

@@ -19,7 +19,6 @@ from ..messages.interval import Frozen, TimeNs
 from ..threads import Threads
 from .problems import RefusedError
 
-MOST_AT_ONCE = 4
 LEFT_FREE_BYTES = 200_000_000
 """Room on the disk that recordings leave to history and events."""
 _AT_ONCE_BYTES = 1 << 20
@@ -63,8 +62,7 @@ class Recordings:
         self.folder = folder
         self._most_bytes = most_bytes
         self._extent = lru_cache(1024)(lambda path, _size, _changed_ns: extent(path))
-        self._uploads = self._coming_bytes = 0
-        self._threads = Threads("upload", MOST_AT_ONCE)
+        self._threads = Threads("upload", 4)
         for left in folder.glob(".*.part*"):
             with suppress(OSError):
                 left.unlink()
@@ -74,7 +72,7 @@ class Recordings:
         return await self._threads.run(self._page, before_ns, most)
 
     def _page(self, before_ns: int, most: int) -> list[tuple[int, Recording]]:
-        kept = [(status.st_mtime_ns, path, status) for path, status in self._kept()]
+        kept = [(status.st_mtime_ns, path, status) for path, status in self._files()]
         newest = sorted((each for each in kept if each[0] < before_ns), reverse=True)[:most]
         return [(at_ns, self._shown(path, status)) for at_ns, path, status in newest]
 
@@ -105,50 +103,42 @@ class Recordings:
     async def receive(self, name: str, chunks: AsyncIterator[bytes]) -> Recording:
         """Keep a recording that comes in chunks; no disk holds up the event loop."""
         path = self._named(name)
-        if self._uploads >= MOST_AT_ONCE:
-            raise RefusedError(503, f"{MOST_AT_ONCE} recordings are being uploaded; try later")
-        self._uploads += 1
         try:
             await self._threads.run(made_folder, self.folder)
             await self._write(path, chunks)
             return await self._threads.run(self._shown, path, path.stat())
         except OSError as error:
             raise RefusedError(507, f"{name}: cannot be kept ({error.strerror})") from None
-        finally:
-            self._uploads -= 1
 
     async def _write(self, path: Path, chunks: AsyncIterator[bytes]) -> None:
         closing, size = ExitStack(), 0
-        file = await self._threads.run(closing.enter_context, replaced_bytes(path))
+        one = Threads("upload")  # a single thread: what is opened is closed after that
         try:
+            file = await one.run(closing.enter_context, replaced_bytes(path))
             async for batch in _batches(chunks):
                 size += len(batch)
-                self._coming_bytes += len(batch)
-                await self._threads.run(self._append, file, batch)
+                await one.run(self._append, file, batch)
             if size == 0:
                 raise RefusedError(422, f"{path.name}: the file is empty")
         except BaseException:
-            await self._threads.run(closing.__exit__, *sys.exc_info())
+            await one.run(closing.__exit__, *sys.exc_info())
             raise
-        else:
-            await self._threads.run(closing.close)
-        finally:
-            self._coming_bytes -= size
+        await one.run(closing.close)
 
     def _append(self, file: BinaryIO, batch: bytes) -> None:
         self._check_room(len(batch))
         file.write(batch)
 
     def _check_room(self, more_bytes: int) -> None:
-        kept = sum(status.st_size for _, status in self._kept())
-        if kept + self._coming_bytes > self._most_bytes:
+        there = sum(status.st_size for _, status in self._files("*"))  # what is coming, too
+        if there + more_bytes > self._most_bytes:
             raise RefusedError(507, f"{self._most_bytes / 1e6:g} MB of recordings: remove some")
         if shutil.disk_usage(self.folder).free < LEFT_FREE_BYTES + more_bytes:
             raise RefusedError(507, "the disk is nearly full: remove some recordings")
 
-    def _kept(self) -> Iterator[tuple[Path, os.stat_result]]:
+    def _files(self, pattern: str = "[!.]*") -> Iterator[tuple[Path, os.stat_result]]:
         """Recordings that are whole. Nothing else in the folder is one: no link, no folder."""
-        for path in self.folder.glob("[!.]*"):
+        for path in self.folder.glob(pattern):
             with suppress(OSError):  # it was removed just now
                 status = path.lstat()
                 if stat.S_ISREG(status.st_mode):

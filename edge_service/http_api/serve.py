@@ -65,18 +65,16 @@ async def serve(
     host: str,
     port: int,
     *,
-    stop: asyncio.Event,
     tls: tuple[Path, Path] | None = None,
     on_bound: Callable[[str, int], None] = lambda _host, _port: None,
     before_stop: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve until `stop` is set or the task is cancelled; both end it in good order.
+    """Serve until the task is cancelled, and end in good order.
 
     Args:
         app: The application.
         host: An IP address or `localhost`.
         port: TCP port; 0 takes a free one.
-        stop: Set to end.
         tls: Certificate and private key in PEM; without them only loopback is served.
         on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
@@ -107,13 +105,11 @@ async def serve(
     )
     server = _Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
-    stopping = asyncio.create_task(stop.wait())
     try:
         address = listener.getsockname()
         on_bound(str(address[0]), int(address[1]))
-        await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.shield(serving)
     finally:
-        stopping.cancel()
         before_stop()
         server.should_exit = True
         try:

@@ -20,7 +20,7 @@ from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .access import Authenticator, AuthenticatorDep
 from .context import QUESTIONS, AxisFilterDep, Clock, ClockDep, StateDep, part
-from .problems import RefusedError, documented
+from .problems import RefusedError
 from .routes.service import OutputAnswer, Outputs, output_items, service_answer
 
 MOST_READERS, MOST_READERS_OF_ONE = 64, 16
@@ -31,13 +31,6 @@ _PAGE = 500
 _SHARED_NS, _OUTPUTS_NS = 20_000_000, 900_000_000
 
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
-
-
-class LostAnswer(BaseModel):
-    """Events that this reader will not see; `count` is null if nobody knows how many."""
-
-    count: int | None
-    reason: str
 
 
 async def reader(
@@ -108,7 +101,7 @@ class Encoded:
 @stream_router.get(
     "/events",
     response_class=StreamingResponse,
-    responses=documented(404, 422, 503) | {200: {"content": {"text/event-stream": {}}}},
+    responses={200: {"content": {"text/event-stream": {}}}},
 )
 async def events(
     request: Request,
@@ -193,7 +186,8 @@ def _event(logged: StoredEvent) -> bytes:
 
 
 def _lost(count: int | None, reason: str) -> bytes:
-    return _named("lost", LostAnswer(count=count, reason=reason))
+    """Events that this reader will not see; `count` is null if nobody knows how many."""
+    return format_sse_event(event="lost", data_str=json.dumps({"count": count, "reason": reason}))
 
 
 def _named(event: str, answer: BaseModel) -> bytes:

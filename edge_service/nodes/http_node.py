@@ -192,8 +192,8 @@ class HttpNode:
             self._context.on_http_ready(f"{scheme}://{shown}:{port}/")
 
         state.open()
-        never, place = asyncio.Event(), (http.host, http.port)
-        await serve(app, *place, stop=never, tls=self._tls, on_bound=bound, before_stop=state.close)
+        place = (http.host, http.port)
+        await serve(app, *place, tls=self._tls, on_bound=bound, before_stop=state.close)
         raise RuntimeError("the server of the page has ended")
 
     def _motions(self, axis: str) -> list[Motion]:

@@ -92,13 +92,12 @@ async def test_loopback_lets_in_another_user_until_there_is_a_token(folder: Path
         recordings=kept,
         authenticator=authenticator,
     )
-    stop, bound = asyncio.Event(), asyncio.get_running_loop().create_future()
+    bound = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(
         serve(
             app,
             "127.0.0.1",
             0,
-            stop=stop,
             on_bound=lambda _host, port: bound.set_result(port),
             before_stop=state.close,
         )
@@ -122,6 +121,6 @@ async def test_loopback_lets_in_another_user_until_there_is_a_token(folder: Path
     authenticator.refresh(1)
     assert await another() == [200, 401, 401]
     assert await another(viewer) == [200, 200, 403]
-    stop.set()
-    await serving
+    serving.cancel()
+    await asyncio.wait({serving})
     store.close()

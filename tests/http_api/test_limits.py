@@ -23,13 +23,12 @@ POST = b"POST /api/v1/axes/X/commands HTTP/1.1\r\ncontent-type: application/json
 async def served(scene, **parts) -> AsyncIterator[int]:
     """The scene's state over a socket; the port."""
     app = create_app(scene.state, lambda: scene.now_ns, **parts)
-    stop, bound = asyncio.Event(), asyncio.get_running_loop().create_future()
+    bound = asyncio.get_running_loop().create_future()
     task = asyncio.create_task(
         serve.serve(
             app,
             "127.0.0.1",
             0,
-            stop=stop,
             on_bound=lambda _host, port: bound.set_result(port),
             before_stop=scene.state.close,
         )
@@ -38,8 +37,8 @@ async def served(scene, **parts) -> AsyncIterator[int]:
         await asyncio.wait({task, bound}, return_when=asyncio.FIRST_COMPLETED)
         yield bound.result()
     finally:
-        stop.set()
-        await asyncio.wait_for(task, 10.0)
+        task.cancel()
+        await asyncio.wait({task}, timeout=10.0)
 
 
 class RawClient:

@@ -16,7 +16,6 @@ from ...messages.interval import Frozen
 from ...messages.trend import FrictionCurve, Stroke, Use
 from ..access import CallerDep
 from ..context import AxisDep, NowDep, StateDep, parameter_error, part
-from ..problems import documented
 
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
 _KEY = r'^("[!#-\[\]-~]{1,98}"|[!#-\[\]-~]{1,98})?$'
@@ -35,7 +34,7 @@ IdempotencyKey = Annotated[
 """After draft-ietf-httpapi-idempotency-key-header; quotes may be left out."""
 SendCommand = Callable[[str, Command], Awaitable[Outcome | None]]
 """Gives a command on an axis; its outcome, or None if nobody answers."""
-axis_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"], responses=documented(404))
+axis_router = APIRouter(prefix="/api/v1/axes/{axis}", tags=["axes"])
 
 
 class LiveAnswer(Frozen):
@@ -140,7 +139,6 @@ async def wear(
 @axis_router.post(
     "/commands",
     status_code=202,
-    responses=documented(409, 422, 503, 507),
 )
 async def command(
     axis: AxisDep,

@@ -11,7 +11,6 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from ...messages.interval import Frozen
 from ..context import AxisDep, parameter_error, part
-from ..problems import documented
 
 
 def _parsed(value: object) -> object:
@@ -58,9 +57,7 @@ class AxisConfigurations:
 
 
 ConfigurationsDep = Annotated[AxisConfigurations, part("configurations")]
-config_router = APIRouter(
-    prefix="/api/v1/axes/{axis}/config", tags=["axes"], responses=documented(404, 503)
-)
+config_router = APIRouter(prefix="/api/v1/axes/{axis}/config", tags=["axes"])
 
 
 @config_router.get(
@@ -81,7 +78,7 @@ async def config(
 @config_router.put(
     "",
     response_model=AxisConfiguration,
-    responses=documented(409, 422, 507) | {201: {"description": "The axis is new."}},
+    responses={201: {"description": "The axis is new."}},
 )
 async def put_config(
     axis: str, body: AxisConfiguration, configurations: ConfigurationsDep, response: Response
@@ -97,7 +94,7 @@ async def put_config(
     return configurations.read(axis)[0]
 
 
-@config_router.delete("", status_code=204, responses=documented(409, 507))
+@config_router.delete("", status_code=204)
 async def remove_config(axis: AxisDep, configurations: ConfigurationsDep) -> None:
     """Stop and remove an axis that was made by this route; its history stays."""
     await configurations.remove(axis)

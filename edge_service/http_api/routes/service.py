@@ -17,7 +17,7 @@ from ...messages.answer import AxesAnswer, axis_row
 from ...messages.event import Event
 from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.interval import Frozen, TimeNs
-from ..access import AuthenticatorDep, CallerDep
+from ..access import AuthenticatorDep, Caller, CallerDep
 from ..context import (
     QUESTIONS,
     AxisFilterDep,
@@ -30,7 +30,7 @@ from ..context import (
     moment_query,
     part,
 )
-from ..problems import documented, problem_response
+from ..problems import problem_response
 
 STALE_S = 3.0
 """Age from which on an output is `degraded`."""
@@ -38,18 +38,6 @@ _LAST_NS = 2**63 - 1
 
 alive_router = APIRouter(tags=["service"])
 service_router = APIRouter(tags=["service"])
-
-
-class AliveAnswer(Frozen):
-    """The process answers."""
-
-    alive: bool = True
-
-
-class ReadyAnswer(Frozen):
-    """The service can answer for every axis."""
-
-    ready: bool = True
 
 
 class OutputAnswer(Frozen):
@@ -121,18 +109,11 @@ class TokenAnswer(Frozen):
     used_at: TimeNs | None = Field(description="Last use, to some ten minutes; null before it.")
 
 
-class CallerAnswer(Frozen):
-    """Whoever asks."""
-
-    name: str | None = Field(description="Name of the token; null where none is needed.")
-    role: Role
-
-
 class TokensAnswer(Frozen):
     """All tokens by name."""
 
     items: list[TokenAnswer]
-    caller: CallerAnswer
+    caller: Caller
 
 
 class TokenBody(Frozen):
@@ -153,22 +134,22 @@ MetricsDep = Annotated[Callable[[], Awaitable[tuple[bytes, str]]], part("metrics
 
 
 @alive_router.get("/healthz")
-async def alive() -> AliveAnswer:
+async def alive() -> dict[str, bool]:
     """The process answers."""
-    return AliveAnswer()
+    return {"alive": True}
 
 
-@service_router.get("/readyz", response_model=ReadyAnswer, responses=documented(503))
-async def ready(request: Request, state: StateDep, now_ns: NowDep) -> ReadyAnswer | Response:
+@service_router.get("/readyz", response_model=dict[str, bool])
+async def ready(request: Request, state: StateDep, now_ns: NowDep) -> dict[str, bool] | Response:
     """Every axis has fresh input; 503 with reasons if not."""
     reasons = state.unready(now_ns)
     if not reasons:
-        return ReadyAnswer()
+        return {"ready": True}
     detail = "an input is stale or was never received"
     return problem_response(request.url.path, 503, detail, reasons=list(reasons))
 
 
-@service_router.get("/metrics", response_class=Response, responses=documented(503))
+@service_router.get("/metrics", response_class=Response)
 async def metrics(scrape: MetricsDep) -> Response:
     """Metrics in the text format of Prometheus; a number that does not exist has no sample."""
     text, content_type = await scrape()
@@ -210,7 +191,7 @@ async def axes(state: StateDep, now_ns: NowDep) -> AxesAnswer:
     )
 
 
-@service_router.get("/api/v1/log", responses=documented(404, 422, 503))
+@service_router.get("/api/v1/log")
 async def log(
     state: StateDep,
     axis: AxisFilterDep,
@@ -265,12 +246,7 @@ async def output_items(
     return items
 
 
-@service_router.post(
-    "/api/v1/outputs/{output}",
-    tags=["outputs"],
-    status_code=204,
-    responses=documented(404, 409, 502, 503),
-)
+@service_router.post("/api/v1/outputs/{output}", tags=["outputs"], status_code=204)
 async def act(output: str, body: OutputAction, outputs: OutputsDep) -> None:
     """Send a test message by an output, or decide on its dead letters."""
     await outputs.act(output, body.action)
@@ -287,10 +263,10 @@ async def tokens(authenticator: AuthenticatorDep, caller: CallerDep) -> TokensAn
         )
         for each in found
     ]
-    return TokensAnswer(items=items, caller=CallerAnswer(name=caller.name, role=caller.role))
+    return TokensAnswer(items=items, caller=caller)
 
 
-@service_router.post("/api/v1/tokens", status_code=201, responses=documented(409, 422, 507))
+@service_router.post("/api/v1/tokens", status_code=201)
 async def add_token(
     authenticator: AuthenticatorDep, body: TokenBody, now_ns: NowDep
 ) -> NewTokenAnswer:
@@ -303,7 +279,7 @@ async def add_token(
     return NewTokenAnswer(name=body.name, role=body.role, token=secret)
 
 
-@service_router.delete("/api/v1/tokens/{name}", status_code=204, responses=documented(404, 507))
+@service_router.delete("/api/v1/tokens/{name}", status_code=204)
 async def revoke_token(authenticator: AuthenticatorDep, name: str, now_ns: NowDep) -> None:
     """Revoke a token at once."""
     try:

@@ -12,7 +12,7 @@ from pydantic import Field
 from ...messages.interval import Frozen
 from ..context import AxisDep, Page, PagingDep, StateDep, check_axis, part
 from ..jobs import Job, JobBody, Jobs
-from ..problems import RefusedError, documented
+from ..problems import RefusedError
 from ..recordings import Recording, RecordingName, Recordings
 
 _REPORT_POLICY = (
@@ -21,7 +21,7 @@ _REPORT_POLICY = (
 """A report shows its own styles and pictures, and can do nothing."""
 _CACHED = {"cache-control": "private, max-age=3600"}
 
-work_router = APIRouter(prefix="/api/v1", tags=["jobs"], responses=documented(404, 409, 422, 503))
+work_router = APIRouter(prefix="/api/v1", tags=["jobs"])
 
 
 class Motion(Frozen):
