@@ -1,7 +1,7 @@
 """Tables in MATLAB files of version 5 (`save -v6`, `-v7`): columns by name.
 
 A column is a vector of numbers: a variable, a field of a struct, or a column of a matrix that a
-variable of names (char rows or a cell of strings) of the same width stands beside. The columns are
+cell of names of the same width stands beside. The columns are
 those of the length that most of them have. MATLAB's own `table` and `timetable` are objects that
 nothing but MATLAB can read; version 7.3 is HDF5. Layout: MathWorks, "MAT-File Level 5 Format".
 """
@@ -132,7 +132,7 @@ def _element(content: memoryview | bytes, at: int, order: str) -> tuple[int, mem
 
 
 def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
-    """Name and value: an array, rows of text, a list of a cell's values, a dict of a struct's.
+    """Name and value: an array, a text, a list of a cell's values, a dict of a struct's.
 
     None stands for what holds no column, `_OBJECT` for an object. Raises ValueError, IndexError,
     KeyError or struct.error for damage.
@@ -156,7 +156,7 @@ def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
         stored, data, _ = _element(content, at, order)
         values = np.frombuffer(data, f"{order}{_NUMBERS[stored]}")
         if kind == _CHAR:
-            value = _rows_of_text(values, shape)
+            value = "".join(map(chr, values.tolist())) if values.max(initial=0) < 1 << 16 else None
         elif not flag & _COMPLEX:
             value = values.reshape(shape, order="F")
     elif kind == _STRUCT and math.prod(shape) == 1:
@@ -179,14 +179,6 @@ def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
     return name, value
 
 
-def _rows_of_text(codes: Numbers, shape: tuple[int, ...]) -> list[str] | None:
-    """Rows of a matrix of characters; None for one that cannot hold names."""
-    if len(shape) != 2 or codes.size != shape[0] * shape[1] or shape[0] > MOST_COLUMNS:
-        return None
-    rows = codes.reshape(shape, order="F")
-    return ["".join(chr(min(code, 0xFFFF)) for code in row.tolist()) for row in rows]
-
-
 def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, Numbers]:
     """Columns of a variable: a vector, a matrix with its names, a struct of such."""
     if isinstance(value, dict):
@@ -201,17 +193,12 @@ def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, N
     width = value.shape[1]
     names = [f"{name}_{column}" for column in range(1, min(width, MOST_COLUMNS) + 1)]
     for each in beside.values():
-        texts = [_text(cell) for cell in each] if isinstance(each, list) else []
+        cells = each if isinstance(each, list) else []
+        texts = [cell.strip() if isinstance(cell, str) else "" for cell in cells]
         if len(texts) == width == len(set(texts)) and all(texts):
             names = texts
             break
     return {each: value[:, column] for column, each in enumerate(names)}
-
-
-def _text(cell: Any) -> str:
-    """Text of a row or of a cell with one row; empty for anything else."""
-    text = cell[0] if isinstance(cell, list) and len(cell) == 1 else cell
-    return text.strip() if isinstance(text, str) else ""
 
 
 def recognises(head: bytes, _path: Path) -> bool:
