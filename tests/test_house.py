@@ -166,7 +166,7 @@ MOST_LINES = {
     "nodes": 2923,
     "offline": 5792,
     "outputs": 1883,
-    "recordings": 3373,
+    "recordings": 3360,
     "regression": 1087,
     "beside the rooms": 792,
     "tests": 47734,
