@@ -64,6 +64,11 @@ class HttpConfig(Table):
     certificate: Path | None = None
     private_key: Path | None = None
 
+    @property
+    def needs_token(self) -> bool:
+        """Others than loopback reach the service, so that nobody is let in without a token."""
+        return self.url is not None or not is_loopback(self.host)
+
     @field_validator("url")
     @classmethod
     def _http(cls, value: str | None) -> str | None:

@@ -17,6 +17,7 @@ from ..health.store.store import FILE_NAME, State, Store, StoreFailedError
 from ..messages.codec import Header, T, Topic
 from ..messages.event import AxisCondition, Event
 from ..models.machine import Machine
+from ..outputs.base import Output
 from .stages import load_machines
 
 PATIENCE_S = 2.0
@@ -51,6 +52,8 @@ class NodeContext:
         self.store = Store(None if folder is None else folder / FILE_NAME)
         self.events = EventLog(self.store)
         self.dispatcher = EventDispatcher(self.events)
+        self.outputs: dict[str, Output] = {}
+        """Outputs as configured, for whoever looks after their queues."""
         self._subscribers: list[Subscriber[Any]] = []
         self.renewals: list[Callable[[str], None]] = []
         """Told of every axis that begins, begins anew or is gone from `machines`."""

@@ -15,10 +15,10 @@ import tomlkit
 
 from ..atomic import PRIVATE, replaced_file
 from ..clock import now_ns
-from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, EdgeConfig, load_machine, read_axis
+from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, load_machine, read_axis
 from ..health.service_state import ServiceState
 from ..health.store.outbox import Counts, Outbox
-from ..health.store.store import Store, StoreFailedError
+from ..health.store.store import StoreFailedError
 from ..http_api.problems import RefusedError
 from ..http_api.routes.config import AxisConfiguration
 from ..messages.keys import check_part
@@ -28,7 +28,7 @@ from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load
 from ..threads import Threads
 from .acquire_node import check_source
 from .context import NodeContext
-from .output_node import make_output, outbox_of, send_test
+from .output_node import send_test
 from .stages import make_estimator
 
 HIDDEN = "***"
@@ -188,14 +188,14 @@ Action = Literal["test", "requeue", "drop"]
 
 
 class StoreOutputDesk:
-    """The outputs as configured. Raises ConfigError."""
+    """The outputs as configured."""
 
-    def __init__(self, config: EdgeConfig, store: Store) -> None:
-        self._config, self._store = config, store
+    def __init__(self, context: NodeContext) -> None:
+        self._config, self._store = context.config, context.store
         self._outboxes: dict[str, list[Outbox]] = {}
-        for name in config.outputs:
-            output = make_output(config, name)
-            self._outboxes[name] = [outbox_of(store, output, each) for each in output.receivers]
+        for name, output in context.outputs.items():
+            queues = map(output.queue, output.receivers)
+            self._outboxes[name] = [Outbox(context.store, each, output.kinds) for each in queues]
 
     @property
     def outputs(self) -> tuple[str, ...]:

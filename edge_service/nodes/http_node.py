@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from ..clock import CLOCK, now_ns
-from ..config import EdgeConfig
 from ..health.axis_events import clock_changed
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
@@ -42,7 +41,7 @@ from .component import Component
 from .context import NodeContext, header
 from .desks import AxisDesk, Scrape, StoreOutputDesk
 from .health_node import alarm_settings
-from .http_rights import needs_token, server_files
+from .http_rights import server_files
 from .record_node import DisagreementRecorder
 
 MOST_TEMPORARY_MB = 500.0  # of recordings without a state folder: that may be memory
@@ -69,19 +68,38 @@ class HttpNode:
     def __init__(self, context: NodeContext) -> None:
         config = context.config
         self._context, self._component = context, Component(context, "http")
-        self._authenticator = Authenticator(
-            Tokens(context.store), required=needs_token(config.http)
-        )
+        tokens, needs_token = Tokens(context.store), config.http.needs_token
+        self._authenticator = Authenticator(tokens, required=needs_token)
         self._tls = server_files(config.http)
-        self.state = _state_of(context)
-        self._outputs = StoreOutputDesk(config, context.store)
+        folder, machines = config.store.folder, context.machines
+        kept = "in memory only: it ends with the service"
+        if folder is not None:
+            budget = f"up to {config.store.budget_mb:g} MB"
+            kept = f"on disk, {budget}; the oldest estimates go first"
+        budget_mb = MEMORY_MB if folder is None else config.store.budget_mb
+        self.state = ServiceState(
+            {
+                axis: alarm_settings(config, axis).limits(each.fresh_preload_percent)
+                for axis, each in machines.items()
+            },
+            now_ns(),
+            events=context.events,
+            history=History(context.store, budget_mb),
+            kept=kept,
+            ratios_m_per_rad={
+                axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
+            },
+            place=config.keys,
+            refused=context.bus.refused,
+            configuration=config.digest,
+        )
+        self._outputs = StoreOutputDesk(context)
         self._scrape = Scrape(context, self.state, self._outputs)
         self._machine_files = {axis.name: axis.machine for axis in config.axes}
-        folder = config.store.folder
         self._folder = folder or Path(tempfile.mkdtemp(prefix="edge-service-"))
         most_mb = MOST_TEMPORARY_MB if folder is None else config.store.budget_mb / 2.0
-        kept = self._folder / "recordings"
-        self._recordings = Recordings(kept, round(most_mb * 1e6), extent_of)
+        place = self._folder / "recordings"
+        self._recordings = Recordings(place, round(most_mb * 1e6), extent_of)
         service: tuple[str, ...] = ("--bus", context.bus.endpoint)
         service += () if config.file is None else (str(config.file),)
         jobs, files = self._folder / "jobs", self._machine_files
@@ -276,34 +294,6 @@ class HttpNode:
         self._context.bus.answer(f"{root}/*/history", answer)
 
 
-def _state_of(context: NodeContext) -> ServiceState:
-    config, machines = context.config, context.machines
-    kept = config.store.folder is not None
-    return ServiceState(
-        {
-            axis: alarm_settings(config, axis).limits(each.fresh_preload_percent)
-            for axis, each in machines.items()
-        },
-        now_ns(),
-        events=context.events,
-        history=History(context.store, config.store.budget_mb if kept else MEMORY_MB),
-        kept=_place(config),
-        ratios_m_per_rad={
-            axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
-        },
-        place=config.keys,
-        refused=context.bus.refused,
-        configuration=config.digest,
-    )
-
-
 def _stroke(context: NodeContext, axis: str, preload: PreloadAnswer) -> Stroke | None:
     profile = stroke_profile(context.machines[axis])
     return None if profile is None else profile.told(preload)
-
-
-def _place(config: EdgeConfig) -> str:
-    """Place of history and events, for people."""
-    if config.store.folder is None:
-        return "in memory only: it ends with the service"
-    return f"on disk, up to {config.store.budget_mb:g} MB; the oldest estimates go first"

@@ -7,7 +7,6 @@ from pathlib import Path
 from ..config import ConfigError, EdgeConfig, HttpConfig
 from ..health.store.store import FILE_NAME, Store, StoreFailedError
 from ..health.store.tokens import Tokens, token_of
-from ..messages.addresses import is_loopback
 from ..secret_files import SecretError, expanded, read_secret
 
 
@@ -33,11 +32,6 @@ def knows_of(config: EdgeConfig) -> Callable[[str, str], bool] | None:
     return knows
 
 
-def needs_token(http: HttpConfig) -> bool:
-    """A token is needed whether or not there is one: others than loopback reach the service."""
-    return http.url is not None or not is_loopback(http.host)
-
-
 def check_access(config: EdgeConfig) -> str:
     """Check tokens and certificate; returns a line on who is let in. Raises ConfigError."""
     http, folder = config.http, config.store.folder
@@ -47,7 +41,7 @@ def check_access(config: EdgeConfig) -> str:
         count = len(tokens_of(config).all()) if there else 0
     except StoreFailedError as error:
         return f"{encrypted}, tokens cannot be read ({error})"
-    if count == 0 and needs_token(http):
+    if count == 0 and http.needs_token:
         key, mend = "url" if http.url else "host", "edge-service token CONFIG --add NAME"
         raise ConfigError(f"http.{key}: beyond loopback a token is needed: {mend} --role operator")
     people = f"whoever has one of {count} tokens" if count else "any user of this machine"

@@ -13,7 +13,7 @@ from ..health.axis_state import AxisState
 from ..health.components import ComponentWatch
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
-from ..health.store.store import Store, StoreFailedError
+from ..health.store.store import StoreFailedError
 from ..http_api.words import words_in
 from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
@@ -70,12 +70,6 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         return kind(settings, context)
     except OutputMisconfiguredError as error:
         raise ConfigError(f"{place}.{error}") from None
-
-
-def outbox_of(store: Store, output: Output, receiver: str, log: EventLog | None = None) -> Outbox:
-    """Queue of the events for one receiver of an output."""
-    name = output.context.name
-    return Outbox(store, f"{name}/{receiver}" if receiver else name, output.kinds, log)
 
 
 async def run(context: NodeContext, name: str) -> None:
@@ -185,7 +179,9 @@ class OutputNode:
     async def deliver(self, receiver: str) -> None:
         """Hand over the events of an outbox in their order; what is refused holds up nobody."""
         who, retry, hour = f"events {receiver}".strip(), new_retry(), deque[float](maxlen=100)
-        outbox = outbox_of(self._events.store, self._output, receiver, self._events)
+        outbox = Outbox(
+            self._events.store, self._output.queue(receiver), self._output.kinds, self._events
+        )
         run, broken, sent_before = self._events.store.run, 0, 0
         while True:
             try:

@@ -152,6 +152,8 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
         tell_url(url)
 
     context.on_http_ready = served
+    outputs = context.config.outputs
+    context.outputs = {each: output_node.make_output(context.config, each) for each in outputs}
     nodes = _Nodes(context, process, names)
     context.renewals.append(nodes.renew)
     try:

@@ -129,6 +129,10 @@ class Output(ABC):
         """Values worth seeing, e.g. the number of clients; may be empty."""
         return {}
 
+    def queue(self, receiver: str) -> str:
+        """Name of the queue of events for a receiver."""
+        return f"{self.context.name}/{receiver}" if receiver else self.context.name
+
     @abstractmethod
     async def open(self) -> None:
         """Connect, or listen."""
