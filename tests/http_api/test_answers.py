@@ -1,12 +1,7 @@
 """The JSON routes against the contract."""
 
-import math
-
 import pytest
 
-from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
-from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import ComponentStatus
@@ -71,18 +66,6 @@ async def test_axis_never_heard_is_there_and_unavailable(client):
     answer = (await client.get("/api/v1/axes/X/preload")).json()
     assert (answer["status"], answer["condition"]) == ("unestimated", "UNAVAILABLE")
     assert (answer["measured_at"], answer["age_s"]) == (None, None)
-
-
-async def test_nothing_is_told_twice_as_of_two_moments(scene, client):
-    scene.hear_preload(reasons=("no_motion: no steady motion for 55 s", "channel: b is stuck"))
-    earlier = ("no_number: recent motion cannot tell", "no_motion: no steady motion for 53 s")
-    scene.hear_health(condition=AxisCondition.UNAVAILABLE, reasons=earlier)
-    answer = (await client.get("/api/v1/axes/X/preload")).json()
-    assert answer["reasons"] == [
-        "no_number: recent motion cannot tell",
-        "no_motion: no steady motion for 55 s",
-        "channel: b is stuck",
-    ]
 
 
 async def test_axes_the_worst_first_with_limits_and_percent_of_fresh(scene, client):
@@ -209,20 +192,3 @@ async def test_bad_parameter_is_named(client, parameter, value):
     problem = answer.json()
     assert [error["parameter"] for error in problem["errors"]] == [parameter]
     assert problem["detail"].startswith(f"{parameter}: ")
-
-
-async def test_no_answer_of_a_fresh_axis_holds_a_time_that_nobody_measured(scene, client):
-    geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
-    settings = AlarmSettings()
-    facts = ("X", 6.8, geometry)
-    monitor = AxisMonitor(*facts, settings, scene.now_ns)
-    monitor.take_trend(monitor.trend_work()(), scene.now_ns)
-    scene.state.on_health(scene.header(), monitor.health(scene.now_ns), scene.now_ns)
-    described = scene.app.openapi()["paths"].items()
-    paths = [path.replace("{axis}", "X") for path, methods in described if "get" in methods]
-    for path in paths:
-        if "{" not in path and path != "/api/v1/events":
-            answer = await client.get(path)
-            assert "1970" not in answer.text, path
-    trend = (await client.get("/api/v1/axes/X/health")).json()["trend"]
-    assert (trend["status"], trend["since"]) == ("too_early", None)

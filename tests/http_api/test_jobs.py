@@ -142,24 +142,6 @@ async def test_a_third_job_waits_and_a_cancelled_one_makes_room(scene: Scene) ->
     assert (await scene.ended(3))["state"] == "done"
 
 
-async def test_forty_jobs_that_hang_are_ended_and_others_are_served(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(jobs, "LONGEST_S", 0.01)
-    monkeypatch.setattr(process, "PATIENCE_S", 0.0)
-    monkeypatch.setattr(jobs, "MOST_AT_ONCE", 40)
-    await scene.client.put("recordings/deaf.csv", content=b"time_s\n0\n")
-    answers = await asyncio.gather(*(scene.start("deaf") for _ in range(40)))
-    assert {answer.status_code for answer in answers} == {202}
-    assert (await scene.client.get("recordings")).status_code == 200
-    for number in range(21, 41):  # older ones are forgotten
-        job = await scene.ended(number)
-        assert (job["state"], "was ended" in job["lines"][-1]) == ("failed", True)
-    monkeypatch.setattr(jobs, "LONGEST_S", 60.0)
-    assert (await scene.start()).status_code == 202
-    assert (await scene.ended(41))["state"] == "done"
-
-
 async def test_a_deaf_job_is_killed_with_what_it_started(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

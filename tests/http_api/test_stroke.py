@@ -52,17 +52,6 @@ async def test_the_estimate_is_spread_along_the_stroke(scene):
     assert stiffness["low"] == [pytest.approx(1e8 / 1.196, rel=1e-4)] * 3
 
 
-async def test_without_an_estimate_only_the_commissioned_state_is_told(scene):
-    async with client_of(scene, RAMP) as client:
-        scene.hear_preload()
-        scene.wait(10.0)  # now it is stale
-        answer = (await client.get(PATH)).json()["stroke"]
-    for quantity in ("preload_percent", "stiffness_n_per_m"):
-        profile = answer[quantity]
-        assert len(profile["commissioned"]) == 3
-        assert (profile["value"], profile["low"], profile["high"]) == (None, None, None)
-
-
 async def test_one_encoder_knows_no_stiffness_and_no_commissioning_nothing(scene):
     async with client_of(scene, ONE_ENCODER) as client:
         scene.hear_preload()

@@ -2,29 +2,13 @@
 
 from pathlib import Path
 
-import httpx
 import pytest
 
-from edge_service import __version__
 from edge_service.config import load_config
-from edge_service.health.service_state import ServiceState
-from edge_service.http_api.app import create_app
 
 from ..documents import ROOT
 
 CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines/x.toml"\n'
-
-
-async def answered(configuration: str, path: str) -> httpx.Response:
-    app = create_app(ServiceState({"X": None}, 0, configuration=configuration), lambda: 0)
-    transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-        return await client.get(path)
-
-
-async def test_health_tells_version_and_digest() -> None:
-    told = (await answered("37ef462efa36", "/api/v1/health")).json()
-    assert (told["version"], told["configuration"]) == (__version__, "37ef462efa36")
 
 
 def installed(folder: Path, name: str = "edge.toml") -> Path:

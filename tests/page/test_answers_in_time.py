@@ -1,6 +1,5 @@
 """Answers that come late, for another axis or not at all, on the page in a real browser."""
 
-import json
 import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -115,24 +114,6 @@ def test_a_test_belongs_to_the_axis_that_is_shown(make_service: Any, open_page: 
     assert begun.value.post_data_json["axis"] == "Y"
 
 
-@pytest.mark.slow
-def test_progress_goes_on_while_a_job_says_nothing(make_service: Any, open_page: Any) -> None:
-    page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
-    jobs = running()
-    page.route("**/api/v1/jobs", lambda route: route.fulfill(json={"items": jobs}))
-    page.route("**/diagnosis.json", lambda route: route.fulfill(json=FOUND))
-    page.evaluate("location.hash = '#/X/tests'")
-    bar = page.locator("#jobs progress")
-    bar.wait_for()
-    assert bar.count() == 1
-    said_first = page.inner_text("#jobs .progress")
-    assert said_first.startswith("choosing causes. About 30 s left.")
-    jobs[0] |= {"share": 0.6, "left_s": 20.0}
-    page.wait_for_function("document.querySelector('#jobs progress').value == 0.6")
-    assert page.inner_text("#jobs .progress") != said_first
-    assert page.locator("#jobs details[open]").count() == 0
-
-
 def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address).page
     held: list[Any] = []
@@ -152,31 +133,6 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     for route in held:
         route.fulfill(json=FOUND)
     page.wait_for_selector("#jobs .job-verdict:has-text('is explained')", timeout=15_000)
-
-
-@pytest.mark.slow
-def test_the_last_minute_passes_though_no_sample_comes(make_service: Any, open_page: Any) -> None:
-    service = make_service(**HEALTHY)
-    page = open_page(service.address).page
-    page.wait_for_selector("#trace-torque_nm[aria-label*='last']")
-
-    def late(route: Any) -> None:
-        answer = route.fetch()
-        body = answer.json()
-        begun = max(body["time_s"], default=0.0) - 63.0
-        body["time_s"] = [begun + 1e-3 * i for i in range(len(body["time_s"]))]
-        route.fulfill(response=answer, json=body)
-
-    page.route("**/axes/X/live?*", late)
-    page.add_init_script(
-        """const add = EventSource.prototype.addEventListener;
-        EventSource.prototype.addEventListener = function (name, take) {
-            if (name !== "live") add.call(this, name, take);
-        };"""
-    )
-    page.reload()
-    page.wait_for_selector("#trace-torque_nm[aria-label*='between']")
-    page.wait_for_selector("#trace-torque_nm:not([aria-label*='between'])", timeout=20_000)
 
 
 @pytest.mark.parametrize("typed", ["#/%", "#/X/%E0%A4%A"])
@@ -202,25 +158,3 @@ def test_a_note_is_written_over_plain_http(make_service: Any, open_page: Any) ->
         keys.append(sent.value.headers["idempotency-key"])
         page.wait_for_selector(f"text={word} (Kim)")
     assert keys[0] != keys[1]
-
-
-@pytest.mark.slow
-def test_a_stream_that_is_refused_is_asked_for_every_few_seconds(
-    make_service: Any, open_page: Any
-) -> None:
-    seen = open_page(make_service(**HEALTHY).address)
-    page, asked = seen.page, []
-
-    def refuse(route: Any) -> None:
-        asked.append(route.request.url)
-        route.fulfill(status=503, body=json.dumps({"detail": "too many readers"}))
-
-    page.clock.install()
-    page.route("**/api/v1/events?*", refuse)
-    with page.expect_request("**/api/v1/events?*"):
-        page.reload()
-    before = len(asked)
-    for _ in range(48):
-        page.clock.run_for(250)
-    assert 1 <= len(asked) - before <= 5
-    seen.faults[:] = [fault for fault in seen.faults if "503" not in fault]

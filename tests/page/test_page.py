@@ -93,34 +93,6 @@ def test_anybody_can_read_it(make_service: Any, open_page: Any, scheme: str, siz
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-@pytest.mark.slow
-def test_anybody_can_read_it_while_its_answers_are_still_to_come(
-    make_service: Any, open_page: Any
-) -> None:
-    page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
-    page.wait_for_selector("#answer[data-level=NORMAL]")
-    held: list[Any] = []
-    page.route("**/axes/X/**", lambda route: held.append(route))  # noqa: PLW0108 - it wants a function
-    for tab in TABS:
-        show_tab(page, tab)
-        assert serious_faults(page) == []
-    assert any("/wear" in route.request.url for route in held)
-    page.unroute_all()
-
-
-def test_it_is_painted_before_any_of_its_scripts_has_come(
-    make_service: Any, open_page: Any
-) -> None:
-    page = open_page(make_service(**HEALTHY).address, bypass_csp=True).page
-    held: list[Any] = []
-    page.route("**/*.js", lambda route: held.append(route))  # noqa: PLW0108 - it wants a function
-    page.reload(wait_until="commit")
-    page.wait_for_function("performance.getEntriesByName('first-contentful-paint').length")
-    assert held
-    page.unroute_all()
-    page.wait_for_selector("#answer[data-level=NORMAL]")
-
-
 def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
     page = open_page(make_service(**HEALTHY).address).page
     page.wait_for_selector("#answer[data-level=NORMAL]")
@@ -202,55 +174,6 @@ def test_a_fingerprint_is_made_read_and_compared(
     service.start()
     page.goto(f"{service.address}#/X/tests")
     page.wait_for_selector("#tests a[href='/api/v1/jobs/2/files/report.html']")
-
-
-def test_a_chosen_recording_stays_chosen_while_another_arrives(
-    make_service: Any, open_page: Any, tmp_path: Path
-) -> None:
-    traces = [tmp_path / f"drive_{number}.csv" for number in (1, 2)]
-    for trace in traces:
-        trace.write_text("time_s,torque_nm\n0,1\n")
-    page = open_page(f"{make_service(**HEALTHY).address}#/X/tests").page
-    held: list[Any] = []
-
-    def hold(route: Any) -> None:
-        held.append(route)
-
-    page.route("**/api/v1/recordings/drive_2.csv", hold)
-    with page.expect_request("**/api/v1/recordings/drive_2.csv"):
-        page.set_input_files("#job-file", traces)
-    page.check("#tests [name=recording][value='drive_1.csv']")
-    held.pop().continue_()
-    page.wait_for_selector("#tests [name=recording][value='drive_2.csv']")
-    assert page.is_checked("#tests [name=recording][value='drive_1.csv']")
-    assert not page.is_checked("#tests [name=recording][value='drive_2.csv']")
-
-
-@pytest.mark.slow
-def test_preload_and_stiffness_stand_along_the_stroke(make_service: Any, open_page: Any) -> None:
-    def profile(commissioned: float, value: float, low: float, high: float) -> dict[str, Any]:
-        names = ("commissioned", "value", "low", "high")
-        return {
-            name: [x] * 3 for name, x in zip(names, (commissioned, value, low, high), strict=True)
-        }
-
-    stroke = {
-        "axis": "X",
-        "position_m": [0.0, 0.4, 0.8],
-        "level": 0.95,
-        "preload_percent": profile(8.0, 4.0, 3.2, 4.8),
-        "stiffness_n_per_m": profile(4e7, 3.6e7, 3.4e7, 3.8e7),
-    }
-    page = open_page(make_service(**HEALTHY).address).page
-    show_tab(page, "history")
-    page.wait_for_selector("#stroke :text('this axis is not commissioned') >> nth=0")
-    page.route("**/wear", lambda r: r.fulfill(json=r.fetch().json() | {"stroke": stroke}))
-    page.wait_for_selector("#stroke :text('At mid-stroke 50 % of the commissioned one')")
-    text = page.inner_text("#stroke")
-    assert "(95 % sure: 40 to 60 %)" in text
-    assert "90 % of the commissioned one (95 % sure: 85 to 95 %)" in text
-    label = page.get_attribute("#stroke .chart >> nth=2", "aria-label")
-    assert label == ("Stiffness along the stroke: last 36 N/µm, between 36 and 36 N/µm")
 
 
 @pytest.mark.slow

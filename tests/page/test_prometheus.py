@@ -13,12 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.config import HttpConfig
-from edge_service.health.store.store import FILE_NAME, Store
-from edge_service.health.store.tokens import Tokens
 from edge_service.outputs.metrics import family_names
-from tests.certificates import write_certificates
-from tests.documents import block
 
 ROOT = Path(__file__).parents[2]
 PROMETHEUS = shutil.which("prometheus")
@@ -77,39 +72,6 @@ async def test_prometheus_scrapes_it(make_service: Any, tmp_path: Path) -> None:
                 assert (await client.get("/api/v1/query", params=query)).is_success, question
             condition = asked_by_grafana()[0].replace("$axis", ".*")
             assert (await _answer(client, condition))[0]["value"][1] in "01"
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(20.0)
-
-
-@pytest.mark.slow
-async def test_prometheus_scrapes_it_with_tls_and_a_token(
-    make_service: Any, tmp_path: Path
-) -> None:
-    """With the block of the operators' guide."""
-    if PROMETHEUS is None:
-        pytest.skip("prometheus is not installed")
-    certificate, key = write_certificates(tmp_path)
-    secret = Tokens(Store(tmp_path / FILE_NAME)).add("prometheus", "viewer", 0)
-    (tmp_path / "edge-service.token").write_text(secret)
-    http = HttpConfig(certificate=certificate, private_key=key)
-    service = await asyncio.to_thread(lambda: make_service(http, scenario="healthy"))
-    config = block("guide", "yaml", "credentials_file")
-    for old, new in (
-        ("edge-box:8443", service.address.removeprefix("https://").rstrip("/")),
-        ("/etc/prometheus/edge-service.token", str(tmp_path / "edge-service.token")),
-        ("/etc/prometheus/edge-service-ca.pem", str(tmp_path / "ca.pem")),
-    ):
-        assert old in config
-        config = config.replace(old, new)
-    (tmp_path / "prometheus.yml").write_text("global:\n  scrape_interval: 200ms\n" + config)
-    process, port = await asyncio.to_thread(started, tmp_path)
-    try:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
-            async with asyncio.timeout(60.0):
-                while not await _answer(client, "edge_service_ready"):
-                    await asyncio.sleep(0.1)
-            assert (await _answer(client, "up"))[0]["value"][1] == "1"
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(20.0)

@@ -4,8 +4,7 @@ import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
-from enum import StrEnum
-from typing import IO, Annotated
+from typing import IO, Annotated, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import RequestValidationError
@@ -51,14 +50,6 @@ class HistoryAnswer(Frozen):
     buckets: tuple[Bucket, ...]
 
 
-class Form(StrEnum):
-    """Form of the answer."""
-
-    JSON = "json"
-    CSV = HistoryForm.CSV.value
-    PARQUET = HistoryForm.PARQUET.value
-
-
 @history_router.get(
     "/axes/{axis}/history",
     response_model=HistoryAnswer,
@@ -76,17 +67,18 @@ async def history(
         Query(alias="step", gt=0.0, allow_inf_nan=False, description="Length of a bucket, s."),
     ] = None,
     form: Annotated[
-        Form, Query(alias="format", description="Buckets, or a file with every row.")
-    ] = Form.JSON,
+        Literal["json", "csv", "parquet"],
+        Query(alias="format", description="Buckets, or a file with every row."),
+    ] = "json",
 ) -> HistoryAnswer | Response:
     """History of one axis in buckets; empty ones are absent, never filled. A file has every row."""
-    if form is Form.JSON:
+    if form == "json":
         return await from_history(buckets_answer, state, axis, now_ns, start_s, end_s, step_s)
     if step_s is not None:
-        raise parameter_error("step", f"has no meaning for {form.value}: it has every row")
-    written = HistoryForm(form.value)
+        raise parameter_error("step", f"has no meaning for {form}: it has every row")
+    written = HistoryForm(form)
     file = await from_history(_file, state, axis, written, *_span(now_ns, start_s, end_s))
-    name = f"preload_{axis}.{form.value}"
+    name = f"preload_{axis}.{form}"
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return StreamingResponse(_chunks(file), media_type=_TYPES[written], headers=headers)
 
