@@ -160,7 +160,7 @@ MOST_LINES = {
     "estimate": 5246,
     "fingerprint": 2942,
     "health": 4879,
-    "http_api": 2496,
+    "http_api": 2488,
     "messages": 2069,
     "models": 5828,
     "nodes": 2908,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3360,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47727,
+    "tests": 47467,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
