@@ -131,13 +131,12 @@ class FeedDrive:
         """Run the next n periods and return what the drive and its encoders report.
 
         Args:
-            setpoints: position m, speed m/s, acceleration m/s^2, shape (n, 3).
-            preload_percent: of the dynamic load rating, shape (n,); it sets the nut's stiffness.
-            drag_nm: drag of the screw, N m, (n,); that of the preload unless given.
-            external_force_n: force on the table, N, positive along x, (n,); none unless given.
-            added_mass_kg: on the table beside the plant's own, kg, (n,); none unless given.
-            temperature_c: of the nut's housing, degC, (n,); unless given `AMBIENT_C`, and what the
-                effects warm it up by.
+            setpoints: position m, speed m/s, acceleration m/s^2, shape (n, 3); the others (n,).
+            preload_percent: of the dynamic load rating; it sets the nut's stiffness.
+            drag_nm: drag of the screw; that of the preload unless given.
+            external_force_n: on the table, positive along x; none unless given.
+            added_mass_kg: on the table beside the plant's own; none unless given.
+            temperature_c: of the nut's housing; unless given `AMBIENT_C`, and what effects add.
 
         Raises:
             ValueError: an input has another length, or holds a value that is not finite.

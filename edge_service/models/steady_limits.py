@@ -17,15 +17,10 @@ last 4 ms at most. Slower samples are points of a torque that goes on between th
 
 @dataclass(frozen=True, slots=True)
 class SteadyLimits:
-    """Limits within which motion is steady.
+    """Limits within which motion is steady."""
 
-    Attributes:
-        slowest_rad_s: slower is left out (Stribeck friction, creeping jogs).
-        cruise_rad_s2: up to this acceleration the axis cruises.
-    """
-
-    slowest_rad_s: float = SLOWEST_RAD_S
-    cruise_rad_s2: float = CRUISE_RAD_S2
+    slowest_rad_s: float = SLOWEST_RAD_S  # slower is left out (Stribeck friction, creeping jogs)
+    cruise_rad_s2: float = CRUISE_RAD_S2  # up to this acceleration the axis cruises
 
     def for_motion(
         self, top_speed_rad_s: float | None, top_acceleration_rad_s2: float | None

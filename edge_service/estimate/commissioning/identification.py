@@ -33,12 +33,10 @@ def commissioned(
     machine: Machine,
     limits: SteadyLimits | None = None,
 ) -> Machine:
-    """Machine file with the parameters identified from the recordings.
+    """Machine file with the parameters identified from blocks of the healthy, cold axis.
 
-    Args:
-        recordings: blocks of features of each recording of the healthy, cold axis, in any order.
-        machine: nominal; `preload_drag_nm` is the fresh screw's own drag.
-        limits: of steady motion in the blocks; those of the machine file unless given.
+    The recordings come in any order; `limits` of steady motion in the blocks are those of the
+    nominal machine file unless given.
 
     Raises:
         CommissioningError: the recordings cannot determine it; the text names the motion.

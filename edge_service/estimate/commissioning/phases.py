@@ -113,14 +113,7 @@ class RegressionFit:
 def robust_regression(
     columns: Floats, wanted: Floats, phases: SteadyPhases, prior_sigma: Floats
 ) -> RegressionFit:
-    """Regression of means over phases, with zero-mean priors on the parameters.
-
-    Args:
-        columns: (n, p).
-        wanted: (n,).
-        phases: of the rows.
-        prior_sigma: (p,), inf for none.
-    """
+    """Regression of means over phases, (n, p) on (n,), with zero-mean priors (p,), inf for none."""
     steady_s, speed = phases.steady_s, phases.speed_rad_s
     noise, trust = Noise(1.0, 0.0), np.ones_like(wanted)
     for _ in range(12):

@@ -61,17 +61,14 @@ class _Seen:
 class _Beside:
     """Shifts of the table without force: clocks, warmth, errors of the lead.
 
-    Attributes:
-        columns, sigma: with their priors, (n, q) and (q,); those of the maps are steps from node to
-            node, so that a place where the axis has not been is as its nearest neighbour.
-        drifts: number of columns of drift.
-        visited: share of the rows at each node of the maps, (k,).
+    Those of the maps are steps from node to node, so that a place where the axis has not been is as
+    its nearest neighbour.
     """
 
-    columns: Floats
-    sigma: Floats
-    drifts: int
-    visited: Floats
+    columns: Floats  # (n, q)
+    sigma: Floats  # of their priors, (q,)
+    drifts: int  # number of columns of drift
+    visited: Floats  # share of the rows at each node of the maps, (k,)
 
     @property
     def maps(self) -> tuple[slice, slice]:

@@ -29,12 +29,7 @@ SHORTEST_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class TorqueBalance:
-    """Parameters of the torque balance; see mixture.physics for the equation.
-
-    Attributes:
-        unexplained: rms of the residual over that of the torque around its mean.
-        move_scatter_nm: standard deviation of friction from move to move.
-    """
+    """Parameters of the torque balance; see mixture.physics for the equation."""
 
     inertia_kg_m2: float
     inertia_sigma: float
@@ -48,8 +43,8 @@ class TorqueBalance:
     stribeck_speed_rad_s: float
     harmonics_nm: Floats  # (k, 2)
     noise: Noise
-    unexplained: float
-    move_scatter_nm: float
+    unexplained: float  # rms of the residual over that of the torque around its mean
+    move_scatter_nm: float  # standard deviation of friction from move to move
     motion_s: float
 
 
@@ -140,11 +135,7 @@ def move_scatter_nm(phases: SteadyPhases, residual_nm: Floats) -> float:
     A healthy axis that cuts nothing has the same friction in all moves. A force that acts in some
     of them bends friction, viscous friction and Stribeck excess of the common fit until little is
     left over; inside one move it cannot, where only speed and acceleration change. By regression
-    within groups (Mundlak 1978).
-
-    Args:
-        phases: n of them.
-        residual_nm: what the common fit leaves of the torque, (n,).
+    within groups (Mundlak 1978) of what the common fit leaves of the torque, (n,).
     """
     begins = np.abs(np.diff(phases.time_s)) > PAUSE_S
     begins |= (np.diff(phases.direction) != 0.0) | (np.diff(phases.run) != 0.0)

@@ -82,11 +82,8 @@ def adapt_hypotheses(
     """Promote a confirmed challenger after a phase, and spawn new ones.
 
     They begin with the phase that surprises the accepted hypothesis: a loss spawned before it has
-    learned that nothing happened, and would leave the field to a total one, which no earlier phase
-    has corrected.
-
-    Args:
-        calm: no process force acts.
+    learned that nothing happened would leave the field to a total one, which no earlier phase has
+    corrected. `calm`: no process force acts.
     """
     moments, motion_s = bank.moments, reading.steady_s
     moments[SINCE_SPAWN_S] += motion_s
@@ -235,10 +232,8 @@ def _spawn_unless_running(
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
-    each while it explains what the likeliest takes for a force.
-
-    Args:
-        prior: log-probability that the step has happened since the last challenger was spawned.
+    each while it explains what the likeliest takes for a force. `prior` is the log-probability that
+    the step has happened since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED

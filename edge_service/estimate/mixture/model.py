@@ -95,17 +95,11 @@ def axis_model(machine: Machine) -> AxisModel:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Initial state of the hypotheses: the commissioned axis.
+    """Initial state of the hypotheses: the commissioned axis."""
 
-    Attributes:
-        mean: (n,) of a fresh preload.
-        covariance: (n, n) before the first phase, the preload's being that of a fresh screw.
-        load: (n, n), added by another load.
-    """
-
-    mean: Floats
-    covariance: Floats
-    load: Floats
+    mean: Floats  # (n,) of a fresh preload
+    covariance: Floats  # (n, n) before the first phase, the preload's being that of a fresh screw
+    load: Floats  # (n, n), added by another load
 
 
 def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> Start:
@@ -130,7 +124,9 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
         mean[TABLE_MASS] = settings.twist
-        sigma[TABLE_MASS] = math.hypot(mass_share_sigma(machine), settings.twist)
+        mass = machine.model.table_mass_kg
+        known = mass.sigma / mass.value if mass is not None else 0.0
+        sigma[TABLE_MASS] = math.hypot(known, settings.twist)
         sigma[REVERSAL] = settings.reversal
         sigma[STRETCH_WANDER] = stretch_wander_m(model, settings)
         sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)
@@ -142,12 +138,6 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
     load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
     return Start(mean, covariance, load)
-
-
-def mass_share_sigma(machine: Machine) -> float:
-    """Standard deviation of the commissioned table mass over its value."""
-    mass = machine.model.table_mass_kg
-    return mass.sigma / mass.value if mass is not None else 0.0
 
 
 def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:

@@ -67,21 +67,13 @@ class FaultLimits(NamedTuple):
 
 
 class Posterior(NamedTuple):
-    """Posterior of one axis: values with 95 % intervals, and probabilities.
+    """Posterior of one axis: values with 95 % intervals, and probabilities."""
 
-    Attributes:
-        preload: percent; the median of the mixture.
-        drag: Coulomb torque of the whole axis, N m.
-        stiffness: series stiffness at the reference, N/m; None with one encoder.
-        levels: probability that each of the thesis' levels is the nearest.
-        faults: probability of each change since commissioning that this axis can show.
-    """
-
-    preload: tuple[float, float, float]
-    drag: tuple[float, float, float]
-    stiffness: tuple[float, float, float] | None
-    levels: dict[str, float]
-    faults: dict[str, float]
+    preload: tuple[float, float, float]  # percent; the median of the mixture
+    drag: tuple[float, float, float]  # Coulomb torque of the whole axis, N m
+    stiffness: tuple[float, float, float] | None  # at the reference, N/m; None with one encoder
+    levels: dict[str, float]  # that each of the thesis' levels is the nearest
+    faults: dict[str, float]  # each change since commissioning that this axis can show
 
 
 def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -> FaultLimits:

@@ -53,36 +53,23 @@ _LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
 
 
 class Assessments(NamedTuple):
-    """Assessment of one phase by all hypotheses, each (HYPOTHESES,).
+    """Assessment of one phase by all hypotheses, each (HYPOTHESES,)."""
 
-    Attributes:
-        nis: normalised innovation squared without a force.
-        forced: probability of a force.
-        persists: probability of the force of the phase before.
-        misfit: half of the excess of the innovation squared under that force over 2, its mean.
-        log_likelihood: of the phase; -inf of a hypothesis that is not alive.
-    """
-
-    nis: Floats
-    forced: Floats
-    persists: Floats
-    misfit: Floats
-    log_likelihood: Floats
+    nis: Floats  # normalised innovation squared without a force
+    forced: Floats  # probability of a force
+    persists: Floats  # probability of the force of the phase before
+    misfit: Floats  # half of what the innovation squared under that force is above 2, its mean
+    log_likelihood: Floats  # -inf of a hypothesis that is not alive
 
 
 @compiled
 def step(
     bank: Bank, model: AxisModel, process: Process, reading: Reading, elapsed_s: float
 ) -> float:
-    """Predict, weigh and correct every hypothesis with one phase.
+    """Predict, weigh and correct every hypothesis, in place, `elapsed_s` after the phase before.
 
-    Args:
-        bank: changed in place.
-        elapsed_s: since the phase before.
-
-    Returns:
-        Normalised innovation squared per quantity of the leading hypothesis; about 1 is expected.
-        NaN if it takes the phase for one under a process force, which corrects nothing.
+    Returns the normalised innovation squared per quantity of the leading hypothesis, about 1 is
+    expected; NaN if it takes the phase for one under a process force, which corrects nothing.
     """
     size = bank.mean.shape[1]
     two = size > TORQUE_STATES and not math.isnan(reading.stretch_m)
@@ -173,10 +160,8 @@ def _watch_inertia(
     """Accumulate the correlation of the torque's error with the inertia torque.
 
     A wrong torque constant errs alike in every phase, and passes for a force that begins anew in
-    each. A process force errs by as much as the inertia torque in some, and lasts into the next.
-
-    Args:
-        counts: probability that no force lasts from the phase before.
+    each. A process force errs by as much as the inertia torque in some, and lasts into the next:
+    `counts` is the probability that none does.
     """
     keep = math.exp(-r.steady_s / _INERTIA_S)
     inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2

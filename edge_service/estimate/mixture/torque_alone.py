@@ -42,13 +42,9 @@ def weigh(
     """Probability of each cell of preload, (n,), given the dry friction of the whole axis.
 
     That the preload is as it was made, and that it may be any other, is equally likely beforehand.
-
-    Args:
-        coulomb_nm, sigma_nm: dry friction now, and its standard deviation.
-        fresh_nm: the fresh nut's share of it at commissioning.
-        other_nm: that of guides, seals and bearings.
-        error_share: error of the drag per preload, as a share.
-        friction: most share lost to warmth, and standard deviations of all alike and of each apart.
+    Of the friction at commissioning `fresh_nm` was the nut's, `other_nm` that of guides, seals and
+    bearings; `error_share` is the error of the drag per preload, and `friction` the most share lost
+    to warmth, with standard deviations of all alike and of each apart.
     """
     warmth, together, apart_share = friction
     shares = cells()

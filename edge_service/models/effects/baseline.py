@@ -105,10 +105,8 @@ class Motion:
     ) -> Self:
         """Motion with what the baseline says of it.
 
-        Args:
-            position_m: of the table; by the motor's angle unless given.
-            external_force_n: known force on the table, positive along x.
-            still_rad_s: up to this speed the axis is at rest.
+        The table's position is by the motor's angle unless given, a known force positive along x;
+        up to `still_rad_s` the axis is at rest.
         """
         direction = np.where(np.abs(speed_rad_s) > still_rad_s, np.sign(speed_rad_s), 0.0)
         force = 0.0 if external_force_n is None else external_force_n

@@ -46,20 +46,14 @@ _Kind = TypeVar("_Kind", bound=Contribution)
 
 @dataclass(frozen=True, slots=True)
 class Forward:
-    """A plant with effects, and what of them lies outside the plant.
-
-    Attributes:
-        command_per_torque: command over the torque that the motor gives.
-        torque_limit_nm: beyond it the motor gives no more.
-        position_lag_s: of the linear channel behind the others, in the record only.
-    """
+    """A plant with effects, and what of them lies outside the plant."""
 
     plant: Plant
     contributions: tuple[Contribution, ...]
     drag_table_share: float
-    command_per_torque: float
-    torque_limit_nm: float
-    position_lag_s: float
+    command_per_torque: float  # over the torque that the motor gives
+    torque_limit_nm: float  # beyond it the motor gives no more
+    position_lag_s: float  # of the linear channel behind the others, in the record only
 
     def over_time(self, time_s: Floats, temperature_c: Floats) -> Loads:
         """Loads that follow time or temperature, at (n,) times since the beginning.
@@ -165,7 +159,6 @@ def _shares_behind(plant: Plant, parts: Sequence[Contribution]) -> tuple[float, 
 
 
 def _dry_friction_behind(plant: Plant, share: float) -> Plant:
-    """The plant with dry friction moved between table and bearing."""
     moved_nm = (share - 1.0) * plant.guide_force_n * plant.ratio_m_per_rad
     moved_nm = min(moved_nm, plant.bearing_drag_nm)
     return plant._replace(

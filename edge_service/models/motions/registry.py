@@ -36,14 +36,11 @@ _SLACK_S = 1e-6
 class Motion:
     """A named motion; it starts at rest at `limits.low_m` and is fixed by its random generator.
 
-    Attributes:
-        purpose: one line.
-        draw: puts its segments on a route; None of a motion without end.
-        source: segments of a motion without end.
+    `draw` puts its segments on a route; a motion without end has a `source` of them instead.
     """
 
     name: str
-    purpose: str
+    purpose: str  # one line
     draw: Callable[[Route, np.random.Generator], None] | None = None
     source: Callable[[MotionLimits, np.random.Generator], Iterator[Segment]] | None = None
 
@@ -67,13 +64,9 @@ class Motion:
         duration_s: float | None = None,
         clip: bool = False,
     ) -> Plan:
-        """Its segments and, at the end, standing still until `duration_s`.
+        """Its segments and, at the end, standing still until `duration_s`, if that is given.
 
-        Args:
-            limits: what the axis allows.
-            random: decides what is left to chance.
-            duration_s: of the whole; the natural duration unless given.
-            clip: leave out, and name, what the axis does not allow.
+        With `clip` what the axis does not allow is left out and named.
 
         Raises:
             MotionError: the axis or the duration does not allow it.

@@ -18,15 +18,10 @@ _ON_THE_STROKE_M = 1e-9  # sums of distances are not exact
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A finite motion.
+    """A finite motion."""
 
-    Attributes:
-        segments: in order; the first starts at rest at `MotionLimits.low_m`.
-        left_out: what the axis does not allow, one line each.
-    """
-
-    segments: tuple[Segment, ...]
-    left_out: tuple[str, ...] = ()
+    segments: tuple[Segment, ...]  # in order; the first starts at rest at `MotionLimits.low_m`
+    left_out: tuple[str, ...] = ()  # what the axis does not allow, one line each
 
     @property
     def duration_s(self) -> float:
@@ -37,10 +32,7 @@ class Plan:
 class Route:
     """Collects the segments of one motion, from `limits.low_m` on.
 
-    Args:
-        name: of the motion, for messages.
-        limits: what the axis allows.
-        clip: leave out what the axis does not allow, instead of refusing the whole motion.
+    With `clip` what the axis does not allow is left out, instead of refusing the whole motion.
     """
 
     def __init__(self, name: str, limits: MotionLimits, *, clip: bool = False) -> None:

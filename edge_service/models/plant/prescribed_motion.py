@@ -30,13 +30,10 @@ TORQUE, STRETCH = 0, 1
 
 
 class Way(NamedTuple):
-    """Motion of the motor, and what acts meanwhile, (n,) each.
-
-    `place_m` is the table's position along the screw, for the stiffness.
-    """
+    """Motion of the motor, and what acts meanwhile, (n,) each."""
 
     speed_m_s: Floats
-    place_m: Floats
+    place_m: Floats  # of the table along the screw, for the stiffness
     loads: Loads
 
 
@@ -45,9 +42,7 @@ def following_state(
 ) -> Floats:
     """State (STATE_SIZE,) of a table that follows, on the flank of the last approach.
 
-    Args:
-        strain: of the screw, m of shift per m of travel.
-        came_from: direction of the last motion, -1.0 or 1.0.
+    `strain` is the screw's, m of shift per m of travel, `came_from` the last direction, -1 or 1.
     """
     shift_m, slope = nut_shift(plant.tables, travel_m, plant.ratio_m_per_rad)
     state = np.zeros(STATE_SIZE)

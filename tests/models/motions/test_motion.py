@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edge_service.models.machine import Machine
@@ -18,7 +18,7 @@ from edge_service.models.motions.registry import (
 
 MOVES = st.builds(
     Move,
-    distance_m=st.floats(1e-6, 2.0).flatmap(lambda d: st.sampled_from((d, -d))),
+    distance_m=st.floats(1e-6, 2.0) | st.floats(-2.0, -1e-6),
     speed_m_s=st.floats(1e-3, 2.0),
     acceleration_m_s2=st.floats(0.1, 20.0),
     jerk_m_s3=st.floats(1.0, 2000.0),
@@ -27,6 +27,7 @@ LIMITS = MotionLimits(0.04, 0.76)
 
 
 @given(MOVES)
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: Move) -> None:
     time_s = np.linspace(0.0, move.duration_s, 1001)
     travel, speed, acceleration = move.setpoints(time_s).T
@@ -41,6 +42,7 @@ def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: Move) ->
 
 
 @given(MOVES)
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_travel_is_the_integral_of_speed_and_speed_that_of_acceleration(move: Move) -> None:
     time_s = np.linspace(0.0, move.duration_s, 1001)
     travel, speed, acceleration = move.setpoints(time_s).T
