@@ -6,7 +6,7 @@ from ..messages.command import Command
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind
 from ..messages.interval import rfc3339
-from .headline import clock
+from .headline import clock, span
 from .inputs import NS_PER_S, moved
 
 _NS_PER_MS = 1_000_000
@@ -179,8 +179,8 @@ class AlarmLatch:
         """From when to when it was active."""
         assert self._alarm is not None
         since_ns, until_ns = self._alarm.raised_time_ns, self._alarm.cleared_time_ns or 0
-        span = {"since": clock(since_ns), "until": clock(until_ns)}
-        return self._told(Code.ALARM_OVER, span, since=rfc3339(since_ns), until=rfc3339(until_ns))
+        words = span(since_ns, until_ns)
+        return self._told(Code.ALARM_OVER, words, since=rfc3339(since_ns), until=rfc3339(until_ns))
 
     def _told(self, code: Code, words: dict[str, str] | None = None, **values: str) -> Statement:
         name = self._kind.value

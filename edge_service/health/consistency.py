@@ -138,7 +138,7 @@ class ChannelModel:
         gram = self._ridged()
         left = values - rows @ np.linalg.solve(gram, self.cross)
         leverage = np.einsum("ij,ji->i", rows, np.linalg.solve(gram, rows.T))
-        squares = left**2 / (1.0 + np.clip(leverage, 0.0, _WILD))
+        squares: Floats = left**2 / (1.0 + np.clip(leverage, 0.0, _WILD))
         return float(np.sum(squares)) / (squares.size - self._followed)
 
     def _unfollowed(self) -> tuple[Floats, Floats]:

@@ -44,6 +44,15 @@ def clock(time_ns: int) -> str:
     return f"{datetime.fromtimestamp(time_ns / 1e9).astimezone():%H:%M on %Y-%m-%d}"
 
 
+def span(since_ns: int, until_ns: int) -> dict[str, str]:
+    """Beginning and end of something, as times of day; `since` and `until`."""
+    begun, ended = (
+        datetime.fromtimestamp(each / 1e9).astimezone() for each in (since_ns, until_ns)
+    )
+    date = "" if begun.date() == ended.date() else f" on {begun:%Y-%m-%d}"
+    return {"since": f"{begun:%H:%M:%S}{date}", "until": f"{ended:%H:%M:%S on %Y-%m-%d}"}
+
+
 def headline(health: AxisHealth) -> Headline:
     """Headline of an axis; where condition and alarm are as grave, the condition speaks."""
     own = Headline(level=health.condition, **dict(condition_words(health)))

@@ -10,7 +10,7 @@ import pytest
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
-from edge_service.health.wear.trend import PreloadHistory, preload_trend
+from edge_service.health.wear.trend import preload_trend
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
@@ -183,18 +183,6 @@ def test_a_kept_state_of_another_clock_goes_on(step_ns: int) -> None:
     for alarm in again.health(begun_ns).alarms:
         assert alarm.raised_time_ns <= begun_ns
         assert (alarm.shelved_until_ns or 0) <= begun_ns + 60 * NS
-
-
-def test_a_history_of_the_future_ends_now() -> None:
-    history = PreloadHistory()
-    for number in range(1000):
-        history.add(4.1e9 + number, 5.0, 0.1, 0.0)
-    for number in range(1000):
-        history.add(1.8e9 + number, 4.0, 0.1, 0.0)
-    time_s, percent, *_ = history.points()
-    assert (time_s[1:] > time_s[:-1]).all()
-    assert time_s[-1] == pytest.approx(1.8e9 + 1000.0, abs=10.0)
-    assert (percent[0], percent[-1]) == (5.0, 4.0)
 
 
 @pytest.mark.parametrize("stop_s", [5, 3600, 40 * 86400])

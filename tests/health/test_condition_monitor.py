@@ -8,7 +8,6 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault
 from edge_service.messages.health import ComponentHealth, ComponentStatus, Task
-from edge_service.messages.interval import Interval
 
 NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
 FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
@@ -149,14 +148,6 @@ def test_late_arrival_of_old_data_is_stale(scene):
     assert scene.condition is UNAVAILABLE
 
 
-def test_drag_without_percent_has_no_limit(scene):
-    drag = Interval(value=0.14, low=0.13, high=0.15)
-    scene.estimate(None, drag_torque_nm=drag, steps=50)
-    assert scene.condition is UNAVAILABLE
-    assert scene.reasons[0] == "no_limit: preload in % not available"
-    assert scene.changes() == []
-
-
 def test_unknown_fresh_preload_has_no_limit(make_scene):
     scene = make_scene(fresh_percent=None)
     scene.estimate(5.0, steps=50)
@@ -214,9 +205,3 @@ def test_component_that_stopped_may_be_silent(scene):
     scene.monitor.on_component(report, scene.now_ns)
     scene.wait(60.0)
     assert scene.monitor.health(scene.now_ns).components == (report,)
-
-
-def test_components_of_other_axes_are_ignored(scene):
-    report = ComponentHealth(component="acquire", axis="Y", status=ComponentStatus.OK)
-    assert scene.monitor.on_component(report, scene.now_ns) == ()
-    assert scene.monitor.health(scene.now_ns).components == ()

@@ -69,13 +69,6 @@ def test_use_goes_on_from_its_snapshot_and_ends_with_the_part():
     assert (other.use().distance_m, other.use().since_time_ns) == (0.0, 9)
 
 
-def test_without_a_stroke_there_is_no_map():
-    meter = UsageCounter(ScrewGeometry(RATIO, None), 0)
-    meter.add(block())
-    assert meter.use().way_m == ()
-    assert meter.use().distance_m > 0.0
-
-
 def test_friction_now_is_held_against_friction_at_first():
     watch = FrictionWatch()
     for speed in (-50.0, 50.0):

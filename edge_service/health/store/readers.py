@@ -7,21 +7,14 @@ import asyncio
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ...messages.event import Event
 from .events import StoredEvent
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Events and changes that a reader has not seen yet.
-
-    Attributes:
-        lost: events dropped because the reader was too slow.
-        events: events, oldest first.
-        changed: (topic, axis) of which there is a newer value on the state.
-    """
+class Batch(NamedTuple):
+    """Events that a reader lost, being too slow, and has not seen yet; (topic, axis) changed."""
 
     lost: int
     events: tuple[StoredEvent, ...]

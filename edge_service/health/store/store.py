@@ -84,7 +84,9 @@ class Store:
             except _FAILED as error:
                 raise self._translated(error) from None
             finally:
-                _roll_back(file)
+                if file.in_transaction:
+                    with suppress(sqlite3.Error):
+                        file.execute("ROLLBACK")
             self.problem = ""
             return result
 
@@ -205,8 +207,11 @@ class Store:
             self._begin_anew(path)
             if damage:
                 self.is_new_file = True
-                aside = f", kept as {_set_aside(path)}" if path.exists() else ""
-                self.damages.append(f"{path}: {damage}{aside}; begun anew with what can be read")
+                aside = path.with_name(damaged_name(path.name))
+                if path.exists():
+                    put_in_place(path, aside)
+                    damage += f", kept as {aside.name}"
+                self.damages.append(f"{path}: {damage}; begun anew with what can be read")
             _finish(path)
 
     def _begin_anew(self, path: Path) -> None:
@@ -300,13 +305,6 @@ def _damage_of(path: Path, check: str) -> str:
         return str(error)
 
 
-def _roll_back(file: sqlite3.Connection) -> None:
-    """Undo what was begun and not committed."""
-    if file.in_transaction:
-        with suppress(sqlite3.Error):
-            file.execute("ROLLBACK")
-
-
 def _text(content: bytes) -> str:
     """Text, also where damage has made it none: the check of the row finds that."""
     return content.decode(errors="replace")
@@ -315,13 +313,6 @@ def _text(content: bytes) -> str:
 def _code(error: BaseException) -> int:
     """SQLite's primary result code; 0 if there is none."""
     return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
-
-
-def _set_aside(path: Path) -> str:
-    """Name under which a damaged file is kept beside its place from now on."""
-    aside = path.with_name(damaged_name(path.name))
-    put_in_place(path, aside)
-    return aside.name
 
 
 def _parts(path: Path) -> tuple[Path, ...]:

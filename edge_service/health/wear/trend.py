@@ -10,7 +10,7 @@ from ...messages.interval import Interval
 from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
-from ..headline import clock
+from ..headline import span
 from ..inputs import NS_PER_S
 from .wear_laws import TrendDraws, draw_trends
 
@@ -273,8 +273,8 @@ def as_of(trend: Trend, now_ns: int) -> Trend:
         return trend
     if change is None or change >= 0.0 or since_ns is None or until_ns is None:
         return trend
-    span = f"from {clock(since_ns)} to {clock(until_ns)}"
-    reason = f"The preload fell by {-change:.3g} % of fresh {span}."
+    words = "The preload fell by {fall:.3g} % of fresh from {since} to {until}."
+    reason = words.format(fall=-change, **span(since_ns, until_ns))
     return trend.model_copy(update={"reason": reason})
 
 
