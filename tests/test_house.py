@@ -159,7 +159,7 @@ MOST_LINES = {
     "drivers": 3813,
     "estimate": 5183,
     "fingerprint": 2942,
-    "health": 4879,
+    "health": 4872,
     "http_api": 2488,
     "messages": 2069,
     "models": 5793,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3360,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47469,
+    "tests": 47435,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
