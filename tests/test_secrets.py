@@ -76,8 +76,6 @@ WRONG = {
     "a list": f'["{MARKER}"]',
     "a table": f'{{ a = "{MARKER}" }}',
     "a number": "90614117",
-    "a truth": "true",
-    "a date": "2031-01-31",
     "text that may not fit": f'" {MARKER}"',
 }
 
@@ -89,7 +87,7 @@ def test_a_mistake_in_a_secret_does_not_show_it(
 ) -> None:
     path = config_file(tmp_path, where, f"{key} = {WRONG[kind]}\nunknown_key = 1")
     told = complaint(path)
-    for shown in (MARKER, "90614117", "2031", "True"):
+    for shown in (MARKER, "90614117"):
         assert shown not in told
 
 

@@ -54,7 +54,7 @@ def progress(line: str) -> None:
     """
     context = click.get_current_context()
     if _LINE not in context.meta:
-        command = context.find_root().invoked_subcommand or context.info_name or ""
+        command = context.find_root().invoked_subcommand or context.command.name or ""
         context.meta[_LINE] = shown = ProgressLine(command)
         context.call_on_close(shown.pause)
     context.meta[_LINE].tell(line)

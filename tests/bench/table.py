@@ -6,8 +6,8 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import asdict, dataclass
+from typing import Any, TypeVar
 
 from edge_service.exit_status import BadInputError
 
@@ -29,11 +29,13 @@ class Table:
         heads: of the columns.
         rows: cells of each row, as many as heads; numbers are flush right.
         notes: what must be known to read them.
+        figures: that the rows show, for programs.
     """
 
     heads: tuple[str, ...]
     rows: tuple[tuple[object, ...], ...]
     notes: tuple[str, ...] = ()
+    figures: "tuple[Figure, ...]" = ()
 
     def __str__(self) -> str:
         """Aligned columns, then the notes."""
@@ -49,8 +51,11 @@ class Table:
         ]
         return "\n".join([*lines, *self.notes])
 
-    def document(self) -> dict[str, object]:
+    def document(self) -> dict[str, Any]:
         """The same for programs; what is no number is null."""
+        if self.figures:
+            told = [asdict(each) | {"met": each.met} for each in self.figures]
+            return {"figures": told, "notes": self.notes}
         rows = [[_written(each) for each in row] for row in self.rows]
         return {"heads": self.heads, "rows": rows, "notes": self.notes}
 
@@ -122,7 +127,7 @@ def figures_table(figures: Sequence[Figure], notes: Sequence[str] = ()) -> Table
         value, theirs, ratio = ("" if x is None else number_text(x) for x in numbers)
         met = {None: "", True: "yes", False: "NO"}[each.met]
         rows.append((each.name, value, each.unit, theirs, each.peer, ratio, aim, met))
-    return Table(heads, tuple(rows), tuple(notes))
+    return Table(heads, tuple(rows), tuple(notes), tuple(figures))
 
 
 def number_text(value: float) -> str:

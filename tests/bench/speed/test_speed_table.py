@@ -1,5 +1,6 @@
 """The speed table: aims are of ratios, children are counted, and the peer really works."""
 
+import math
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from click.testing import CliRunner
 
 from tests.bench.commands import bench
 
-from ..table import Figure, figures_table
+from ..table import Figure, Table, figures_table
 from .paced import MOSQUITTO, _peer
 from .process_meter import usage_of
 
@@ -22,6 +23,13 @@ def test_an_aim_is_one_of_the_ratio_where_there_is_a_peer() -> None:
     missed = str(figures_table([Figure("help", 0.4, "s", at_most=0.3)], ["a note"]))
     assert "NO" in missed
     assert "a note" in missed
+
+
+def test_a_program_gets_numbers() -> None:
+    (told,) = figures_table([Figure("help", 0.4, "s", at_most=0.3)]).document()["figures"]
+    assert (told["name"], told["value"], told["met"]) == ("help", 0.4, False)
+    table = Table(("a", "b"), ((math.nan, 1.5), ("x", None)))
+    assert table.document()["rows"] == [[None, 1.5], ["x", None]]
 
 
 def test_children_are_counted_with_their_parent() -> None:
