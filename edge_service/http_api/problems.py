@@ -16,6 +16,8 @@ from starlette.routing import compile_path
 from ..health.store.store import StoreFailedError
 
 PROBLEM_TYPE = "application/problem+json"
+RETRY_S = "5"
+"""Time after which a request may succeed that was refused for now."""
 
 
 class ParameterProblem(BaseModel):
@@ -37,12 +39,8 @@ class Problem(BaseModel):
     errors: list[ParameterProblem] | None = Field(None, description="Parameters to correct.")
 
 
-class RefusedError(Exception):
-    """Refusal of a request; the text is one line, `status` the HTTP status that says so."""
-
-    def __init__(self, status: int, message: str) -> None:
-        super().__init__(message)
-        self.status = status
+class RefusedError(HTTPException):
+    """Refusal of a request: its HTTP status, and one line that says why."""
 
 
 class ProblemResponse(JSONResponse):
@@ -69,7 +67,9 @@ def problem_response(
         reasons=reasons,
         errors=errors,
     )
-    return ProblemResponse(problem.model_dump(exclude_none=True), status, headers)
+    again = {"retry-after": RETRY_S} if status in (429, 503) else {}
+    content = problem.model_dump(exclude_none=True)
+    return ProblemResponse(content, status, {**again, **(headers or {})})
 
 
 _DOCUMENTED = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
@@ -91,7 +91,6 @@ def answer_with_problems(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_bad_request)
     app.add_exception_handler(ClientDisconnect, _on_gone)
-    app.add_exception_handler(RefusedError, _on_refused)
     app.add_exception_handler(StoreFailedError, _on_store_failed)
     app.add_exception_handler(Exception, _on_failure)
 
@@ -127,11 +126,6 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
     ]
     detail = "; ".join(f"{each.parameter}: {each.detail}" for each in errors)
     return problem_response(request.url.path, 422, detail, errors=errors)
-
-
-async def _on_refused(request: Request, error: Exception) -> ProblemResponse:
-    assert isinstance(error, RefusedError)
-    return problem_response(request.url.path, error.status, str(error))
 
 
 async def _on_store_failed(request: Request, error: Exception) -> ProblemResponse:

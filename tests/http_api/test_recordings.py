@@ -31,7 +31,7 @@ class _Upload:
 async def _refusal(upload: _Upload) -> int:
     with pytest.raises(RefusedError) as refused:
         await asyncio.wait_for(upload.done, 5.0)
-    return refused.value.status
+    return refused.value.status_code
 
 
 async def test_uploads_at_the_same_time_are_counted_together_as_they_grow(tmp_path):
