@@ -2,7 +2,6 @@
 
 import ast
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from .foreign_plant import (
     case,
     gap,
     motions,
-    nominal_machine_toml,
     simulate,
 )
 from .foreign_plant.ageing import preload_trajectory
@@ -207,16 +205,6 @@ def test_the_same_case_gives_the_same_recording() -> None:
     )
 
 
-def test_noise_has_the_size_and_the_colour_that_was_asked_for() -> None:
-    path = motions.standstill(20.0)
-    for colour in (0.0, 0.8):
-        sensors = {"colour": colour, "linear_quantum_m": 0.0}
-        x = simulate(axis_case(setpoint_m=path, sensors=sensors)).columns["table_position_m"]
-        assert np.std(x) == pytest.approx(5e-8, rel=0.1)
-        x = x - x.mean()
-        assert np.mean(x[1:] * x[:-1]) / np.mean(x**2) == pytest.approx(colour, abs=0.05)
-
-
 def test_a_bad_recorder_spoils_rows_and_nothing_else() -> None:
     clean = simulate(axis_case(duration_s=10.0, seed=1)).columns
     sensors = {"dropped": 0.01, "repeated": 0.02, "missing": 0.01, "stuck": 2, "clock_jumps": 1}
@@ -228,26 +216,3 @@ def test_a_bad_recorder_spoils_rows_and_nothing_else() -> None:
     assert 0.005 < np.isnan(bad["motor_angle_rad"]).mean() < 0.02
     held = [np.sum(np.diff(bad[name]) == 0.0) for name in ("motor_angle_rad", "table_position_m")]
     assert all(count >= np.sum(steps == 0.0) * 0.9 for count in held)
-
-
-def test_jitter_and_skew_read_the_motion_at_their_own_times() -> None:
-    path = motions.Route(0.2).to(0.6, 0.2, 4.0, 0.2).positions()
-    clean = simulate(axis_case(setpoint_m=path, sensors=QUIET)).truth["states"]
-    middle = slice(900, 1500)
-    late = simulate(axis_case(setpoint_m=path, sensors=QUIET | {"skew_s": 3e-4})).columns
-    moved = late["table_position_m"][middle] - clean[middle, 2]
-    assert np.median(moved) == pytest.approx(0.2 * 3e-4, rel=0.01)
-    shaken = simulate(axis_case(setpoint_m=path, sensors=QUIET | {"jitter_s": 1e-4})).columns
-    true = np.interp(shaken["time_s"][middle], np.arange(len(clean)) * 1e-3, clean[:, 2])
-    assert np.std(np.diff(shaken["time_s"])) > 5e-5
-    assert np.abs(shaken["table_position_m"][middle] - true).max() < 2e-7
-
-
-def test_machine_files_say_what_each_judge_is_reported() -> None:
-    estimator = tomllib.loads(nominal_machine_toml(Machine(), tolerance=0.02))["model"]
-    assert estimator["preload_n"] == 510.0
-    assert estimator["preload_drag_nm"] == {"value": 0.146, "tolerance": 0.02}
-    assert Machine().preload_percent == pytest.approx(6.8456, abs=1e-4)
-    diagnosis = tomllib.loads(nominal_machine_toml(DIAGNOSIS))["model"]
-    assert "preload_n" not in diagnosis
-    assert diagnosis["preload_drag_nm"] == pytest.approx(0.146 + 0.05 + 60.0 * 0.02 / (2 * np.pi))

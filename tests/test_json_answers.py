@@ -195,13 +195,3 @@ def test_a_mistake_is_a_document_too(name: str, capfd: pytest.CaptureFixture[str
     told = capfd.readouterr()
     error = json.loads(told.out)["error"]
     assert error == {"detail": told.err.strip().removeprefix("edge-service: "), "exit_status": 2}
-
-
-def test_a_number_without_its_unit_is_found() -> None:
-    right = {
-        "speed_m_s": 1.5,
-        "mode_probability": {"10": 0.5},
-        "length": {"value": 2.5, "unit": "m"},
-    }
-    assert list(without_unit(right)) == []
-    assert list(without_unit({"length": 1.5})) == ["/length"]
