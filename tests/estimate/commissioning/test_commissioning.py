@@ -17,7 +17,6 @@ from ...bench.estimator.axis import OwnAxis, downsampled, true_machine
 
 AXIS = OwnAxis(1)
 NOMINAL = AXIS.nominal()
-RATIO = NOMINAL.transmission_ratio_m_per_rad
 INERTIA, VISCOUS, COULOMB = 1.5e-3, 5e-3, 0.35
 
 
@@ -116,16 +115,6 @@ def test_the_series_stiffness_is_recovered_along_the_stroke() -> None:
     assert transmission.reversal_force_n == pytest.approx(
         true_machine(AXIS.seed).model.guide_force_n.value, rel=0.02
     )
-
-
-def test_the_stroke_map_of_the_preload_is_recovered() -> None:
-    """5 % and 3 % of the preload: its first two harmonics along the stroke."""
-    taught = learned().commissioned
-    assert taught is not None
-    amplitudes = [float(np.hypot(cosine, sine)) for cosine, sine in taught.stroke_map]
-    assert amplitudes[0] == pytest.approx(0.05, abs=0.005)
-    assert amplitudes[1] == pytest.approx(0.03, abs=0.005)
-    assert amplitudes[2] == pytest.approx(0.0, abs=0.005)
 
 
 def test_the_order_of_recordings_means_nothing() -> None:

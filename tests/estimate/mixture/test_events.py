@@ -168,10 +168,3 @@ def test_warm_up_is_no_wear() -> None:
     late = answers[answers[:, 0] > 60.0]
     assert FRESH - late[:, 1].min() < 0.7
     assert np.mean(late[:, 3] >= FRESH) > 0.94
-
-
-def test_published_probabilities_sum_to_one_and_name_the_nearest_level() -> None:
-    last = run(production("drop"))[-1]
-    assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
-    assert sum(last.mode_probability.values()) == pytest.approx(1.0)
-    assert last.mode_probability["0"] > 0.9

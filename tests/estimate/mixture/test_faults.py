@@ -49,17 +49,3 @@ def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
     assert said.low is not None
     assert said.high is not None
     assert said.low <= AXIS.fresh_percent <= said.high
-
-
-def test_a_healthy_axis_has_none() -> None:
-    said = answer_to(None)
-    assert set(said.fault_probability) == {
-        "preload_loss",
-        "lubrication",
-        "process_force",
-        "payload",
-        "looseness",
-    }
-    assert said.fault_probability["preload_loss"] < 0.5
-    others = {name for name in said.fault_probability if name != "preload_loss"}
-    assert max(said.fault_probability[name] for name in others) < 0.1

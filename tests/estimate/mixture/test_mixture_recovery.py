@@ -58,23 +58,6 @@ def test_a_wrong_loss_is_given_up_when_the_friction_is_back(
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
-@pytest.mark.parametrize("percent", [0.0, 2.0, 4.0])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_loss_that_ends_by_itself_is_believed_and_given_up(
-    seed: int, percent: float, one_encoder: bool
-) -> None:
-    """Both witnesses agree on a loss for 30 s, without a stop, and then on none."""
-    axis = Axis(one_encoder).moved(seed, 60.0, FRESH_TRUTH)
-    axis.moved(10 + seed, STEP_S, Truth(percent=max(percent, 1e-3)))
-    if not one_encoder:
-        assert axis.holds(percent), axis.said().preload
-    axis.moved(20 + seed, BACK_S, FRESH_TRUTH)
-    value, low, high = axis.said().preload
-    assert low <= FRESH <= high
-    assert value > 0.85 * FRESH
-
-
-@pytest.mark.parametrize("one_encoder", [False, True])
 @pytest.mark.parametrize("unseen", [False, True])
 @pytest.mark.parametrize("percent", [0.5, 2.0, 4.0])
 def test_a_new_nut_is_found_without_a_word_of_it(

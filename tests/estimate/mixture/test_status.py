@@ -77,15 +77,6 @@ def test_a_number_stands_for_ten_seconds_without_motion_and_no_longer(
     assert {e.status for e in held} == {EstimateStatus.ESTIMATED}
 
 
-def test_no_motion_is_insufficient_excitation_from_the_start() -> None:
-    noise = np.random.default_rng(7).standard_normal((2, 3000))
-    channels = {TORQUE: 0.02 * noise[0], ANGLE: 5e-6 * noise[1]}
-    still = SampleFrame(np.arange(3000) / 1e3, channels)
-    estimates = run(downsampled([still], machine()))
-    assert {e.status for e in estimates} == {EstimateStatus.INSUFFICIENT_EXCITATION}
-    assert {e.preload_percent for e in estimates} == {None}
-
-
 WRONG = ("torque missing", "torque sign swapped", "angle sign swapped", "lead wrong by 2")
 
 
