@@ -207,7 +207,7 @@ class AxisMonitor:
     def trend_work(self) -> Callable[[], Trend]:
         """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
         limits = self._limits
-        ahead = {}
+        ahead: dict[str, float] = {}
         if limits is not None:
             ahead = {"warning": limits.warning_percent, "fault": limits.fault_percent}
         return partial(preload_trend, *self._series.points(), ahead, self._fresh_percent)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from edge_service.health.advice import announced
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
+from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
@@ -239,3 +240,37 @@ def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> 
     axis.hear(_estimate(0.2, 0.05, 1.0, 0.95), 20)
     nut = next(each for each in axis.answer().advice if each.task is Task.REPLACE_NUT)
     assert nut.together_with == (Task.REGREASE,)
+
+
+def test_whoever_presents_an_axis_forms_every_sentence_from_the_number_that_it_shows() -> None:
+    axis = Axis()
+    axis.hear(_estimate(1.0, 0.05, 1.0, 0.0), 10)
+    axis.hear(_estimate(0.5, 0.05, 1.0, 0.0), 15)
+    state, header = ServiceState({"X": None}, START_NS), Header(0, START_NS, axis.now_ns, 0)
+    state.on_health(header, axis.answer(), axis.now_ns)
+    state.on_preload("X", header, _estimate(0.45, 0.07, 1.0, 0.0), axis.now_ns)
+    told, shown = state.health("X", axis.now_ns), state.preload("X", axis.now_ns)
+    (low,) = [each for each in told.alarms if each.kind is AlarmKind.PRELOAD_LOW]
+    assert low.text == "The preload is low: 45 % of fresh (44 to 46)."
+    assert told.of_fresh == shown.of_fresh
+    wide = _estimate(0.45, 1.4, 1.0, 0.0)  # the limit lies within
+    state.on_preload("X", Header(1, START_NS, axis.now_ns, 0), wide, axis.now_ns)
+    (low, *_) = [each for each in state.health("X", axis.now_ns).alarms if each.kind == low.kind]
+    assert low.text == "The preload may be low: 45 % of fresh (25 to 65)."
+
+
+def test_a_fall_that_has_ended_is_told_in_the_past() -> None:
+    axis, sound = Axis(), _estimate(1.0, 0.05, 1.0, 0.0)
+    axis.hear(sound, 10)
+    span = {"since_time_ns": axis.now_ns - 600 * NS, "until_time_ns": axis.now_ns}
+    trend = _trend(TrendStatus.FALLING, 1.0, 100)
+    trend = trend.model_copy(update=span | {"change_fresh_percent": -31.24})
+    axis.monitor.take_trend(trend, axis.now_ns)
+    axis.hear(sound, 1)
+    (rate,) = axis.answer().alarms
+    assert rate.text == "The preload is falling fast: 14.3 % of fresh per hour."
+    axis.hear(sound, 70)
+    health = axis.answer()
+    assert health.alarms[0].text.startswith("The preload fell fast until ")
+    assert health.trend is not None
+    assert health.trend.reason.startswith("The preload fell by 31.2 % of fresh from ")
