@@ -15,7 +15,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.features import Fault
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE, SampleFrame
 
-from ..fingerprint.test_plausibility import recorded
+from ..fingerprint.test_examination import recorded
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 FAULTS: dict[str, tuple[str, Callable[[SampleFrame], SampleFrame]]] = {
