@@ -1,18 +1,21 @@
 """A slow recording of an axis has the answer of the fast one, as far as it can."""
 
-import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
+from edge_service.messages.samples import Floats
 
 from .. import foreign_plant
 from ..bench.real_machines import written
-from .conftest import DURATION_S
+from .conftest import DURATION_S, recorded
+from .test_bad_input import diagnosed
 
 FASTER_HZ = 2000.0
+Columns = Mapping[str, Floats]
 
 
 def trace(folder: Path, causes: tuple[str, ...], every: int, seed: int = 3) -> str:
@@ -23,13 +26,6 @@ def trace(folder: Path, causes: tuple[str, ...], every: int, seed: int = 3) -> s
     )
     columns = {name: values[::every] for name, values in recording.columns.items()}
     return written(folder / "a.csv", columns)
-
-
-def diagnosed(machine_file: Path, folder: Path, *traces: str) -> dict[str, object]:
-    out = folder / "out"
-    assert main(["diagnose", "--machine", str(machine_file), *traces, "--out", str(out)]) == 0
-    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
-    return document
 
 
 @pytest.mark.slow
@@ -68,37 +64,27 @@ def test_below_twenty_a_second_nothing_is_said(
     assert "10 samples/s, expected" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_an_interpolated_recording_has_the_same_answer(machine_file: Path, tmp_path: Path) -> None:
-    effects = (("drag_error", 1.0),)
-    recording = foreign_plant.simulate(
-        foreign_plant.case(effects, "production", seed=3, duration_s=DURATION_S)
-    )
-    columns = dict(recording.columns)
+def interpolated(columns: Columns) -> list[Columns]:
     time_s = columns["time_s"]
     fine = np.arange(time_s[0], time_s[-1], 1.0 / FASTER_HZ)
-    finer = {name: np.interp(fine, time_s, values) for name, values in columns.items()}
-    once = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
-    twice = diagnosed(machine_file, tmp_path, written(tmp_path / "b.csv", finer | {"time_s": fine}))
-    assert once["effects"][0]["name"] == twice["effects"][0]["name"] == "drag_error"
-    values = [each["effects"][0]["parameters"]["change_nm"] for each in (once, twice)]
-    assert values[0]["low"] < values[1]["value"] < values[0]["high"]
+    return [{name: np.interp(fine, time_s, values) for name, values in columns.items()}]
+
+
+def halves(columns: Columns) -> list[Columns]:
+    half = len(columns["time_s"]) // 2
+    parts = (slice(None, half), slice(half, None))
+    return [{name: values[rows] for name, values in columns.items()} for rows in parts]
 
 
 @pytest.mark.slow
-def test_a_recording_cut_in_two_has_the_same_answer(machine_file: Path, tmp_path: Path) -> None:
-    effects = (("drag_error", 1.0),)
-    recording = foreign_plant.simulate(
-        foreign_plant.case(effects, "production", seed=3, duration_s=DURATION_S)
-    )
-    columns = dict(recording.columns)
-    half = len(columns["time_s"]) // 2
-    parts = [
-        written(tmp_path / f"{k}.csv", {name: values[rows] for name, values in columns.items()})
-        for k, rows in enumerate((slice(None, half), slice(half, None)))
-    ]
-    whole = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
-    cut = diagnosed(machine_file, tmp_path, *parts)
-    assert cut["effects"][0]["name"] == whole["effects"][0]["name"] == "drag_error"
-    value = whole["effects"][0]["parameters"]["change_nm"]
-    assert value["low"] < cut["effects"][0]["parameters"]["change_nm"]["value"] < value["high"]
+@pytest.mark.parametrize("told", [interpolated, halves])
+def test_the_same_motion_told_otherwise_has_the_same_answer(
+    machine_file: Path, tmp_path: Path, told: Callable[[Columns], list[Columns]]
+) -> None:
+    columns = dict(recorded(("drag_error",), seed=3).columns)
+    parts = [written(tmp_path / f"{k}.csv", each) for k, each in enumerate(told(columns))]
+    once = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
+    again = diagnosed(machine_file, tmp_path, *parts)
+    assert once["effects"][0]["name"] == again["effects"][0]["name"] == "drag_error"
+    value, other = (each["effects"][0]["parameters"]["change_nm"] for each in (once, again))
+    assert value["low"] < other["value"] < value["high"]
