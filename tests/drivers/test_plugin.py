@@ -60,11 +60,6 @@ async def device() -> AsyncIterator[int]:
         yield server.sockets[0].getsockname()[1]
 
 
-def test_the_example_is_no_longer_than_a_page() -> None:
-    lines = block(README, "python", "class CsvTcpDriver").splitlines()
-    assert sum(bool(line.strip()) for line in lines) <= 60
-
-
 async def run(site: Path, *arguments: str) -> asyncio.subprocess.Process:
     return await asyncio.create_subprocess_exec(
         sys.executable,
@@ -103,16 +98,3 @@ async def test_the_installed_driver_runs_in_the_service(
         service.terminate()
         await service.communicate()
     assert service.returncode == 0
-
-
-async def test_a_wrong_setting_of_the_installed_driver_names_its_key(
-    site: Path, tmp_path: Path
-) -> None:
-    config = tmp_path / "edge.toml"
-    config.write_text(CONFIG.format(port=1) + "prot = 2\n")
-    checked = await run(site, "check-config", str(config))
-    async with asyncio.timeout(60.0):
-        _, stderr = await checked.communicate()
-    assert checked.returncode == 2
-    assert b"axes.X.settings.prot: unknown key; did you mean port?" in stderr
-    assert b"Traceback" not in stderr

@@ -1,14 +1,11 @@
 """What strangers leave in the folder: told once each, and no harm to the traces of others."""
 
-import errno
 import os
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
-
-from drivers.folder import driver as folder
 
 from .test_folder import Watch, torques
 
@@ -47,22 +44,3 @@ async def test_links_pipes_and_folders_are_no_traces(watch: Watch) -> None:
     driver = watch.driver()
     assert set(torques(await watch.read(driver))) == {1.0}
     assert driver.counters["bad_files"] == 0
-
-
-async def test_a_full_disk_stops_no_reading_and_nothing_is_read_twice(
-    watch: Watch, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    watch.write("a.csv", 1.0)
-    driver = watch.driver()
-    with monkeypatch.context() as refusing:
-        refusing.setattr(folder, "replaced_file", refuse)
-        assert set(torques(await watch.read(driver))) == {1.0}
-        assert driver.counters["unsaved_ledger"] > 0
-        assert torques(await watch.read(driver)) == []
-    watch.write("b.csv", 2.0)
-    assert set(torques(await watch.read(driver))) == {2.0}
-    assert driver.counters["unsaved_ledger"] == 0
-    assert torques(await watch.read(watch.driver())) == []

@@ -10,8 +10,7 @@ import pytest
 
 from drivers.base import DriverUnavailableError
 from drivers.modbus.driver import ModbusDriver, PollGroup
-from drivers.modbus.stub import ModbusStub
-from drivers.stub import Fault, FaultKind, StubAxis
+from drivers.stub import Fault, FaultKind
 from edge_service.messages.samples import (
     ANGLE,
     TABLE_POSITION,
@@ -21,7 +20,7 @@ from edge_service.messages.samples import (
     SampleFrame,
 )
 
-from ..bench import CONTEXT, counting_source, free_port, truth
+from ..bench import CONTEXT, free_port, truth
 from .bench import REGISTERS, config_of, stub_of
 
 
@@ -181,25 +180,3 @@ async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
     finally:
         await rig.driver.close()
         await rig.stub.close()
-
-
-async def test_a_stub_serves_units_of_several_axes() -> None:
-    port = free_port()
-    first, second = config_of(port), config_of(port, device_id=2)
-    stub = ModbusStub(
-        [
-            StubAxis("X", first, CONTEXT, counting_source()),
-            StubAxis("Y", second, CONTEXT, counting_source()),
-        ]
-    )
-    await stub.start()
-    drivers = [ModbusDriver(config, CONTEXT) for config in (first, second)]
-    try:
-        for driver in drivers:
-            probe = await driver.probe()
-            assert probe.rate_hz == pytest.approx(100.0)
-            await driver.open()
-    finally:
-        for driver in drivers:
-            await driver.close()
-        await stub.close()

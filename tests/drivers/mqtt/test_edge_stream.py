@@ -146,20 +146,10 @@ def test_several_axes_are_refused_with_their_list_unless_one_is_named() -> None:
 HEADER = messages(recorded())[0]["Header"]
 HOSTILE: dict[str, bytes] = {
     "no JSON": b"\x00\xff{",
-    "half a message": json.dumps(messages(recorded())[0]).encode()[:-20],
     "deep nesting": b"[" * 200_000,
-    "deep objects": b'{"a":' * 200_000,
-    "a list": b"[1, 2]",
-    "a number of 10,000 digits": b'{"HFData": [[' + b"9" * 10_000 + b"]]}",
     "no rows": b'{"HFData": {"a": 1}}',
     "a header that is none": b'{"Header": 5, "HFData": [[1, 2, 3, 4]]}',
     "a header without signals": b'{"Header": {"SignalListHFData": []}, "HFData": [[1]]}',
-    "signals without end": json.dumps(
-        {"Header": {"SignalListHFData": [{"Name": "a"}] * 5000}, "HFData": [[1]]}
-    ).encode(),
-    "names of no axis": json.dumps(
-        {"Header": {"SignalListHFData": [{"Name": "CYCLE"}]}, "HFData": [[1]]}
-    ).encode(),
     "no count": json.dumps(
         {"Header": {"SignalListHFData": [{"Address": "TORQUE|1"}]}, "HFData": [[1]]}
     ).encode(),
