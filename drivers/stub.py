@@ -104,13 +104,12 @@ def stub_names() -> list[str]:
 
 
 def load_stub(name: str) -> type[Stub]:
-    """The class of a stub. Raises DriverMisconfiguredError."""
-    for entry in entry_points(group=ENTRY_POINT_GROUP, name=name):
-        try:
-            return cast(type[Stub], entry.load())
-        except ImportError as error:
-            raise DriverMisconfiguredError("stub", f"{name}: {error}") from error
-    raise DriverMisconfiguredError("stub", f"none for {name!r}; there are {stub_names()}")
+    """The class of a stub of `stub_names`. Raises DriverMisconfiguredError."""
+    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)
+    try:
+        return cast(type[Stub], entry.load())
+    except ImportError as error:
+        raise DriverMisconfiguredError("stub", f"{name}: {error}") from error
 
 
 class Following:

@@ -21,8 +21,6 @@ log = logging.getLogger(__name__)
 LISTEN_S = 10.0
 """Longest time that a probe listens."""
 MOST_TOPICS = 5
-LARGEST_BYTES = 4_000_000
-"""Of a message; a larger one is skipped."""
 _LONGEST_LINE = 200
 
 
@@ -40,9 +38,7 @@ class MqttDriver:
         self._config, self._context = config, context
         self._link: MqttLink | None = None
         self._stream = self._new_stream()
-        self._counts = dict.fromkeys(
-            ("messages", "malformed_messages", "oversized_messages", "connections"), 0
-        )
+        self._counts = {"messages": 0, "malformed_messages": 0, "connections": 0}
         self._qualities = QualityCounts()
         self._told: set[str] = set()
 
@@ -83,9 +79,6 @@ class MqttDriver:
             if message is None or self._link is not link:
                 return
             self._counts["messages"] += 1
-            if len(message.payload or b"") > LARGEST_BYTES:
-                self._counts["oversized_messages"] += 1
-                continue
             try:
                 frames = self._stream.frames(decode_object(message.payload))
             except MessageError as error:

@@ -6,6 +6,7 @@ import math
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,8 @@ from .link import MqttSourceConfig
 
 LARGEST_COUNT = 2.0**53
 """Beyond it neighbouring counts are the same double."""
+LARGEST_BYTES = 4_000_000
+"""Of a message."""
 MEMORY = 1 << 15
 """Samples that are remembered: a minute at 500 Hz."""
 MOST_LATE = 500
@@ -52,11 +55,11 @@ class MessageError(Exception):
 
 def decode_object(payload: Any) -> dict[str, Any]:
     """The object that a payload holds. Raises MessageError."""
+    if len(payload or b"") > LARGEST_BYTES:
+        raise MessageError(f"more than {LARGEST_BYTES} bytes")
     try:
         content = json.loads(payload)
-    except RecursionError:
-        raise MessageError("JSON that is nested too deeply") from None
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise MessageError(f"no JSON ({str(error)[:60]})") from None
     if not isinstance(content, dict):
         raise MessageError(f"JSON that is no object but a {type(content).__name__}")
@@ -387,12 +390,10 @@ def values_at(document: Any, member: str) -> list[Any]:
 
 def number(value: Any) -> float:
     """A value as a number; NaN for what is none."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return float("nan")
-    try:
-        return float(value)
-    except (ValueError, OverflowError):
-        return float("nan")
+    if not isinstance(value, bool):
+        with suppress(ValueError, TypeError, OverflowError):
+            return float(value)
+    return math.nan
 
 
 def _step(document: Any, part: str) -> list[Any]:
