@@ -156,7 +156,7 @@ MOST_LINES = {
     "config": 641,
     "diagnose": 5058,
     "downsample": 1245,
-    "drivers": 3813,
+    "drivers": 3806,
     "estimate": 5183,
     "fingerprint": 2942,
     "health": 4872,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3360,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47316,
+    "tests": 47230,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
