@@ -1,18 +1,13 @@
 """Payloads on their way to a reader: rings, the one publisher of a key, and what is refused."""
 
 from collections import Counter, OrderedDict, deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import reduce
-from operator import or_
 from threading import Lock
 from typing import NamedTuple
 
 from ..messages.codec import Header
 
-OTHERS = "(others)"
-MOST_KEYS, MOST_LETTERS = 32, 120
 MOST_RINGS = 256
 MOST_BYTES = 32_000_000
 """Bytes that may wait on one key."""
@@ -34,35 +29,21 @@ class Refusal(StrEnum):
 
 
 class Refusals:
-    """Counts of one subscriber, from any thread."""
+    """Counts of one subscriber by reason, from any thread."""
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._keys: set[str] = set()
-        self._counts: Counter[tuple[str, str]] = Counter()
+        self._counts: Counter[Refusal] = Counter()
 
-    def add(self, key: str, reason: Refusal) -> None:
-        """Count one; the keys beyond a number share one count."""
+    def add(self, reason: Refusal) -> None:
+        """Count one."""
         with self._lock:
-            name = key if len(key) <= MOST_LETTERS else key[:MOST_LETTERS] + "..."
-            if name not in self._keys and len(self._keys) >= MOST_KEYS:
-                name = OTHERS
-            self._keys.add(name)
-            self._counts[name, reason] += 1
+            self._counts[reason] += 1
 
-    def counts(self) -> Counter[tuple[str, str]]:
+    def counts(self) -> Counter[Refusal]:
         """The counts so far."""
         with self._lock:
             return Counter(self._counts)
-
-    def total(self, reason: Refusal) -> int:
-        """Number of payloads refused for one reason."""
-        return sum(count for (_, each), count in self.counts().items() if each is reason)
-
-
-def together(refusals: Iterable[Refusals]) -> Counter[tuple[str, str]]:
-    """Counts of several subscribers; what several of them refused counts once."""
-    return reduce(or_, (each.counts() for each in refusals), Counter())
 
 
 class Sender:

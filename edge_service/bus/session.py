@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, Self
-from weakref import WeakSet
 
 import zenoh
 
@@ -16,7 +15,6 @@ from ..messages.codec import T, Topic
 from ..threads import Threads
 from .publisher import Publisher
 from .questions import Answer, Answering, ask
-from .reception import Refusals, together
 from .settings import BusConfigurationError, BusSettings, zenoh_config
 from .subscriber import Subscriber
 
@@ -35,7 +33,6 @@ class Bus:
         self._session = session
         self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
-        self._refusals: WeakSet[Refusals] = WeakSet()
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: dict[str, Publisher[Any]] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
@@ -86,12 +83,18 @@ class Bus:
         """
         subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
-        self._refusals.add(subscriber.refusals)
         return subscriber
 
     def refused(self) -> Counter[tuple[str, str]]:
-        """Payloads that the subscribers of this process refused, by key and reason."""
-        return together(list(self._refusals))
+        """Payloads that the subscribers of this process refused, by topic and reason.
+
+        What several of them refused counts once.
+        """
+        refused: Counter[tuple[str, str]] = Counter()
+        for each in self._subscribers:
+            counts = each.refusals.counts().items()
+            refused |= Counter({(each.topic.name, reason.value): n for reason, n in counts})
+        return refused
 
     def answer(self, key_expr: str, answer: Answer) -> Answering:
         """Answer the questions that are put on `key_expr`, until that is closed."""

@@ -1,7 +1,7 @@
 """Receiving payloads through rings that never block the bus; nothing that is read may be believed.
 
 What is passed on is short enough, well formed, from the one publisher of its key, newer than what
-came before, and of the axis that its key names. Everything else is refused, counted by its key.
+came before, and of the axis that its key names. Everything else is refused, and counted.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ class Subscriber(Generic[T]):
         keys: Collection[str] | None = None,
     ) -> None:
         self.refusals = Refusals()
-        self._topic = topic
+        self.topic = topic
         self._keys = keys
         self._received = 0
         self._rings = KeyRings(depth, topic.most_hz)
@@ -74,7 +74,7 @@ class Subscriber(Generic[T]):
             "received": self._received,
             "ring_overruns": self._rings.overruns,
             "lost_payloads": sum(sender.lost for sender in senders),
-            "malformed": self.refusals.total(Refusal.MALFORMED),
+            "malformed": self.refusals.counts()[Refusal.MALFORMED],
             "refused": self.refusals.counts().total(),
             "publisher_restarts": sum(sender.restarts for sender in senders),
         }
@@ -90,7 +90,7 @@ class Subscriber(Generic[T]):
         self._received += 1
         refusal = self._refusal(key, len(sample.payload), now_s)
         if refusal is not None:
-            self.refusals.add(key, refusal)
+            self.refusals.add(refusal)
             return
         waiting = self._rings.put(Arrival(key, sample.payload.to_bytes(), now_s))
         if now_s < self._rests.get(axis_of(key), 0.0) and waiting < _MOST_RESTING:
@@ -106,7 +106,7 @@ class Subscriber(Generic[T]):
         known = self._rings.knows(key) if self._keys is None else key in self._keys
         if not known:
             return Refusal.FOREIGN
-        if size > self._topic.most_bytes:
+        if size > self.topic.most_bytes:
             return Refusal.OVERSIZED
         return None if self._rings.admits(key, now_s) else Refusal.FLOODED
 
@@ -132,7 +132,7 @@ class Subscriber(Generic[T]):
                 if not isinstance(heard, Refusal):
                     yield heard
                 else:
-                    self.refusals.add(arrival.key, heard)
+                    self.refusals.add(heard)
                 turns += 1
                 if turns % _TURN == 0:
                     await asyncio.sleep(0)
@@ -147,7 +147,7 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            axis, header, value = self._topic.decode(arrival.payload)
+            axis, header, value = self.topic.decode(arrival.payload)
         except CodecError:
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):
@@ -156,7 +156,7 @@ class Subscriber(Generic[T]):
         return (axis, _believed(header), value) if refusal is None else refusal
 
     def _sender(self, key: str) -> Sender:
-        patience_s = _PATIENCE_SHARE * self._topic.stale_after_s if self._topic.rate_hz else 0.0
+        patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
         return self._senders.setdefault(key, Sender(patience_s))
 
     def close(self) -> None:

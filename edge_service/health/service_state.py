@@ -39,7 +39,7 @@ class ServiceState:
         kept: where the history is, for people.
         ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
         place: Site and machine that the axes belong to.
-        refused: Payloads refused on the bus so far, by key and reason.
+        refused: Payloads refused on the bus so far, by topic and reason.
         configuration: Digest of what the service was started with.
     """
 

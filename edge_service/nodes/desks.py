@@ -260,8 +260,8 @@ class Scrape:
             if report.component in _READS:
                 lost = report.counters.get("lost_payloads", 0)
                 dropped[_READS[report.component], "gap"] += lost
-        for (key, _), count in state.refused().items():
-            dropped[key.rpartition("/")[2], "refused"] += count
+        for (topic, _), count in state.refused().items():
+            dropped[topic, "refused"] += count
         dropped["", "unknown"] += state.ignored_payloads
         outboxes = {}
         for name in self._desk.outputs:

@@ -80,7 +80,7 @@ async def run(context: NodeContext) -> None:
 
     def take_wave(axis: str, _header: Header, wave: Waveform) -> None:
         if axis in axes and not axes[axis].vibration.push(wave):
-            waves.refusals.add(context.config.keys.key(axis, WAVE), Refusal.SURPLUS)
+            waves.refusals.add(Refusal.SURPLUS)
 
     async with component.running():
         component.follow(waves, take_wave)

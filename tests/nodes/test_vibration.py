@@ -41,13 +41,13 @@ async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> No
                     break
 
 
-async def test_a_surplus_sensor_is_counted_by_its_key() -> None:
+async def test_a_surplus_sensor_is_counted() -> None:
     config = config_of("simulated", {})
     key = config.keys.key("X", WAVE)
     async with running(config, ("downsample",)) as service:
         waves = service.bus.publisher(key, WAVE, "X")
         async with asyncio.timeout(30.0):
-            while not service.bus.refused()[key, "surplus"]:
+            while not service.bus.refused()["wave", "surplus"]:
                 for number in range(MOST_SENSORS + 1):
                     waves.publish(Waveform(str(number), "V", 0.0, 1e-4, np.zeros(10)), 1)
                 await asyncio.sleep(0.01)
