@@ -150,7 +150,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 931,
+    "bus": 915,
     "checks": 3613,
     "cli": 1342,
     "config": 641,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3360,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47230,
+    "tests": 47215,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
