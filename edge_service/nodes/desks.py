@@ -157,6 +157,9 @@ def _table(
     """Table of an axis as TOML; what is not sent, or a password as it is shown, stays."""
     table: dict[str, Any] = {"name": axis, "driver": asked.driver} | dict(asked.limits)
     table["settings"] = dict(asked.settings)
+    for key in table["settings"]:
+        if key.endswith("_file"):  # of the service's own secrets, sent to a host of the asker's
+            raise ValueError(f"settings.{key}: an axis of the page states the secret itself")
     if added is not None:
         table["machine"] = added.name
     if before is not None:

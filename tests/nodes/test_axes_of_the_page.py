@@ -77,6 +77,7 @@ WRONG: list[tuple[str, dict[str, Any], int, str]] = [
     ("X", {"driver": "fanuc"}, 422, "no driver 'fanuc' is installed"),
     ("X", {"settings": {"speeed": 2.0}}, 422, "axes.X.settings.speeed"),
     ("X", {"settings": "speed ="}, 422, "settings"),
+    ("X", {"settings": {"password_file": "edge.toml"}}, 422, "states the secret itself"),
     ("X", {"limits": {"fault_percent": 80.0}}, 422, "fault_percent must lie below"),
     ("X", {"machine": {"axis": {}}}, 422, "axis.lead_m: missing"),
     ("X", {"machine": "[axis]\nname = 3"}, 422, "axis.name"),
