@@ -1,4 +1,4 @@
-"""How old the last message is, and the faults of the data in it."""
+"""Age of the last message, and the faults of the data in it."""
 
 from dataclasses import replace
 

@@ -52,8 +52,6 @@ KINDS = (
     "command",
 )
 """Every kind of event of the service."""
-OTHER = "other"
-"""Kinds that are not in the table share the room of one."""
 _NS_PER_US = 1000
 _LATEST_US = 2**52
 """A clock that shows more gives no ids: they stay below 2**53, which JSON readers keep exactly."""
@@ -271,7 +269,7 @@ class EventLog:
 
 def room_of(kind: str) -> str:
     """Room of a kind: its own, or that of all unknown kinds."""
-    return kind if kind in KINDS else OTHER
+    return kind if kind in KINDS else "other"
 
 
 def is_chatter(kind: str) -> bool:
