@@ -159,7 +159,7 @@ MOST_LINES = {
     "drivers": 3806,
     "estimate": 5183,
     "fingerprint": 2942,
-    "health": 4872,
+    "health": 4870,
     "http_api": 2482,
     "messages": 2069,
     "models": 5793,
