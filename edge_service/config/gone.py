@@ -10,10 +10,6 @@ GONE: dict[str, str] = {
     "estimator.window_s": "gone; it is 1 s; edge-service reproduce --window",
     "health.warning_percent_of_fresh": "now alarms.warning_percent",
     "health.fault_percent_of_fresh": "now alarms.fault_percent",
-    "alarms.sudden_drop_within_s": "gone; it is 10 s",
-    "alarms.model_nis": "gone; the model's limit is a constant",
-    "alarms.raise_delay_s": "gone; alarms are raised at once",
-    "alarms.clear_delay_s": "gone; alarms are cleared after 5 s",
     "bus.certificates": "gone; state them in [bus] zenoh_file (deploy/zenoh.json5)",
     "bus.security": "gone; in run others may read; state more in [bus] zenoh_file",
     "bus.tls_endpoint": "gone; state it in [bus] zenoh_file (deploy/zenoh.json5)",
@@ -27,12 +23,6 @@ GONE: dict[str, str] = {
     "http.connections": "gone; the limits of a proxy are in its own file (deploy/nginx.conf)",
     "http.tokens_file": "gone; edge-service token CONFIG keeps tokens in the state folder",
     "jobs": "gone; a job ends after an hour, recordings take half of store.budget_mb at most",
-    "vibration.interval_s": "gone; vibration is reduced once a second",
-    "vibration.orders": "gone; state ball_diameter_m and ball_circle_m in the machine file",
-    "vibration.slip": "gone; balls may slip by 2 %",
-    "vibration.keep_folder": "gone; edge-service record keeps samples",
-    "vibration.keep_before_s": "gone with keep_folder",
-    "vibration.keep_after_s": "gone with keep_folder",
 }
 """Key with the names of its tables (`bus.security`, `axes.settings.ledger`) -> what to do."""
 
