@@ -153,7 +153,7 @@ MOST_LINES = {
     "bus": 915,
     "checks": 3613,
     "cli": 1342,
-    "config": 641,
+    "config": 631,
     "diagnose": 5058,
     "downsample": 1245,
     "drivers": 3806,
