@@ -1,11 +1,11 @@
 """Rows of a text file, block by block, and its layout: delimiter, decimal point, column names."""
 
 import csv
+import itertools
 import re
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -33,9 +33,7 @@ class TextSource(Source):
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         super().__init__(path, file)
         self._rest = b""
-        self._layout = read_layout(path, file.read(BLOCK_BYTES))
-        file.seek(self._layout.start)
-        self.names = self._layout.names
+        self._read_layout(file.read(BLOCK_BYTES))
         if len(self.names) > MOST_COLUMNS:
             raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
 
@@ -61,7 +59,7 @@ class TextSource(Source):
             if column.type == pa.float64():
                 block.values[name] = column.to_numpy()
                 continue
-            block.values[name], wrong = floats_from_text(column, self._layout.decimal_point)
+            block.values[name], wrong = floats_from_text(column, self._decimal_point)
             if wrong is not None:
                 block.text[name] = wrong
         return block
@@ -69,7 +67,7 @@ class TextSource(Source):
     def _read_lines(self) -> bytes | None:
         """Whole lines of about one block; at the end of the file whatever is left, then None."""
         while data := self._file.read(BLOCK_BYTES):
-            lines, found, rest = data.rpartition(self._layout.terminator)
+            lines, found, rest = data.rpartition(self._terminator)
             if found:
                 lines = self._rest + lines + found
                 self._rest = rest
@@ -85,9 +83,9 @@ class TextSource(Source):
         if not raw.isascii():
             raw = raw.translate(_ASCII)
         if b'"' in raw:
-            delimiter = self._layout.delimiter.encode()
+            delimiter = self._delimiter.encode()
             raw = _QUOTED.sub(lambda match: match[1].replace(delimiter, b" "), raw)
-        if self._layout.delimiter == SPACES:
+        if self._delimiter == SPACES:
             raw = _AT_ENDS.sub(b"", _SPACES.sub(b" ", raw))
         return raw
 
@@ -111,69 +109,51 @@ class TextSource(Source):
                 column_names=keys, block_size=len(raw) + 1, use_threads=False
             ),
             parse_options=pyarrow.csv.ParseOptions(
-                delimiter=self._layout.delimiter, quote_char=False, invalid_row_handler=skip
+                delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
             ),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types=dict.fromkeys(wanted, cell_type),
                 include_columns=wanted,
-                decimal_point=self._layout.decimal_point,
+                decimal_point=self._decimal_point,
                 strings_can_be_null=True,
             ),
         )
         return table, ragged
 
+    def _read_layout(self, head: bytes) -> None:
+        """Names, delimiter and first row, from the first bytes; TraceError if it is no trace."""
+        path = self.path
+        if not head.removeprefix(BYTE_ORDER_MARK).strip():
+            raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
+        self._terminator = b"\n" if b"\n" in head else b"\r"
+        lines = _lines(head, self._terminator)
+        comments = []
+        while lines and (not lines[0].text or lines[0].text.startswith("#")):
+            comments.append(lines.pop(0))
+        if not lines:
+            what = "comments only" if comments else "no line of text"
+            raise TraceError(f"{path}: holds {what}; expected a header such as time_s,...")
+        delimiter, names, rows = _names_and_rows(path, comments, lines)
+        cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+        flat = itertools.chain.from_iterable(cells)
+        has_comma = delimiter != "," and any(map(_DECIMAL_COMMA.fullmatch, flat))
+        wide = [row for row in cells if len(names) < len(row) <= 2 * len(names)]
+        wide = [row for row in wide if all(map(_WHOLE.fullmatch, row))]
+        if delimiter == "," and len(names) > 1 and cells and len(wide) == len(cells):
+            raise TraceError(
+                f"{path}: {len(names)} names above rows of {len(wide[0])} whole numbers: commas "
+                "stand in the numbers and between them; expected decimal points, or semicolons "
+                "between cells"
+            )
+        self._delimiter, self._decimal_point = delimiter, "," if has_comma else "."
+        self.names = _fit_names(names, cells)
+        self._file.seek(rows[0].start if rows else len(head))
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Layout of a text file.
 
-    Attributes:
-        names: one name per cell of a row; empty where the file gives none.
-        delimiter: between two cells.
-        decimal_point: inside a number.
-        terminator: end of a line.
-        start: position of the first byte after the header, or of the first row.
-    """
-
-    names: tuple[str, ...]
-    delimiter: str
-    decimal_point: str
-    terminator: bytes
-    start: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Line:
+class _Line(NamedTuple):
     number: int
     start: int
     text: str
-
-
-def read_layout(path: Path, head: bytes) -> Layout:
-    """Layout of a text file whose first bytes are `head`; TraceError if it is no trace."""
-    if not head.removeprefix(BYTE_ORDER_MARK).strip():
-        raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
-    terminator = b"\n" if b"\n" in head else b"\r"
-    lines = _lines(head, terminator)
-    comments = []
-    while lines and (not lines[0].text or lines[0].text.startswith("#")):
-        comments.append(lines.pop(0))
-    if not lines and not comments:
-        raise TraceError(f"{path}: holds no line of text; expected a header such as time_s,...")
-    delimiter, names, rows = _names_and_rows(path, comments, lines)
-    cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
-    point, count = ".", len(names)
-    if delimiter != "," and any(_DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row):
-        point = ","
-    wide = [row for row in cells if count < len(row) <= 2 * count]
-    wide = [row for row in wide if all(_WHOLE.fullmatch(cell) for cell in row)]
-    if delimiter == "," and count > 1 and cells and len(wide) == len(cells):
-        raise TraceError(
-            f"{path}: {count} names above rows of {len(wide[0])} whole numbers: commas stand in "
-            "the numbers and between them; expected decimal points, or semicolons between cells"
-        )
-    start = rows[0].start if rows else len(head)
-    return Layout(_fit_names(names, cells), delimiter, point, terminator, start)
 
 
 def _lines(head: bytes, terminator: bytes) -> list[_Line]:
@@ -198,8 +178,6 @@ def _names_and_rows(
     Some programs (numpy.savetxt) write the names as a comment: the last comment is the header if
     the first line below holds as many numbers. Columns without any name go by their number.
     """
-    if not lines:
-        raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
     first = lines[0]
     if _CONTROL.search(first.text):
         raise TraceError(f"{path}: line {first.number}: no text; expected a header of column names")
