@@ -63,8 +63,8 @@ class ColumnMap:
 def choose_columns(
     path: Path,
     names: Sequence[str],
-    columns: Mapping[str, ColumnLike],
-    known: Mapping[str, ColumnMap] | None = None,
+    columns: Mapping[str, ColumnMap],
+    known: Mapping[str, ColumnMap],
 ) -> dict[str, ColumnMap]:
     """Column of `time_s` and of each channel that the file holds, in the order of writing.
 
@@ -83,7 +83,7 @@ def choose_columns(
     """
     chosen = {}
     for channel in (TIME, *CHANNELS):
-        column = _choose(path, channel, names, columns.get(channel), (known or {}).get(channel))
+        column = _choose(path, channel, names, columns.get(channel), known.get(channel))
         if column is not None:
             chosen[channel] = column
     if TIME not in chosen and f"{BY_NUMBER}1" in names:
@@ -102,9 +102,7 @@ def choose_columns(
     for name in {name for column in chosen.values() for name in column.names}:
         if list(names).count(name) > 1:
             raise TraceError(f"{path}: column {name!r} appears more than once")
-    for channel in chosen:  # a second column that differs in case alone; a machine file chooses
-        if channel not in names or channel in columns:
-            continue
+    for channel in [each for each in chosen if each in names and each not in columns]:
         twin = next((n for n in names if n != channel and n.casefold() == channel), None)
         if twin is not None:
             raise TraceError(
@@ -118,14 +116,14 @@ def _choose(
     path: Path,
     channel: str,
     names: Sequence[str],
-    mapped: ColumnLike | None,
+    mapped: ColumnMap | None,
     known: ColumnMap | None,
 ) -> ColumnMap | None:
     if mapped is not None and mapped.column in names:
-        for name in filter(None, (mapped.minus, mapped.direction)):
+        for name in mapped.names:
             if name not in names:
                 raise _absent(path, name, channel, names)
-        return ColumnMap(mapped.column, mapped.scale, mapped.offset, mapped.minus, mapped.direction)
+        return mapped
     if channel in names:
         return ColumnMap(channel)
     if mapped is None or known is not None:

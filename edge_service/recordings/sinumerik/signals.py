@@ -123,7 +123,7 @@ class ControllerColumns:
     used: dict[str, str] = field(default_factory=dict)
     lacking: dict[str, str] = field(default_factory=dict)
 
-    def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnLike]:
+    def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnMap]:
         """A machine file's columns with short names written out."""
         return {
             channel: ColumnMap(
