@@ -166,7 +166,7 @@ MOST_LINES = {
     "nodes": 2911,
     "offline": 5792,
     "outputs": 1887,
-    "recordings": 3360,
+    "recordings": 3336,
     "regression": 1087,
     "beside the rooms": 792,
     "tests": 47216,
