@@ -1,4 +1,4 @@
-"""What every payload carries, and topics: key, times, limits, and bytes of the payload.
+"""Topics: key, times, limits and bytes of their payloads, and the header of each payload.
 
 What has passed holds finite numbers, integers of 64 bits, and texts and lists of limited length, so
 that whoever reads it may count on that.

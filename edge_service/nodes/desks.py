@@ -116,7 +116,7 @@ class AxisDesk:
 
 @contextmanager
 def _refusing(axis: str) -> Iterator[None]:
-    """What is wrong with a configuration, or the disk, as a refusal."""
+    """Mistake in a configuration, or of the disk, as a refusal."""
     try:
         yield
     except ConfigError as error:

@@ -215,7 +215,7 @@ def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Bool
 
 
 def _moved(channels: Mapping[str, Floats], name: str, rows: slice) -> bool:
-    """Whether another channel shows that the axis moved meanwhile."""
+    """Return whether another channel shows that the axis moved meanwhile."""
     for other in (each for each in MOVED if each != name and each in channels):
         values = channels[other][rows]
         steps = np.abs(np.diff(values))
