@@ -103,8 +103,7 @@ def test_the_keyboard_is_enough(make_service: Any, open_page: Any) -> None:
         assert page.evaluate("location.hash") == f"#/X/{tab}"
         assert page.locator("[role=tabpanel]:visible").count() == 1
     page.go_back()
-    page.wait_for_selector("#tab-tests[aria-selected=true]")
-    show_tab(page, "history")
+    page.wait_for_selector("#tab-history[aria-selected=true]")
     reached = set()
     for _ in range(40):
         page.keyboard.press("Tab")
