@@ -66,8 +66,7 @@ def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent)
     Args:
         ask: asks whoever is at the terminal; None if nobody is.
 
-    Raises:
-        ConfigError, TraceError: one line.
+    Raises ConfigError, TraceError: one line.
     """
     out, picture = request.out, request.plot
     if any(out.resolve() == given.resolve() for given in request.files):

@@ -59,9 +59,7 @@ class Manifest(Frozen):
 def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
     """Write a backup of the service with this configuration; it may be running.
 
-    Raises:
-        ConfigError: the configuration is wrong.
-        BackupError: something cannot be read or written; then nothing was.
+    Raises ConfigError, BackupError.
     """
     folder, place = load_config(config).store.folder, config.parent
     named = set()
@@ -129,8 +127,7 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
         config: configuration file to write, beside it the files that it names.
         force: replace files of the configuration that differ, and a store that is there.
 
-    Raises:
-        BackupError: the backup does not fit, or a service is running; nothing changed.
+    Raises BackupError: the backup does not fit, or a service is running; nothing changed.
     """
     try:
         with ZipFile(backup) as archive, ExitStack() as stages:

@@ -68,8 +68,7 @@ def run_batch(
         cluster: tls://HOST:PORT of a Dask scheduler, or with `insecure` tcp://HOST:PORT; its
             workers see the same files.
 
-    Raises:
-        ConfigError: a path or a cluster is not there, or nothing can be written.
+    Raises ConfigError: a path or a cluster is not there, or nothing can be written.
     """
     cases, rows, failed = cases_of(given), [], []
     each_done = partial(done, work, written, out.resolve())

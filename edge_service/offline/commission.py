@@ -45,10 +45,7 @@ def commission_to_file(
             they leave it open it is assumed, said, and kept in the file.
         interval_s: of the blocks from now on; that of the machine file unless given.
 
-    Raises:
-        ConfigError: a file is wrong, or the recordings cannot determine what is needed.
-        TraceError: a recording cannot be read.
-        ExaminationError: a unit, a sign or a column is wrong, or the torque is doubtful.
+    Raises ConfigError, TraceError, ExaminationError.
     """
     if any(out.resolve() == given.resolve() for given in traces):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")

@@ -40,8 +40,7 @@ def convert(
         axis: which axis of a controller's recording, and what its units need.
         keep_all: also write the columns that are no channel, under their own names.
 
-    Raises:
-        TraceError: one line with the file, what was wrong and what was expected.
+    Raises TraceError: one line with the file, what was wrong and what was expected.
     """
     if keep_all and out.suffix.lower() == CSV_SUFFIX:
         raise TraceError(f"{out}: CSV holds channels only; all columns go into .parquet or .mcap")

@@ -46,8 +46,7 @@ def examine_traces(
 async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: float) -> Answer:
     """Read each axis' driver for a while, all at once, and check what it yields.
 
-    Raises:
-        ConfigError: no such axis, wrong settings, or a device that refuses them.
+    Raises ConfigError: no such axis, wrong settings, or a device that refuses them.
     """
     chosen = [each for each in config.axes if axis in (None, each.name)]
     if not chosen:

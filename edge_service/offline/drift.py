@@ -149,9 +149,7 @@ def drift(
         by: columns whose values must be alike as well; by default tool and block, where every
             recording has them.
 
-    Raises:
-        ConfigError: the machine file is wrong, a unit or a sign is, or nothing is common to all.
-        TraceError: a recording cannot be read.
+    Raises ConfigError, TraceError.
     """
     machine = load_machine(machine_file, axis_number)
     progress("reading")

@@ -77,10 +77,7 @@ def estimate_to_csv(
     Args:
         state: gone on from if it is there, and left behind.
 
-    Raises:
-        ConfigError: the machine file or the state is wrong, or a file would be overwritten.
-        TraceError: the trace cannot be read.
-        ExaminationError: a unit, a sign or a column is wrong.
+    Raises ConfigError, TraceError, ExaminationError.
     """
     for given in (trace, machine_file, *(() if state is None else (state,))):
         if out.resolve() == given.resolve():

@@ -40,8 +40,7 @@ def require_sound(
     Args:
         strict: names of checks whose every doubt forbids an answer.
 
-    Raises:
-        ExaminationError: a mistake of unit, sign or column; the text names the worst.
+    Raises ExaminationError: a mistake of unit, sign or column; the text names the worst.
     """
     findings = examine(machine, traces, progress)
     for each in findings:

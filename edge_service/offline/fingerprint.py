@@ -66,11 +66,7 @@ def fingerprint(
     Args:
         by: columns whose values must be alike for moves to be compared.
 
-    Raises:
-        ConfigError: the machine file is wrong.
-        TraceError: a recording cannot be read.
-        FingerprintError: no recording, two of one name, a baseline that is none or of another axis.
-        ExaminationError: a unit, a sign or a column is wrong.
+    Raises ConfigError, TraceError, FingerprintError, ExaminationError.
     """
     names = [path.name for path in traces]
     if not names:

@@ -50,9 +50,7 @@ class Fleet(Document):
 class FleetWatch:
     """Addresses that are looked at again and again; sessions at routers stay open.
 
-    Raises:
-        ValueError: an address is neither of a service nor of a router.
-        SyntaxError: of `.netrc`.
+    Raises ValueError, SyntaxError.
     """
 
     def __init__(self, addresses: Sequence[str]) -> None:

@@ -59,8 +59,7 @@ class Request:
 def init(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
     """Write configuration and machine file; returns what to do next.
 
-    Raises:
-        ConfigError, TraceError: one line; then nothing was written.
+    Raises ConfigError, TraceError: one line; then nothing was written.
     """
     out, recording = request.out, request.source.recording
     wanted = [out] if request.machine else [out.parent / MACHINE, out]

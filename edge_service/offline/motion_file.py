@@ -111,8 +111,7 @@ def write_motion(
 ) -> MotionFile:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 
-    Raises:
-        MotionError: one line; the name, a setting, the axis or the file does not allow it.
+    Raises MotionError: one line; the name, a setting, the axis or the file does not allow it.
     """
     settings = settings or MotionFileSettings()
     if name not in MOTIONS:

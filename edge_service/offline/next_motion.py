@@ -57,8 +57,7 @@ class ProposedMotion(Document):
 def tied_effects(diagnosis: Path) -> dict[str, Values]:
     """Effects between which a diagnosis could not decide, with the values that it found.
 
-    Raises:
-        DiagnosisError: the file is no diagnosis, or it leaves no doubt.
+    Raises DiagnosisError: the file is no diagnosis, or it leaves no doubt.
     """
     try:
         named = json.loads(diagnosis.read_text("utf-8"))["effects"]
@@ -86,9 +85,7 @@ def next_motion(
 ) -> Answer:
     """Propose the shortest motion that decides, write it to `out` if given, and say why.
 
-    Raises:
-        DiagnosisError: an unknown effect or value, or fewer than two effects.
-        MotionError: the axis allows no motion at all.
+    Raises DiagnosisError, MotionError.
     """
     for name, values in tied.items():
         try:
@@ -133,9 +130,7 @@ def isolability(
 
     The motion is a named one, or that of a recording; what was measured there is not looked at.
 
-    Raises:
-        DiagnosisError: no such motion.
-        MotionError: the axis does not allow the motion. TraceError: a recording cannot be read.
+    Raises DiagnosisError, MotionError.
     """
     if subject in MOTIONS:
         session = rehearsed(machine, subject)

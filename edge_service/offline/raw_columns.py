@@ -78,8 +78,7 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
     Args:
         given: what the owner says of columns, `QUANTITY=COLUMN` or `QUANTITY=COLUMN:UNIT`.
 
-    Raises:
-        TraceError: it cannot be read, has no numbers, or not what is said of it.
+    Raises TraceError: it cannot be read, has no numbers, or not what is said of it.
     """
     try:
         source = edge_recording(path, open_source(path, ControllerAxis()), {})

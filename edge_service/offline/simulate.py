@@ -76,9 +76,7 @@ def simulate(
 ) -> Answer:
     """Write the recording to `out`, .csv or .parquet.
 
-    Raises:
-        SimulationError: an unknown motion or effect, or a number that cannot be.
-        TraceError: `out` cannot be written.
+    Raises SimulationError, TraceError.
     """
     axis = _Axis(machine, settings)
     wish = settings.motion, settings.duration_s
@@ -102,9 +100,7 @@ def simulate_session(
         settings: of the axis; its own motion and duration are not used.
         motions: each NAME, or NAME:duration_s=SECONDS.
 
-    Raises:
-        SimulationError: as `simulate` does, or the folder holds recordings of another session.
-        TraceError: a file cannot be written.
+    Raises SimulationError, TraceError.
     """
     axis = _Axis(machine, settings)
     session = [axis.commanded(k, motion, returns=True) for k, motion in enumerate(motions, 1)]

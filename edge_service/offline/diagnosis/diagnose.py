@@ -60,11 +60,7 @@ def diagnose(
         reference: recordings of the healthy machine.
         axis_number: the controller's number of the axis, in place of the machine file's.
 
-    Raises:
-        ConfigError: the machine file is wrong.
-        TraceError: a recording cannot be read.
-        DiagnosisError: no recording, or one that this cannot be done with.
-        BadDataError: the recordings are unfit; the three files say why.
+    Raises ConfigError, TraceError, DiagnosisError, BadDataError.
     """
     try:
         machine = load_machine(machine_file, axis_number)
@@ -154,8 +150,7 @@ def _bad_data(
 def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
     """The machine file with the accepted effects behind those that it has.
 
-    Raises:
-        ValueError: the file writes its effects as one value, to which nothing can be appended.
+    Raises ValueError: the file writes its effects as one value, to which nothing can be appended.
     """
     blocks = []
     for each in effects:
@@ -177,8 +172,7 @@ def _healthy(
 ) -> tuple[Machine, Reference]:
     """The machine as healthy recordings show it, and their gap beside it.
 
-    Raises:
-        DiagnosisError: they are unfit.
+    Raises DiagnosisError: they are unfit.
     """
     runs = read_runs(machine, reference, progress)
     shown = healthy_model(machine, runs, rigid_baseline(machine))

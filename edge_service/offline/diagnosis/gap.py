@@ -31,11 +31,7 @@ def gap(
 ) -> Answer:
     """Root mean square gap by channel, over every run of all recordings, one at a time.
 
-    Raises:
-        ConfigError: the machine file is wrong.
-        TraceError: a recording cannot be read.
-        DiagnosisError: the recordings hold no motion to compare.
-        ExaminationError: a unit, a sign or a column is wrong.
+    Raises ConfigError, TraceError, DiagnosisError, ExaminationError.
     """
     machine = load_machine(machine_file, axis_number)
     require_sound(machine, traces)
