@@ -29,17 +29,11 @@ BLOCK_COLUMNS = ("HFBlockEvent.ActiveTool", "HFBlockEvent.GCode")
 
 @dataclass(frozen=True, slots=True)
 class DriftReport:
-    """Moves that were compared, and what changed.
-
-    Attributes:
-        axis: its name.
-        recordings: their names, the first is what the others are held against.
-        by: columns that tell sections apart beside their course.
-    """
+    """Moves that were compared, and what changed."""
 
     axis: str
-    recordings: tuple[str, ...]
-    by: tuple[str, ...]
+    recordings: tuple[str, ...]  # their names, the first is what the others are held against
+    by: tuple[str, ...]  # columns that tell sections apart beside their course
     sections: tuple[SectionDrift, ...]
 
     @property

@@ -28,16 +28,12 @@ _STYLES = dict(zip(AxisCondition, ("bold red", "yellow", "dim", "green"), strict
 
 
 class FleetRow(AxisRow):
-    """One axis, or an address that nothing is known of (then `axis` is empty).
-
-    Attributes:
-        reason: why there is no answer; empty where there is one.
-    """
+    """One axis, or an address that nothing is known of (then `axis` is empty)."""
 
     address: str
     site: str = ""
     machine: str = ""
-    reason: str = ""
+    reason: str = ""  # why there is no answer; empty where there is one
 
 
 class Fleet(Document):

@@ -63,19 +63,12 @@ class MotionFile(Document):
 
 @dataclass(frozen=True, slots=True)
 class MotionFileSettings:
-    """Settings for writing a motion.
+    """Settings for writing a motion."""
 
-    Attributes:
-        duration_s: of the whole; the motion's own unless given.
-        rate_hz: of the setpoints; an NC program has none.
-        seed: of what is left to chance.
-        clip: leave out, and name, what the axis does not allow.
-    """
-
-    duration_s: float | None = None
-    rate_hz: float = 1000.0
-    seed: int = 1
-    clip: bool = False
+    duration_s: float | None = None  # of the whole; the motion's own unless given
+    rate_hz: float = 1000.0  # of the setpoints; an NC program has none
+    seed: int = 1  # of what is left to chance
+    clip: bool = False  # leave out, and name, what the axis does not allow
 
 
 def list_motions(machine: Machine) -> Answer:

@@ -27,17 +27,11 @@ _OF_AXIS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawColumns:
-    """The numeric columns of a file.
+    """The numeric columns of a file."""
 
-    Attributes:
-        names: in the order of the file, with what they mean.
-        values: column -> values, shape (n,) each.
-        remarks: what its reader had to say, one line each.
-    """
-
-    names: tuple[ColumnName, ...]
-    values: Mapping[str, Floats]
-    remarks: tuple[str, ...] = ()
+    names: tuple[ColumnName, ...]  # in the order of the file, with what they mean
+    values: Mapping[str, Floats]  # column -> values, shape (n,) each
+    remarks: tuple[str, ...] = ()  # what its reader had to say, one line each
 
     @property
     def axes(self) -> list[str]:

@@ -47,17 +47,11 @@ SETTLED_STEPS = 20
 
 @dataclass(frozen=True, slots=True)
 class ThesisCase:
-    """One way to run a simulation.
+    """One way to run a simulation."""
 
-    Attributes:
-        preload: number of the thesis' simulation, 1 to 5, or a constant level in percent.
-        method: Kalman or sliding innovation filters.
-        step_s: of plant and filter alike.
-    """
-
-    preload: int | float
-    method: Literal["kf-imm", "sif-imm"] = "kf-imm"
-    step_s: float = PRINTED_STEP_S
+    preload: int | float  # number of the thesis' simulation, 1 to 5, or a constant level in percent
+    method: Literal["kf-imm", "sif-imm"] = "kf-imm"  # Kalman or sliding innovation filters
+    step_s: float = PRINTED_STEP_S  # of plant and filter alike
 
     def true_preload_percent(self) -> Floats:
         """The truth at each step, (N,)."""
