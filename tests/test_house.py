@@ -164,7 +164,7 @@ MOST_LINES = {
     "messages": 2069,
     "models": 5793,
     "nodes": 2911,
-    "offline": 5792,
+    "offline": 5719,
     "outputs": 1887,
     "recordings": 3336,
     "regression": 1087,
