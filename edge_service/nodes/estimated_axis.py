@@ -138,7 +138,9 @@ class EstimatedAxis:
         self._note, self._tell_reset, self._clock = note, tell_reset, clock
         self._retry, self._due_s = Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S), 0.0
         self._sound: Kept | None = None
-        self._blamed = self.resets = 0
+        self._heard: tuple[float, int] | None = None
+        self._is_restored = self._is_changed = False
+        self._since_sound = self._blamed = self.resets = 0
         self.problem = ""
         self._begin(None)
 
@@ -200,7 +202,7 @@ class EstimatedAxis:
     def _begin(self, kept: Kept | None) -> None:
         """Begin with another estimator, from a state if there is one."""
         self._estimator = self._make()
-        self._heard: tuple[float, int] | None = None
+        self._heard = None
         self._is_restored, self._is_changed = kept is not None, False
         self._since_sound = 0
         if kept is not None:
