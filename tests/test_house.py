@@ -163,7 +163,7 @@ MOST_LINES = {
     "http_api": 2482,
     "messages": 2069,
     "models": 5793,
-    "nodes": 2911,
+    "nodes": 2913,
     "offline": 5719,
     "outputs": 1887,
     "recordings": 3336,
