@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 
 from edge_service.messages.samples import (
     ANGLE,
@@ -39,8 +39,8 @@ class SignalConfig(BaseModel):
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
-    low: float | None = Field(None)
-    high: float | None = Field(None)
+    low: float | None = None
+    high: float | None = None
 
     @field_validator("channel")
     @classmethod

@@ -82,12 +82,10 @@ class RowMaker:
             changes: what it holds.
             now_s: UNIX time of its arrival, for what has no time of its own.
         """
-        timed = sorted(
-            ((self._time_of(change, now_s), change) for change in changes), key=lambda each: each[0]
-        )
+        timed = [(each.source_s or each.server_s or now_s, each) for each in changes]
         rows: list[tuple[float, Values]] = []
         start_s, heard = -math.inf, set[str | None]()
-        for time_s, change in timed:
+        for time_s, change in sorted(timed, key=lambda each: each[0]):
             if time_s - start_s > self._merge_s or change.channel in heard:
                 start_s, heard = time_s, set()
                 rows.append((time_s, {}))
@@ -121,12 +119,6 @@ class RowMaker:
             return dict.fromkeys(self._held, (math.nan, Quality.STALE))
         return dict(self._held)
 
-    def _time_of(self, change: Change, now_s: float) -> float:
-        for time_s in (change.source_s, change.server_s):
-            if time_s is not None and 0.0 < time_s < WILDEST_TIME_S:
-                return time_s
-        return now_s
-
     def _sample(self, change: Change, channel: str) -> tuple[float, Quality]:
         severity = change.status & _SEVERITY
         if severity not in (0, _UNCERTAIN):
@@ -140,8 +132,7 @@ class RowMaker:
             return value, Quality.SOURCE_UNCERTAIN
         if change.status & _OVERFLOW == _OVERFLOW:
             return value, Quality.OVERFLOW
-        has_time = change.source_s is not None and 0.0 < change.source_s < WILDEST_TIME_S
-        return value, Quality.GOOD if has_time else Quality.NO_SOURCE_TIME
+        return value, Quality.NO_SOURCE_TIME if change.source_s is None else Quality.GOOD
 
 
 class OpcuaDriver:
@@ -261,6 +252,8 @@ class OpcuaDriver:
 
 
 def _unix_s(moment: datetime | None) -> float | None:
+    """UNIX time of a moment; None for none, and for one that cannot be."""
     if moment is None:
         return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    time_s = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return time_s if 0.0 < time_s < WILDEST_TIME_S else None
