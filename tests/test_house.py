@@ -156,7 +156,7 @@ MOST_LINES = {
     "config": 631,
     "diagnose": 5058,
     "downsample": 1245,
-    "drivers": 3806,
+    "drivers": 3799,
     "estimate": 5183,
     "fingerprint": 2942,
     "health": 4870,
