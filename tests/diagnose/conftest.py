@@ -1,11 +1,14 @@
 """Recordings of an axis that shares no code with the library."""
 
+import json
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from edge_service.cli.entry import main
 from edge_service.config import load_machine
 from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import Session, rigid_baseline
@@ -54,3 +57,15 @@ def runs(machine: Machine, frame: SampleFrame) -> list[Run]:
 def session_of(machine: Machine, frame: SampleFrame) -> Session:
     baseline = rigid_baseline(machine)
     return Session.of_runs(runs(machine, frame), baseline, model_effects(machine))
+
+
+def diagnosed(
+    machine_file: Path | str, folder: Path, *traces: str, reference: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The document that `edge-service diagnose` writes to the folder's `out`."""
+    beside = ["--reference", *reference] if reference else []
+    given = ["--machine", str(machine_file), *traces, *beside, "--out", str(folder / "out")]
+    status = main(["diagnose", *given])
+    document: dict[str, Any] = json.loads((folder / "out" / "diagnosis.json").read_text())
+    assert status == (3 if document["verdict"] == "bad_data" else 0)
+    return document

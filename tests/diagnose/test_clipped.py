@@ -11,8 +11,7 @@ from edge_service.config import load_machine
 from edge_service.messages.samples import Floats
 
 from ..bench.real_machines import written
-from .conftest import frame_of, recorded, runs
-from .test_bad_input import diagnosed
+from .conftest import diagnosed, frame_of, recorded, runs
 
 LIMIT = 0.6
 """Of the greatest torque."""

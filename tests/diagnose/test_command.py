@@ -35,20 +35,8 @@ def test_three_files_and_a_loop_that_closes(
     gap = json.loads(capsys.readouterr().out)
     for name, rms in gap.items():
         assert rms == pytest.approx(document["gap"][name]["after"], rel=0.02)
-    assert (
-        main(
-            [
-                "simulate",
-                "--machine",
-                augmented,
-                "--duration",
-                "1",
-                "--out",
-                str(tmp_path / "s.csv"),
-            ]
-        )
-        == 0
-    )
+    simulated = ["--duration", "1", "--out", str(tmp_path / "s.csv")]
+    assert main(["simulate", "--machine", augmented, *simulated]) == 0
 
 
 def test_bad_data_is_a_verdict_with_a_status_of_its_own(
@@ -69,17 +57,6 @@ def test_bad_data_is_a_verdict_with_a_status_of_its_own(
     assert (out / "report.html").exists()
 
 
-@pytest.mark.parametrize("text", ["", "time_s,torque_command_nm\n", "a,b\n1,2\n"])
-def test_a_file_that_is_no_trace_is_one_line(
-    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
-) -> None:
-    trace, out = tmp_path / "a.csv", tmp_path / "out"
-    trace.write_text(text)
-    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not out.exists()
-
-
 def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: Path) -> None:
     trace = str(recorded((), 3).write_csv(tmp_path / "a.csv"))
     out = tmp_path / "out"
@@ -90,9 +67,3 @@ def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: P
     (tmp_path / "b.csv").write_text("nothing")
     assert main([*given, str(tmp_path / "b.csv")]) == 2
     assert [each.name for each in out.iterdir()] == ["notes.txt"]
-
-
-def test_next_motion_needs_a_tie(machine_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["motion", "next", "--machine", str(machine_file), "--effect", "stribeck"]
-    assert main(given) == 2
-    assert "two effects or more" in capsys.readouterr().err

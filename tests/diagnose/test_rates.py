@@ -11,8 +11,7 @@ from edge_service.messages.samples import Floats
 
 from .. import foreign_plant
 from ..bench.real_machines import written
-from .conftest import DURATION_S, recorded
-from .test_bad_input import diagnosed
+from .conftest import DURATION_S, diagnosed, recorded
 
 FASTER_HZ = 2000.0
 Columns = Mapping[str, Floats]

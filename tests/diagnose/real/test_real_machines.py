@@ -4,9 +4,9 @@ Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned; faul
 recordings of the healthy actuator. Screw actuators: 100 Hz, a data sheet and no more.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +20,7 @@ from ...bench.real_machines import (
     recordings,
     screw_actuator,
 )
+from ..conftest import diagnosed
 
 FRICTION = {"drag_error", "viscous_error", "warmup", "load_friction", "torque_gain_error"}
 """At one speed and without the sign of the current all of these are the same."""
@@ -30,16 +31,11 @@ def needs(folder: str) -> None:
         pytest.skip(f"the recordings of {folder} are not here")
 
 
-def diagnosed(
+def answered(
     folder: Path, machine: str, trace: str, reference: Sequence[str] = ()
-) -> dict[str, object]:
+) -> dict[str, Any]:
     (folder / "machine.toml").write_text(machine)
-    out = folder / "out"
-    given = ["diagnose", "--machine", str(folder / "machine.toml"), trace, "--out", str(out)]
-    status = main([*given, *(["--reference", *reference] if reference else [])])
-    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
-    assert status == (3 if document["verdict"] == "bad_data" else 0)
-    return document
+    return diagnosed(folder / "machine.toml", folder, trace, reference=reference)
 
 
 @pytest.mark.slow
@@ -48,7 +44,7 @@ def test_the_healthy_actuator_repeats_itself(tmp_path: Path, load: str) -> None:
     needs("cranfield")
     *reference, first, last = recordings(tmp_path, "normal", load)
     for trace in (first, last):
-        assert diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)["verdict"] == "no_gap"
+        assert answered(tmp_path, ACTUATOR_TOML, trace, reference)["verdict"] == "no_gap"
 
 
 @pytest.mark.slow
@@ -57,7 +53,7 @@ def test_a_lack_of_lubrication_is_friction(tmp_path: Path, load: str) -> None:
     needs("cranfield")
     reference = recordings(tmp_path, "normal", load)[:3]
     for trace in recordings(tmp_path, "lackLubrication1", load)[:2]:
-        found = diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)
+        found = answered(tmp_path, ACTUATOR_TOML, trace, reference)
         assert found["verdict"] in ("explained", "ambiguous")
         named = {name for each in found["effects"] for name in each["class"]}
         assert "drag_error" in named
@@ -70,7 +66,7 @@ def test_play_behind_one_encoder_is_not_taken_for_something_else(tmp_path: Path,
     needs("cranfield")
     reference = recordings(tmp_path, "normal", load)[:3]
     for trace in recordings(tmp_path, "backlash1", load)[:2]:
-        found = diagnosed(tmp_path, ACTUATOR_TOML, trace, reference)
+        found = answered(tmp_path, ACTUATOR_TOML, trace, reference)
         assert all(each["probability"] < 0.9 for each in found["effects"])
         assert "one encoder only" in found["not_judged_reasons"]["backlash"]
 
@@ -87,7 +83,7 @@ def test_play_behind_one_encoder_is_not_taken_for_something_else(tmp_path: Path,
 )
 def test_a_screw_actuator_with_a_data_sheet_has_an_answer(tmp_path: Path, name: str) -> None:
     needs("screw_actuators")
-    found = diagnosed(tmp_path, SCREW_TOML, screw_actuator(tmp_path / "a.csv", name))
+    found = answered(tmp_path, SCREW_TOML, screw_actuator(tmp_path / "a.csv", name))
     assert bool(found["reasons"]) == (found["verdict"] == "bad_data")
     for each in found["effects"]:
         assert each["shrink"]["high"] > 0.0

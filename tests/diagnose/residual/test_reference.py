@@ -1,6 +1,5 @@
 """Beside recordings of the healthy machine only what changed since is a gap."""
 
-import json
 import re
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from edge_service.cli.entry import main
 from edge_service.config import load_machine
 
 from ... import foreign_plant
-from ..conftest import DURATION_S
+from ..conftest import DURATION_S, diagnosed
 
 
 def trace(path: Path, causes: tuple[str, ...], seed: int) -> str:
@@ -38,16 +37,6 @@ def crude(machine_file: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def diagnosed(machine: str, folder: Path, recording: str, *reference: str) -> dict[str, object]:
-    out = folder / "out"
-    given = ["diagnose", "--machine", machine, recording, "--out", str(out)]
-    if reference:
-        given[1:1] = ["--reference", *reference]
-    assert main(given) == 0
-    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
-    return document
-
-
 @pytest.mark.slow
 def test_without_them_a_crude_model_is_a_gap(crude: str, tmp_path: Path) -> None:
     found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21))
@@ -59,7 +48,7 @@ def test_without_them_a_crude_model_is_a_gap(crude: str, tmp_path: Path) -> None
 def test_another_healthy_recording_has_no_gap(
     crude: str, tmp_path: Path, healthy: list[str]
 ) -> None:
-    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), *healthy)
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), reference=healthy)
     assert found["verdict"] == "no_gap"
     assert {each["floor_source"] for each in found["gap"].values()} == {"reference"}
     assert found["reference"] == [Path(each).name for each in healthy]
@@ -72,13 +61,13 @@ def test_another_healthy_recording_has_no_gap(
 def test_what_changed_since_is_named(
     crude: str, tmp_path: Path, healthy: list[str], cause: str
 ) -> None:
-    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (cause,), 21), *healthy)
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (cause,), 21), reference=healthy)
     assert found["effects"][0]["name"] == cause
 
 
 @pytest.mark.slow
 def test_one_recording_is_enough(crude: str, tmp_path: Path, healthy: list[str]) -> None:
-    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), healthy[0])
+    found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), reference=healthy[:1])
     assert found["verdict"] == "no_gap"
 
 

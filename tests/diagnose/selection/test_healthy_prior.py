@@ -1,8 +1,8 @@
 """A gap is a matter of what is stated to matter, and priors are no excuses."""
 
-import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,26 +13,19 @@ from edge_service.diagnose.residual.noise import (
     TOLERANCE_OF_FLOOR,
 )
 
-from ..conftest import recorded
+from ..conftest import diagnosed, recorded
 
 
-def diagnosed(machine_file: Path, folder: Path, cause: str, more: str = "") -> dict[str, object]:
+def drag(machine_file: Path, folder: Path, more: str = "") -> dict[str, Any]:
     stated = folder / "machine.toml"
     stated.write_text(machine_file.read_text() + more)
-    trace = recorded((cause,), 3).write_csv(folder / "a.csv")
-    out = folder / "out"
-    given = ["diagnose", "--machine", str(stated), str(trace), "--out", str(out)]
-    assert main(given) == 0
-    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
-    return document
+    return diagnosed(stated, folder, str(recorded(("drag_error",), 3).write_csv(folder / "a.csv")))
 
 
 @pytest.mark.slow
 @pytest.mark.smoke
 def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path: Path) -> None:
-    found = diagnosed(
-        machine_file, tmp_path, "drag_error", "\n[tolerance]\ntorque_nm = 0.5\nposition_m = 1e-3\n"
-    )
+    found = drag(machine_file, tmp_path, "\n[tolerance]\ntorque_nm = 0.5\nposition_m = 1e-3\n")
     assert found["verdict"] == "no_gap"
     assert found["effects"] == []
     gap = found["gap"]
@@ -43,7 +36,7 @@ def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path:
 
 @pytest.mark.slow
 def test_without_one_it_is_a_part_of_the_floor(machine_file: Path, tmp_path: Path) -> None:
-    found = diagnosed(machine_file, tmp_path, "drag_error")
+    found = drag(machine_file, tmp_path)
     assert [each["name"] for each in found["effects"]] == ["drag_error"]
     torque, position = found["gap"]["torque_nm"], found["gap"]["transmission_m"]
     assert torque["tolerance"] == pytest.approx(TOLERANCE_OF_FLOOR * torque["noise_floor"])
@@ -71,6 +64,6 @@ def test_an_inertia_hardly_known_does_not_hide_friction(machine_file: Path, tmp_
     )
     path = tmp_path / "loose.toml"
     path.write_text(loose)
-    found = diagnosed(path, tmp_path, "drag_error")
+    found = drag(path, tmp_path)
     assert [each["name"] for each in found["effects"]] == ["drag_error"]
     assert found["effects"][0]["probability"] > 0.9

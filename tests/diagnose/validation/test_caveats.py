@@ -1,42 +1,37 @@
 """Bounds of a verdict are stated: noise that hides faults, and a remainder beside the causes."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from edge_service.cli.entry import main
 from edge_service.diagnose.pipeline import caveats_of
 from edge_service.diagnose.result import ChannelGap, Verdict
 
 from ...bench.real_machines import written
-from ..conftest import recorded
+from ..conftest import diagnosed, recorded
 
 
 def gap_of(before: float, after: float) -> ChannelGap:
     return ChannelGap(before=before, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
 
 
-def diagnosed(
+def noisy(
     machine_file: Path, folder: Path, noise_nm: float, causes: tuple[str, ...] = ()
-) -> dict[str, object]:
+) -> dict[str, Any]:
     columns = dict(recorded(causes, 3).columns)
     noise = np.random.default_rng(5).normal(0.0, noise_nm, len(columns["time_s"]))
     # as slow as the comparison, so that its low-pass does not take it away
     slow = np.convolve(noise, np.ones(40) / np.sqrt(40.0), "same")
     columns["torque_command_nm"] = columns["torque_command_nm"] + slow
-    out = folder / "out"
-    trace = written(folder / "a.csv", columns)
-    assert main(["diagnose", "--machine", str(machine_file), trace, "--out", str(out)]) == 0
-    document: dict[str, object] = json.loads((out / "diagnosis.json").read_text())
-    document["page"] = (out / "report.html").read_text()
-    return document
+    document = diagnosed(machine_file, folder, written(folder / "a.csv", columns))
+    return document | {"page": (folder / "out" / "report.html").read_text()}
 
 
 @pytest.mark.slow
 def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_path: Path) -> None:
-    found = diagnosed(machine_file, tmp_path, 2.0)
+    found = noisy(machine_file, tmp_path, 2.0)
     assert found["verdict"] == "unknown"
     assert all(each["probability"] <= 0.5 for each in found["effects"])
     (line,) = found["caveats"]
@@ -47,7 +42,7 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
 
 @pytest.mark.slow
 def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
-    found = diagnosed(machine_file, tmp_path, 1e-3)
+    found = noisy(machine_file, tmp_path, 1e-3)
     assert found["verdict"] == "no_gap"
     assert found["caveats"] == []
 
@@ -73,7 +68,7 @@ def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, st
 def test_noise_in_the_torque_says_nothing_of_the_encoders(
     machine_file: Path, tmp_path: Path
 ) -> None:
-    found = diagnosed(machine_file, tmp_path, 2.0, ("backlash",))
+    found = noisy(machine_file, tmp_path, 2.0, ("backlash",))
     (play,) = [each for each in found["effects"] if each["channel"] == "transmission_m"]
     assert play["name"] == "backlash"
     assert play["probability"] > 0.9
