@@ -1,21 +1,29 @@
-"""One connection to one device: read requests out, replies in, believed where every field agrees.
+"""One connection to one device: requests out, replies in, believed where every byte agrees.
 
-Modbus messaging on TCP/IP 1.0b, 3.1.3: transaction, protocol (0), length, unit; then function,
-byte count and registers, or function + 0x80 and an exception code.
+Frames are the library's; a reply counts if the library writes the same bytes for it, for it reads
+some that contradict themselves.
 """
 
 import asyncio
-import struct
+import logging
 from dataclasses import dataclass
+
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse
+from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from edge_service.messages.samples import Quality
 
 from ..base import DriverUnavailableError
 from .registers import ReadRequest
 
-_HEADER = struct.Struct(">HHHB")
-_LONGEST = 254
-"""Unit and longest protocol data unit."""
+# What the library finds wrong with a frame is passed on in the quality of the samples, once.
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+_FRAMER = FramerSocket(DecodePDU(is_server=False))
+_REQUESTS = {
+    each.function_code: each for each in (ReadHoldingRegistersRequest, ReadInputRegistersRequest)
+}
 
 
 class WrongReplyError(Exception):
@@ -55,6 +63,7 @@ class ModbusLink:
         self._host, self._port, self._unit, self._timeout_s = host, port, unit, timeout_s
         self._stream: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._transaction = 0
+        self._received = b""
 
     @property
     def connected(self) -> bool:
@@ -64,6 +73,7 @@ class ModbusLink:
     async def connect(self) -> None:
         """Connect anew. Raises DriverUnavailableError."""
         self.close()
+        self._received = b""
         try:
             async with asyncio.timeout(self._timeout_s):
                 self._stream = await asyncio.open_connection(self._host, self._port)
@@ -87,8 +97,10 @@ class ModbusLink:
             quality, problem, kept = Quality.DEVICE_EXCEPTION, f"exception {error}", True
         except WrongReplyError as error:
             quality, problem = Quality.MALFORMED, str(error)
-        except (OSError, EOFError):
+        except (OSError, EOFError) as error:
             quality, problem = Quality.NO_REPLY, "no reply"
+            if isinstance(error, TimeoutError) and self._received:
+                quality, problem = Quality.MALFORMED, "bytes that are no reply"
         finally:
             if not kept:
                 self.close()
@@ -106,23 +118,35 @@ class ModbusLink:
             raise EOFError
         reader, writer = self._stream
         self._transaction = self._transaction % 0xFFFF + 1
-        function, count = request.function, request.count
-        header = _HEADER.pack(self._transaction, 0, 6, self._unit)
-        writer.write(header + struct.pack(">BHH", function, request.address, count))
+        asked = _REQUESTS[request.function](
+            address=request.address,
+            count=request.count,
+            dev_id=self._unit,
+            transaction_id=self._transaction,
+        )
+        writer.write(_FRAMER.buildFrame(asked))
         while True:
-            header = await reader.readexactly(_HEADER.size)
-            transaction, protocol, length, unit = _HEADER.unpack(header)
-            if protocol != 0 or not 3 <= length <= _LONGEST:
-                raise WrongReplyError(f"no Modbus frame: protocol {protocol}, length {length}")
-            content = await reader.readexactly(length - 1)
-            if transaction == self._transaction:  # or an earlier request is answered late
+            more = await reader.read(_FRAMER.MAX_SIZE)
+            if not more:
+                raise EOFError
+            self._received += more
+            try:  # frames of other transactions are passed over: an earlier request answered late
+                used, reply = _FRAMER.handleFrame(self._received, 0, self._transaction)
+            except ModbusException as error:
+                raise WrongReplyError(error.string) from None
+            frame, self._received = self._received[:used], self._received[used:]
+            if len(self._received) > _FRAMER.MAX_SIZE:
+                raise WrongReplyError("bytes that are no reply")
+            if reply is not None and reply.transaction_id == self._transaction:
                 break
-        if unit != self._unit:
-            raise WrongReplyError(f"a reply of unit {unit} to a request to unit {self._unit}")
-        if content[0] == function | 0x80 and len(content) == 2:
-            raise RefusedError(content[1])
-        if content[0] != function:
-            raise WrongReplyError(f"a reply with function {content[0]} to {function}")
-        if len(content) != 2 + 2 * count or content[1] != 2 * count:
-            raise WrongReplyError(f"a reply of {len(content)} bytes to {count} registers")
-        return struct.unpack(f">{count}H", content[2:])
+        if reply.dev_id != self._unit:
+            raise WrongReplyError(f"a reply of unit {reply.dev_id} to a request to {self._unit}")
+        if reply.function_code & 0x7F != request.function or not frame.endswith(
+            _FRAMER.buildFrame(reply)
+        ):
+            raise WrongReplyError(f"a reply that does not fit its request: {frame.hex(' ')}")
+        if isinstance(reply, ExceptionResponse):
+            raise RefusedError(reply.exception_code)
+        if len(reply.registers) != request.count:
+            raise WrongReplyError(f"{len(reply.registers)} registers in place of {request.count}")
+        return tuple(reply.registers)

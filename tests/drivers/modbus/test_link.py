@@ -70,11 +70,7 @@ HOSTILE: dict[str, tuple[Answer, Quality]] = {
     "one byte": (lambda _: [b"\x00", None], Quality.NO_REPLY),
     "another transaction": (lambda p: [b"\x99\x99" + good(p)[0][2:], None], Quality.NO_REPLY),
     "transaction zero": (lambda p: [b"\0\0" + good(p)[0][2:], None], Quality.NO_REPLY),
-    "garbage": (lambda _: [bytes(range(256))], Quality.MALFORMED),
     "echo": (lambda p: [p], Quality.MALFORMED),
-    "another protocol": (reply("0001 0007 01 03 04 4049 0fdb"), Quality.MALFORMED),
-    "length zero": (reply("0000 0000 01 03 04 4049 0fdb"), Quality.MALFORMED),
-    "endless length": (reply("0000 ffff 01 03 04 4049 0fdb"), Quality.MALFORMED),
     "another unit": (reply("0000 0007 09 03 04 4049 0fdb"), Quality.MALFORMED),
     "another function": (reply("0000 0007 01 04 04 4049 0fdb"), Quality.MALFORMED),
     "exception of another function": (reply("0000 0003 01 84 02"), Quality.MALFORMED),
@@ -119,6 +115,26 @@ async def test_what_still_holds_a_whole_reply_is_read(
     for _ in range(5):
         assert (await link.read(REQUEST)).words == WORDS
     assert peer.connections == 1
+
+
+ENDLESS: dict[str, Answer] = {
+    "garbage": lambda _: [bytes(range(256))],
+    "another protocol": reply("0001 0007 01 03 04 4049 0fdb"),
+    "length zero": reply("0000 0000 01 03 04 4049 0fdb"),
+    "endless length": reply("0000 ffff 01 03 04 4049 0fdb"),
+    "more than any reply": lambda _: [bytes([1]) * 400],
+}
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+async def test_bytes_that_become_no_reply_are_malformed_when_time_is_over(
+    name: str, peer: Peer
+) -> None:
+    peer.answer = ENDLESS[name]
+    link = ModbusLink("127.0.0.1", peer.port, 1, 0.2)
+    await link.connect()
+    bad = await link.read(REQUEST)
+    assert (bad.quality, bad.words, link.connected) == (Quality.MALFORMED, (), False)
 
 
 async def test_silence_is_no_reply_and_close_ends_a_read_at_once(peer: Peer) -> None:
