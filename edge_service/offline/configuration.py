@@ -36,7 +36,11 @@ def check_configuration(path: Path) -> Answer:
             continue
         said = f"drag only ({missing} is unknown)" if missing else "preload in %"
         lines.append(f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}")
-        described = {"name": axis.name, "driver": axis.driver, "machine": str(axis.machine)}
+        described: dict[str, str | None] = {
+            "name": axis.name,
+            "driver": axis.driver,
+            "machine": str(axis.machine),
+        }
         axes.append(described | {"missing_for_percent": missing})
     for name, table in settings.outputs.items():
         try:

@@ -94,8 +94,7 @@ def _document(found: Finding) -> dict[str, Any]:
     """One check, with the number in its unit beside what was expected; null where there is none."""
     figure: dict[str, Any] | None = None
     if found.figure is not None:
-        names = ("value", "low", "high", "unit")
-        figure = {name: getattr(found.figure, name) for name in names}
+        figure = {name: getattr(found.figure, name) for name in ("value", "low", "high", "unit")}
         figure |= {"expected": found.expected}
     names = ("name", "verdict", "sentence", "figure", "compared", "remedy")
     return {name: getattr(found, name) for name in names} | {"figure": figure}

@@ -275,10 +275,9 @@ class MomentumBalance:
         duration, inertia = block.duration_s, self._inertia
         speed_mean = (block.angle_end_rad - block.angle_start_rad) / duration
         speed_lever = (block.angle_mean_rad - block.angle_start_rad) / duration
-        net_mean = block.torque_mean_nm - self._viscous * speed_mean
-        net_mean = net_mean - self._drag * block.direction_mean
-        net_lever = block.torque_lever_nm - self._viscous * speed_lever
-        net_lever = net_lever - self._drag * block.direction_lever
+        viscous_mean, viscous_lever = self._viscous * speed_mean, self._viscous * speed_lever
+        net_mean = block.torque_mean_nm - viscous_mean - self._drag * block.direction_mean
+        net_lever = block.torque_lever_nm - viscous_lever - self._drag * block.direction_lever
         noise = self._error_density / inertia**2
         step = LinearStep(
             transition=np.array([[1.0, duration], [0.0, 1.0]]),

@@ -213,8 +213,8 @@ def _summary(found: Diagnosis, out: Path) -> str:
         for name, each in found.gap.items()
     ]
     for each in found.effects:
-        shrink = each.shrink.estimate, each.shrink.low, each.shrink.high
-        value, low, high = printed(*(100.0 * share for share in shrink))
+        shrink = each.shrink
+        value, low, high = printed(100.0 * shrink.estimate, 100.0 * shrink.low, 100.0 * shrink.high)
         shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
         lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")
     lines += [f"but {each}" for each in found.caveats]
