@@ -183,7 +183,9 @@ def sentence_in(words: Mapping[str, str], said: Statement) -> str | None:
     """A statement of the service in the words of the page; None where it has none for it."""
     text = words.get(f"said.{said.code}")
     for name, value in said.values.items() if text is not None else ():
-        if isinstance(value, str):
+        if name in ("time", "since", "until"):
+            shown = f"{datetime.fromisoformat(str(value)).astimezone():%Y-%m-%d %H:%M:%S}"
+        elif isinstance(value, str):
             shown = words.get(f"{name}.{value}", value)
         else:
             shown = f"{value:.6g}".replace(".", words["mail.decimal"])

@@ -26,12 +26,13 @@ name = "X"
 machine = "machines/x.toml"
 """
 FILES = {
-    "axes/Y/axis.toml": b"name = 'Y'",
+    "axes/Y/axis.toml": b"[[axes]]\nname = 'Y'\nmachine = 'machine.toml'",
+    "axes/Y/machine.toml": b"[axis]",
     "recordings/healthy_X_20261121T081530Z.parquet": b"PAR1" * 500,
     "jobs/1/report.html": b"<p>a report</p>",
     f"{FILE_NAME}.damaged-20261121T081530Z": b"half",
 }
-KEPT = {"axes/Y/axis.toml", FILE_NAME}
+KEPT = {"axes/Y/axis.toml", "axes/Y/machine.toml", FILE_NAME}
 MACHINE = (Path(__file__).parents[2] / "deploy" / "machine.toml").read_bytes()
 State = dict[str, bytes]
 
