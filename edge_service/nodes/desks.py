@@ -11,8 +11,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import tomlkit
-
 from ..atomic import PRIVATE, replaced_file
 from ..clock import now_ns
 from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, load_machine, read_axis
@@ -56,7 +54,7 @@ class AxisDesk:
             limits={"warning_percent": warning, "fault_percent": fault},
             machine=_content(self._context.machines[axis]),
         )
-        return answer, tomlkit.dumps({"axes": [table]})
+        return answer, _toml({"axes": [table]})
 
     async def put(self, axis: str, asked: AxisConfiguration) -> bool:
         """Check an axis as check-config does, keep it and begin it; returns whether it is new.
@@ -140,8 +138,14 @@ def _add_machine(folder: Path, content: dict[str, Any]) -> Path:
         path = folder / f"machine-{day:%Y-%m-%d}{f'.{number}' if number > 1 else ''}.toml"
         number += 1
     with replaced_file(path) as file:
-        file.write(tomlkit.dumps(content))
+        file.write(_toml(content))
     return path
+
+
+def _toml(content: dict[str, Any]) -> str:
+    from tomlkit import dumps  # slow to import
+
+    return dumps(content)
 
 
 def _forget(machine_file: Path) -> None:
@@ -166,7 +170,7 @@ def _table(
         table.setdefault("machine", before.machine.name)
         if table["settings"].get("password") == HIDDEN:
             table["settings"]["password"] = before.settings.get("password")
-    return tomlkit.dumps({"axes": [table]})
+    return _toml({"axes": [table]})
 
 
 def _write(file: Path, text: str) -> None:

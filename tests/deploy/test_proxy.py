@@ -65,7 +65,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, in
     text = DEFAULT_CONFIG.read_text().replace('"commissioned.toml"', f'"{_machine()}"')
     text = text.replace("port = 8080", 'port = 0\nurl = "https://edge-box/"')
     text = text.replace("tcp/127.0.0.1:7447", "tcp/127.0.0.1:0")
-    text = text.replace('# folder = "history"', 'folder = "history"')
+    text = text.replace('# folder = "state"', 'folder = "state"')
     (folder / "edge.toml").write_text(text)
     line = ("token", str(folder / "edge.toml"), "--add", "Kim", "--role", "operator")
     token = asked(*line).split()[-1]

@@ -48,7 +48,7 @@ async def test_what_begins_in_mid_run_is_seen_kept_and_named(tmp_path: Path) -> 
             told = {each["kind"]: each for each in ours}
             assert told["model_disagrees"]["data"]["since_s"] == pytest.approx(CHANGES_S, abs=15.0)
             assert "recording_kept" in told
-            kept = (await client.get("recordings")).json()["recordings"]
+            kept = (await client.get("recordings")).json()["items"]
             assert name in [each["name"] for each in kept]
             asked = await client.post(
                 "jobs", json={"command": "diagnose", "axis": "X", "recordings": [name]}
