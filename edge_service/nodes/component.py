@@ -19,7 +19,7 @@ from ..messages.codec import Header, T
 from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, STATUS
-from ..retry import Retry
+from ..retry import Retry, heed_cancellation
 from .context import NodeContext
 
 log = logging.getLogger(__name__)
@@ -200,6 +200,7 @@ class Component:
                 log.debug("%s", self.name, exc_info=True)
                 reason = self._fault = f"failed ({said(error)})"
                 log.warning("%s: %s; beginning anew", self.name, reason)
+            heed_cancellation()  # while it closed, which may fail in its own way
             if time.monotonic() - begun_s > PROVEN_S:
                 retry.reset()
             self.restarts += 1

@@ -74,6 +74,7 @@ class AxisDesk:
                 try:
                     text = _table(axis, asked, added, before)
                     own = read_axis(file, text.encode())
+                    _check_place(own)
                     machine = load_machine(own.machine)
                     self._context.config.with_axis(own)
                     make_estimator(self._context.config.estimator, machine)
@@ -123,6 +124,19 @@ def _refusing(axis: str) -> Iterator[None]:
         raise RefusedError(422, str(error)) from None
     except OSError as error:
         raise RefusedError(507, f"axis {axis}: cannot be kept ({error.strerror})") from None
+
+
+def _check_place(axis: AxisConfig) -> None:
+    """Check that it reads no file of others: what it says of one may show what is in it."""
+    assert axis.file is not None
+    state = axis.file.parents[2].resolve()
+    for key in ("path", "folder", "truth"):
+        named = axis.settings.get(key)
+        if named and not (axis.file.parent / str(named)).resolve().is_relative_to(state):
+            raise ValueError(
+                f"settings.{key}: an axis of the page reads files of the state folder ({state}) "
+                "alone; state others in the configuration"
+            )
 
 
 def _content(machine: Machine) -> dict[str, Any]:

@@ -31,8 +31,8 @@ from ..outputs.base import (
     UnknownOutputError,
     load_output,
 )
-from ..retry import Retry
-from .component import Component, first_of
+from ..retry import Retry, heed_cancellation
+from .component import Component
 from .context import NodeContext
 from .http_rights import knows_of
 
@@ -77,7 +77,7 @@ async def run(context: NodeContext, name: str) -> None:
     output, component = make_output(context.config, name), Component(context, name)
     silent, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
     states = {axis: AxisState(axis, None, silent) for axis in context.machines}
-    node = OutputNode(output, component, context.events)
+    node, receivers = OutputNode(output, component, context.events), output.receivers
 
     def take_estimate(axis: str, header: Header, estimate: PreloadEstimate) -> None:
         if axis in states:
@@ -98,22 +98,25 @@ async def run(context: NodeContext, name: str) -> None:
                 await asyncio.sleep(SHOW_PERIOD_S)
 
     async def life() -> None:
+        work = [show()] if output.takes_answers else []
+        tasks = [asyncio.create_task(each) for each in (*work, *map(node.deliver, receivers))]
         try:
-            async with asyncio.TaskGroup() as group:
-                if output.takes_answers:
-                    group.create_task(show())
-                for receiver in output.receivers:
-                    group.create_task(node.deliver(receiver))
-        except BaseExceptionGroup as errors:
-            raise first_of(errors) from None
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
+            for task in done:
+                await task
         finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
             await output.close()
 
     async with component.running():
         if output.takes_answers:
             component.follow(context.subscribe(PRELOAD), take_estimate)
             component.follow(context.subscribe(HEALTH), take_health)
-        await component.again(life, new_retry(), OutputUnavailableError)
+        if output.takes_answers or receivers:
+            await component.again(life, new_retry(), OutputUnavailableError)
+        component.to(ComponentStatus.OK)  # it is asked, as metrics are
         await context.forever()
 
 
@@ -170,6 +173,7 @@ class OutputNode:
             self._component.publish()
 
     async def _wait(self, who: str, problem: str, retry: Retry) -> None:
+        heed_cancellation()
         if who not in self._problems:
             log.warning("%s: %s; trying again", self._component.name, problem)
         self._problems[who] = problem

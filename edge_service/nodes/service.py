@@ -213,13 +213,18 @@ class _Nodes:
             self._sources[axis] = self._process.start(reading())
 
     def tell_outputs(self) -> None:
-        """Begin with the outputs, or begin anew."""
-        for task in self._outputs:
+        """Begin with the outputs, or begin anew once those of before have closed."""
+        before = self._outputs
+        for task in before:
             task.cancel()
+
+        async def telling(name: str) -> None:
+            if before:
+                await asyncio.wait(before)
+            await output_node.run(self._context, name)
+
         there = [each for each in self._names if each in self._context.config.outputs]
-        self._outputs = [
-            self._process.start(output_node.run(self._context, each)) for each in there
-        ]
+        self._outputs = [self._process.start(telling(each)) for each in there]
 
     async def drain(self, stop: asyncio.Event) -> None:
         """Stop when all sources have ended, and what they gave has passed all nodes."""

@@ -87,6 +87,8 @@ class MqttOutput(Output):
             raise OutputUnavailableError(f"{self.config.where}: {error}") from None
         self._client = client
         self._sent_s.clear()
+        if self.context.is_test:  # of the service that runs nothing is said
+            return
         if self._node is not None:
             try:
                 await client.subscribe(self._node.commands, qos=1)
@@ -113,6 +115,8 @@ class MqttOutput(Output):
             return
         for event in message.events:
             members = event.model_dump(mode="json")
+            if self._node is not None and self.context.is_test:
+                continue  # a node that was not born says nothing
             if self._node is not None:
                 await self._tell_device(event.axis, sparkplug.flat("event", members))
             else:
@@ -121,7 +125,7 @@ class MqttOutput(Output):
 
     async def close(self) -> None:
         """Say that we are gone, and disconnect."""
-        if self._client is not None:
+        if self._client is not None and not self.context.is_test:
             with suppress(OutputUnavailableError, TimeoutError):
                 async with asyncio.timeout(ANSWER_S):
                     await self._publish(*self._death(), retain=self._node is None)

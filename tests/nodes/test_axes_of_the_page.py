@@ -78,6 +78,8 @@ WRONG: list[tuple[str, dict[str, Any], int, str]] = [
     ("X", {"settings": {"speeed": 2.0}}, 422, "axes.X.settings.speeed"),
     ("X", {"settings": "speed ="}, 422, "settings"),
     ("X", {"settings": {"password_file": "edge.toml"}}, 422, "states the secret itself"),
+    ("X", {"driver": "replay", "settings": {"path": "/etc/passwd"}}, 422, "state folder"),
+    ("X", {"driver": "folder", "settings": {"folder": "../../.."}}, 422, "state folder"),
     ("X", {"limits": {"fault_percent": 80.0}}, 422, "fault_percent must lie below"),
     ("X", {"machine": {"axis": {}}}, 422, "axis.lead_m: missing"),
     ("X", {"machine": "[axis]\nname = 3"}, 422, "axis.name"),

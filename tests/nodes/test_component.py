@@ -203,6 +203,27 @@ async def test_what_is_away_is_tried_again_and_said_once(caplog: pytest.LogCaptu
     assert caplog.messages == ["part: no answer; trying again"]
 
 
+async def test_work_that_fails_while_it_is_ended_is_not_begun_anew() -> None:
+    bus, tries = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), []
+
+    async def work() -> None:
+        tries.append(1)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            raise DriverUnavailableError("gone while it closed")
+
+    try:
+        component = Component(NodeContext(two_axes(), bus), "part")
+        task = asyncio.create_task(component.again(work, AT_ONCE, DriverUnavailableError))
+        await until(lambda: asyncio.sleep(0, bool(tries)))
+        task.cancel()
+        await asyncio.wait_for(asyncio.wait({task}), PATIENCE_S)
+    finally:
+        await bus.close()
+    assert (task.cancelled(), len(tries)) == (True, 1)
+
+
 def listener(address: str | bytes) -> socket.socket:
     heard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     heard.bind(address)

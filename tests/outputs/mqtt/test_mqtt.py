@@ -105,6 +105,19 @@ async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker
         assert (await there(late, f"{ROOT}/status"))[f"{ROOT}/status"] == b"offline"
 
 
+async def test_a_test_message_says_nothing_of_the_service_that_runs(broker: Broker) -> None:
+    url = {"url": f"mqtt://127.0.0.1:{broker.port}"}
+    async with listening(broker) as live, telling(broker) as made:
+        tried = output("mqtt", url, is_test=True)
+        await tried.open()
+        await tried.take(Events("", (event(kind="test", axis=""),)))
+        await tried.close()
+        await made.take(Events("", (event(),)))
+        await there(live, f"{ROOT}/X/event", f"{ROOT}/event/event")
+        told = [each.payload for each in live if str(each.topic) == f"{ROOT}/status"]
+        assert told == [b"online"]
+
+
 async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_a_crash(
     broker: Broker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
