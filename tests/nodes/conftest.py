@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limi
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import EstimatedAxis
 from edge_service.nodes.service import PIPELINE, run_nodes
+from edge_service.nodes.stages import warm_up, warm_up_downsampling
 from edge_service.recordings.writer import TraceWriter
 
 PATIENCE_S = 60.0
@@ -55,6 +57,14 @@ class Running:
         self.task = task
 
 
+@cache
+def warm() -> None:
+    """Compile the kernels, which may take longer than anybody here waits."""
+    machines = (load_machine(DEFAULT_MACHINE),)
+    warm_up_downsampling(machines)
+    warm_up(None, machines)
+
+
 @asynccontextmanager
 async def running(
     config: EdgeConfig,
@@ -62,7 +72,9 @@ async def running(
     *,
     until_sources_end: bool = False,
 ) -> AsyncIterator[Running]:
-    """Run nodes on a bus of their own."""
+    """Run nodes on a bus of their own, with kernels that are compiled: nobody waits for that."""
+    if {"downsample", "estimate"} & {*names}:
+        await asyncio.to_thread(warm)
     bus = await Bus.open(BusSettings(config.bus.endpoint, "router"))
     address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     stop = asyncio.Event()

@@ -7,8 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.config import DEFAULT_MACHINE, ConfigError, load_config, load_machine
-from edge_service.nodes.stages import warm_up, warm_up_downsampling
+from edge_service.config import ConfigError, load_config
 
 from .conftest import running, until
 
@@ -23,16 +22,8 @@ def written(folder: Path, axes: str = "") -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def warm() -> None:
-    """Kernels are compiled, which may take longer than anybody here waits."""
-    machines = (load_machine(DEFAULT_MACHINE),)
-    warm_up_downsampling(machines)
-    warm_up(None, machines)
-
-
 @pytest.fixture
-async def client(tmp_path: Path, warm: None) -> AsyncIterator[httpx.AsyncClient]:
+async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
     """A service whose configuration has the axis Y."""
     axes = '[[axes]]\nname = "Y"\n[axes.settings]\nscenario = "healthy"\n'
     async with (
