@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.bus.session import Bus, BusSettings
+from edge_service.bus.session import Bus
+from edge_service.bus.settings import BusSettings
 from edge_service.config import (
     DEFAULT_MACHINE,
     AxisConfig,
