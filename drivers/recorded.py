@@ -51,5 +51,6 @@ class RecordedRows:
             for each in (reader, self.reader):
                 if each is not None:
                     each.close()
+            self.reader = None  # one that was being opened meanwhile
 
         await self.run(closed)

@@ -160,7 +160,7 @@ MOST_LINES = {
     "config": 631,
     "diagnose": 5058,
     "downsample": 1245,
-    "drivers": 3823,
+    "drivers": 3824,
     "estimate": 5182,
     "fingerprint": 2942,
     "health": 4870,
