@@ -52,8 +52,9 @@ def test_lost_rows_are_bridged_gaps_and_new_clocks_are_not() -> None:
     (run,) = uniform_runs(sine(time_s), (ANGLE,))
     assert len(run) == 4000
     np.testing.assert_allclose(run.channels[ANGLE], sine(even(4.0)).channels[ANGLE], atol=1e-6)
-    jumped = np.where(even(4.0) >= 2.0, even(4.0) + 0.5, even(4.0))
-    assert [len(run) for run in uniform_runs(sine(jumped), (ANGLE,))] == [2000, 2000]
+    for gap_s in (0.01, 0.5):
+        jumped = np.where(even(4.0) >= 2.0, even(4.0) + gap_s, even(4.0))
+        assert [len(run) for run in uniform_runs(sine(jumped), (ANGLE,))] == [2000, 2000]
     restarted = np.concatenate((even(2.0), even(1.0)))
     assert [len(run) for run in uniform_runs(sine(restarted), (ANGLE,))] == [2000, 1000]
 
