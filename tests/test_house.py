@@ -423,7 +423,7 @@ def test_no_folders_of_a_room_use_each_other_in_a_circle() -> None:
         pytest.fail(" -> ".join(error.args[1]))
 
 
-ASKING = re.compile(r"(what|whether|how|which|when|why|who|whose|where)\b", re.IGNORECASE)
+ASKING = re.compile(r"((tell )?whether|true|what|how|which|when|why|who|whose|where)\b", re.I)
 
 
 def questions(tree: ast.AST) -> list[str]:

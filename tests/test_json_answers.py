@@ -89,7 +89,7 @@ def leaves(group: click.Group, path: str = "") -> Iterator[tuple[str, click.Comm
 
 
 def has_json(command: click.Command) -> bool:
-    """Tell whether a command has the flag."""
+    """Return whether a command has the flag."""
     return any("--json" in each.opts for each in command.params)
 
 

@@ -67,7 +67,7 @@ class ModbusLink:
 
     @property
     def connected(self) -> bool:
-        """True until the connection is let go, or its end has been noticed."""
+        """Return whether the connection is held, and no end of it has been noticed."""
         return self._stream is not None and not self._stream[1].is_closing()
 
     async def connect(self) -> None:

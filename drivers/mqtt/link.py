@@ -107,7 +107,7 @@ class MqttLink:
 
     @property
     def connected(self) -> bool:
-        """True while no loss of the connection has been noticed."""
+        """Return whether the connection holds, as far as has been noticed."""
         return self._client is not None and not self._client._disconnected.done()
 
     async def connect(self) -> None:

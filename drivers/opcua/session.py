@@ -60,7 +60,7 @@ class OpcuaSession:
 
     @property
     def connected(self) -> bool:
-        """True while a session is open and no loss of it has been noticed."""
+        """Return whether a session is open and no loss of it has been noticed."""
         return self._client is not None
 
     async def open(self) -> None:

@@ -93,7 +93,7 @@ def limit_words(health: AxisHealth, before: Statement) -> Statement:
     """Statement on the preload against its limits; without a number, that of before and so said."""
     if health.condition is AxisCondition.UNAVAILABLE or health.of_fresh is None:
         value = before.values.get("value")
-        return told(Code.PRELOAD_LAST_KNOWN, value=float(value)) if value else before
+        return before if value is None else told(Code.PRELOAD_LAST_KNOWN, value=float(value))
     words = condition_words(health)
     if health.condition is AxisCondition.NORMAL:
         return told(Code.PRELOAD_BACK, value=words.values["value"])

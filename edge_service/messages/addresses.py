@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether `host` is a loopback address, or `localhost`."""
+    """Return whether `host` is a loopback address, or `localhost`."""
     try:
         return host == "localhost" or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -30,7 +30,7 @@ def split_endpoint(endpoint: str) -> tuple[str, int]:
 
 
 def is_http_url(address: str) -> bool:
-    """Tell whether `address` names a host by HTTP or HTTPS, as text without blanks."""
+    """Return whether `address` names a host by HTTP or HTTPS, as text without blanks."""
     try:
         parts = urlsplit(address)
         right = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0

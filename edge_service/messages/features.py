@@ -150,7 +150,7 @@ class FeatureBlock:
 
     @property
     def usable(self) -> bool:
-        """True if an estimator may read this interval as good data."""
+        """Return whether an estimator may read this interval as good data."""
         return not self.fault & UNUSABLE
 
     @property

@@ -93,7 +93,7 @@ class AxisDesk:
             with _refusing(axis):
                 file = self._file(axis)
                 await self._threads.run(file.unlink)
-                await self._threads.run(shutil.rmtree, file.parent)
+                await self._threads.run(shutil.rmtree, file.parent, True)  # what is left is no axis
             self._context.drop(axis)
 
     def _known(self) -> dict[str, AxisConfig]:

@@ -87,7 +87,7 @@ def convert(
 
 
 def is_database(source: Path) -> bool:
-    """True of a file that SQLite has written."""
+    """Return whether SQLite has written a file."""
     try:
         with source.open("rb") as file:
             return file.read(16) == b"SQLite format 3\0"

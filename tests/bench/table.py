@@ -103,12 +103,12 @@ class Figure:
 
     @property
     def ratio(self) -> float | None:
-        """How many times less than the peer's it is; None without a peer."""
+        """Cost of the peer over ours; None without a peer."""
         return None if self.theirs is None else self.theirs / self.value
 
     @property
     def met(self) -> bool | None:
-        """Whether the aim is met; None without one."""
+        """Return whether the aim is met; None without one."""
         if self.at_least is None and self.at_most is None:
             return None
         value = self.value if self.ratio is None else self.ratio

@@ -46,7 +46,7 @@ def can_build() -> bool:
 
 
 def can_install(folder: Path) -> bool:
-    """Tell whether this user may lay a copy of the machine over the machine."""
+    """Return whether this user may lay a copy of the machine over the machine."""
     line = ["sh", str(MACHINE), str(folder), "true"]
     return subprocess.run(line, capture_output=True, check=False, timeout=60).returncode == 0
 

@@ -18,7 +18,7 @@ MIDDLE_RPM = 300
 COULOMB_NM, VISCOUS, ERROR_NM = 0.4, 5e-3, 1e-3
 COLD_NM, WARM_S, RUN_S = 0.08, 600.0, 130.0
 STATIONS_NM = (0.02, 0.0, -0.03)
-"""How much harder the axis runs at each place of the stroke."""
+"""Factor on the friction at each place of the stroke."""
 Extra = Callable[[float], float]
 
 

@@ -22,7 +22,7 @@ from .conftest import PATIENCE_S, config_of, running
 
 PERIOD_S = 0.1
 Raises = Callable[[int, int], bool]
-"""Whether an interval, by its number, raises in a state, by the number of those in it."""
+"""Number of an interval, and of those in the state -> the estimator raises."""
 
 
 def interval(end_s: float) -> FeatureBlock:

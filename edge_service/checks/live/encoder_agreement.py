@@ -74,7 +74,7 @@ class Agreement:
 
     @property
     def closed(self) -> bool:
-        """True while no play can hide between the encoders."""
+        """Return whether play cannot hide between the encoders."""
         return bool(self.contact[CLOSED])
 
     def parted_m(self, pieces: Floats, limits: Floats, rough: Floats) -> float:

@@ -184,7 +184,7 @@ class EventLog:
         return self._found(f"{condition} ORDER BY id DESC LIMIT ?", values, fits)[::-1][:most]
 
     def holds_all_after(self, last_id: int) -> bool:
-        """True where no event with a higher number had to make room. Raises StoreFailedError."""
+        """Return whether no later event had to make room. Raises StoreFailedError."""
         dropped = "SELECT MAX(id) FROM dropped_events"
         (newest,) = self.store.read(lambda file: file.execute(dropped).fetchone())
         return newest is None or last_id >= newest
@@ -273,7 +273,7 @@ def room_of(kind: str) -> str:
 
 
 def is_chatter(kind: str) -> bool:
-    """True of what happens all the time, so that nothing else waits for it."""
+    """Return whether an event is of a kind so frequent that none waits for it."""
     return kind in CHATTER or kind not in KINDS
 
 

@@ -22,7 +22,7 @@ class Batch(NamedTuple):
 
 
 def concerns(event: Event, axis: str | None) -> bool:
-    """True of an event that is for readers of `axis` (None: of all axes)."""
+    """Return whether an event is for readers of `axis` (None: of all axes)."""
     return axis is None or event.axis in ("", axis)
 
 

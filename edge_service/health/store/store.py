@@ -156,7 +156,7 @@ class Store:
         return self._writer
 
     def _is_another(self) -> bool:
-        """True when the file was replaced or removed meanwhile; in memory it never is."""
+        """Return whether the file was replaced or removed meanwhile; in memory it never is."""
         try:
             return self.path is not None and self.path.stat().st_ino != self._inode
         except OSError:
@@ -236,7 +236,7 @@ class Store:
 
 
 def is_in_use(path: Path) -> bool:
-    """True while another process has a store open. Raises OSError."""
+    """Return whether another process has a store open. Raises OSError."""
     if not path.exists():
         return False
     try:

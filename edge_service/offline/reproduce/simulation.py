@@ -80,7 +80,7 @@ class ThesisRun:
 
 
 def preload_profile(simulation: int, time_s: Floats) -> Floats:
-    """True preload in percent over the thesis' simulations 1 to 5, (N,)."""
+    """Preload of the plant, percent, over the thesis' simulations 1 to 5, (N,)."""
     share = time_s / DURATION_S
     profiles = {
         1: 10.0 - 10.0 * share,

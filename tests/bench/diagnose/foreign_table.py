@@ -35,13 +35,13 @@ RIGHT_VARIABLES = {
 
 
 def is_place_right(row: BenchRow) -> bool:
-    """Whether the gap is said to live over the variable that its cause is a function of."""
+    """Return whether the gap is said to live over the variable that its cause is a function of."""
     right = RIGHT_VARIABLES.get(row.case.causes[0])
     return right is None or bool({place.split(":")[1] for place in row.where[:1]} & right)
 
 
 def is_first(row: BenchRow) -> bool:
-    """Whether the cause, or one that is named as tied with it, leads the list."""
+    """Return whether the cause, or one that is named as tied with it, leads the list."""
     first = max(row.named, key=lambda name: row.named[name], default=None)
     if first is None:
         return False
@@ -57,17 +57,17 @@ def likely(row: BenchRow) -> set[str]:
 
 
 def are_all_named(row: BenchRow) -> bool:
-    """Whether every cause is likely."""
+    """Return whether every cause is likely."""
     return set(row.case.causes) <= likely(row)
 
 
 def is_sure(row: BenchRow) -> bool:
-    """Whether anything is named with confidence."""
+    """Return whether anything is named with confidence."""
     return any(p > SURE for p in row.named.values())
 
 
 def is_confident_and_wrong(row: BenchRow) -> bool:
-    """Whether something is named with confidence that was not there."""
+    """Return whether something is named with confidence that was not there."""
     there = set(row.case.causes) - set(row.case.withheld)
     return any(p > SURE and name not in there for name, p in row.named.items())
 

@@ -29,7 +29,7 @@ Case = Mapping[str, Any]
 
 
 def has_diagnosis_plant(folder: Path) -> bool:
-    """Whether its commands are there."""
+    """Return whether its commands are there."""
     return all((folder / name).is_file() for name in (MAKE, SCORE))
 
 

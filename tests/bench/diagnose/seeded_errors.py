@@ -313,7 +313,7 @@ def _is_right(
     effects: Sequence[tuple[str, float]],
     ties: Sequence[set[str]],
 ) -> bool:
-    """Whether the first name is that of the error, or cannot be told from it."""
+    """Return whether the first name is that of the error, or cannot be told from it."""
     if not effects:
         return not case.error
     alike = recording.alike if case.error in recording.alike else frozenset()

@@ -48,7 +48,7 @@ class Aim:
         return ", ".join(words.format(limit) for words, limit in limits if limit is not None)
 
     def met(self, ours: Score, reference: Score | None) -> bool:
-        """Tell whether every limit is kept; what could not be measured is not."""
+        """Return whether every limit is kept; what could not be measured is not."""
         kept = [
             _within(getattr(ours, name), getattr(self, name))
             for name in ("mae", "worst", "false_drop", "detection_s", "interval_score")

@@ -51,7 +51,7 @@ class PlantPart:
 
 
 def has_second_plant(folder: Path) -> bool:
-    """Whether its commands are there."""
+    """Return whether its commands are there."""
     return all((folder / name).is_file() for name in (MAKE, SCORE))
 
 
