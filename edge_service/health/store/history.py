@@ -129,11 +129,12 @@ class History:
 
         def work(file: sqlite3.Connection) -> tuple[list[Rows], bytes]:
             tiers = [self._chunks(file, axis, step_s, start_s, end_s) for step_s in steps_s]
-            return tiers, self._open_records(file, axis)
+            return tiers, self._open_records(file, axis, start_s, end_s)
 
-        with self._lock:
-            waiting = b"".join(self._waiting.get(axis, ()))
-        tiers, records = self._store.read(work)
+        with self._flushing:  # else the same may be found here and in the file
+            with self._lock:
+                waiting = b"".join(self._waiting.get(axis, ()))
+            tiers, records = self._store.read(work)
         fresh = between(aggregate(rows_of(records + waiting), 1.0), start_s, end_s)
         return joined(filled(tiers, steps_s), fresh)
 
@@ -185,7 +186,7 @@ class History:
         end_s = hour_s + HOUR_S
         seconds = self._chunks(file, axis, 1, hour_s, end_s)
         minutes = self._chunks(file, axis, 60, hour_s, end_s)
-        fresh = rows_of(self._open_records(file, axis, hour_s))
+        fresh = rows_of(self._open_records(file, axis, hour_s, end_s))
         rows = aggregate(joined(seconds, fresh), 1.0)
         has_all = seconds["samples"].sum() >= minutes["samples"].sum()
         minutes = aggregate(rows if has_all else joined(minutes, fresh), 60.0)
@@ -215,15 +216,16 @@ class History:
         return between(joined(*parts), start_s, end_s)
 
     def _open_records(
-        self, file: sqlite3.Connection, axis: str, hour_s: int | None = None
+        self, file: sqlite3.Connection, axis: str, start_s: float, end_s: float
     ) -> bytes:
-        """Rows of the open table, of one hour or all, without damaged ones."""
-        found = "SELECT hour_s, rows, digest FROM open_hour WHERE axis = ? ORDER BY id"
+        """Rows of the open table, of hours that meet [start_s, end_s), without damaged ones."""
+        found = """SELECT hour_s, rows, digest FROM open_hour
+        WHERE axis = ? AND hour_s > ? AND hour_s < ? ORDER BY id"""
         good = []
-        for hour, content, digest in file.execute(found, (axis,)):
+        for hour, content, digest in file.execute(found, (axis, start_s - HOUR_S, end_s)):
             if digest != _digest(content, axis, hour):
                 self._note_damage(f"history of axis {axis}: estimates of a second are damaged")
-            elif hour_s in (None, hour):
+            else:
                 good.append(content)
         return b"".join(good)
 

@@ -2,9 +2,11 @@
 
 import io
 import sqlite3
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.csv
@@ -93,6 +95,24 @@ def test_buckets_of_any_step_hold_the_same_estimates(store: Store) -> None:
     (hour,) = history.buckets("X", START_S + HOUR_S, START_S + 2 * HOUR_S, 3600.0)
     assert hour.preload_percent is not None
     assert hour.preload_percent.mean == pytest.approx(120.0 + 119.0 / 2.0)
+
+
+def test_what_is_written_while_it_is_read_counts_once(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, read = History(store), store.read
+    for number in range(10):
+        history.append("X", START_S * NS + number * NS // 10, estimate(float(number)))
+
+    def read_late(work: Any) -> Any:
+        flushing = threading.Thread(target=history.flush, args=(START_S + 1.0,), daemon=True)
+        flushing.start()
+        flushing.join(0.05)  # a flush that is not held off is done by then
+        return read(work)
+
+    monkeypatch.setattr(store, "read", read_late)
+    rows = history.rows("X", START_S, START_S + 60, 1.0)
+    assert rows["samples"].tolist() == [10]
 
 
 def test_late_estimates_join_their_hour(store: Store) -> None:
