@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -167,7 +167,8 @@ class EventDispatcher:
         """Keep and publish at once all that waits; for the end."""
         outcome = self.save()
         while self._waiting:
-            self._publish(*outcome)
+            with suppress(Exception):  # they are kept; the reason of the end must not be hidden
+                self._publish(*outcome)
 
     def save(self) -> tuple[dict[int, int], str]:
         """Numbers under which events are kept, and the problem that kept them off the disk."""

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-from contextlib import AsyncExitStack
 from functools import partial
 
 from ..clock import CLOCK, now_ns
@@ -137,13 +136,16 @@ async def run(context: NodeContext) -> None:
 
     later: dict[str, asyncio.Task[None]] = {}
 
+    async def live(part: Component) -> None:
+        async with part.running():
+            await context.forever()
+
     async def begin(axis: str) -> None:
         """Estimate an axis that came later; until the estimator is warm, nothing is taken in."""
         await work.run(warm_up, context.config.estimator, (context.machines[axis],))
         part = estimators.add(axis)
-        async with part.running():
-            part.to(ComponentStatus.OK)
-            await context.forever()
+        part.to(ComponentStatus.OK)
+        await live(part)
 
     def renew(axis: str) -> None:
         if axis not in context.machines:
@@ -155,17 +157,17 @@ async def run(context: NodeContext) -> None:
         elif axis not in later:
             later[axis] = component.start(begin(axis))
 
-    async with AsyncExitStack() as running:
+    async with component.running():
         parts = (component, *estimators.parts.values())
         for part in parts:
-            await running.enter_async_context(part.running())
             part.to(ComponentStatus.STARTING, PREPARING)
+        later |= {axis: component.start(live(part)) for axis, part in estimators.parts.items()}
         await work.run(warm_up, context.config.estimator, tuple(context.machines.values()))
         await component.from_store(estimators.load)
         for part in parts:
             part.to(ComponentStatus.OK)
         context.renewals.append(renew)
-        for axis in context.machines:  # what has changed while all was being prepared
+        for axis in {*context.machines, *axes}:  # what has changed while all was being prepared
             renew(axis)
         component.follow(features, take_features)
         component.follow(context.subscribe(EVENT), take_event)

@@ -44,6 +44,8 @@ class Monitors:
     def __init__(self, context: NodeContext) -> None:
         self._context = context
         self.axes: dict[str, AxisMonitor] = {}
+        self._gone: dict[str, AxisMonitor] = {}
+        """Of axes that were removed: if they come back, they go on where they were."""
         self.damaged = 0
         """States that were none."""
         self._health, self._event = context.publishers(HEALTH), context.publishers(EVENT)
@@ -52,15 +54,17 @@ class Monitors:
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        self.axes = {axis: self._loaded(axis) for axis in self._context.machines}
+        self.axes = {axis: self._loaded(axis) for axis in (*self._context.machines,)}
 
     def renew(self, axis: str) -> None:
         """Go on with an axis by its new machine file, begin with a new one, or forget it."""
-        before = self.axes.pop(axis, None)
+        before = self.axes.pop(axis, None) or self._gone.pop(axis, None)
         if axis in self._context.machines:
             self.axes[axis] = self._made(axis)
             if before is not None:
                 self.axes[axis].restore(before.snapshot())
+        elif before is not None:
+            self._gone[axis] = before
 
     def _made(self, axis: str) -> AxisMonitor:
         config, machine = self._context.config, self._context.machines[axis]
@@ -148,8 +152,8 @@ class Monitors:
 
     async def foresee(self, axis: str) -> None:
         """Make an axis' trend, if it is due."""
-        monitor = self.axes[axis]
-        if monitor.trend_is_due(now_ns()):
+        monitor = self.axes.get(axis)
+        if monitor is not None and monitor.trend_is_due(now_ns()):
             trend = await self._threads.run(monitor.trend_work())
             monitor.take_trend(trend, now_ns())
 
@@ -211,6 +215,8 @@ async def run(context: NodeContext) -> None:
     keep = of_all("state", monitors.keep)
     async with component.running():
         await component.from_store(monitors.load)
+        for axis in {*monitors.axes} ^ {*context.machines}:  # what came or went meanwhile
+            monitors.renew(axis)
         component.to(ComponentStatus.OK)
         component.follow(preloads, monitors.take_preload)
         component.follow(features, monitors.take_features)

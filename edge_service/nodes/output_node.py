@@ -5,6 +5,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Coroutine, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 from ..clock import now_ns
@@ -111,13 +112,17 @@ async def run(context: NodeContext, name: str) -> None:
             await output.close()
 
     async with component.running():
-        if output.takes_answers:
-            component.follow(context.subscribe(PRELOAD), take_estimate)
-            component.follow(context.subscribe(HEALTH), take_health)
-        if output.takes_answers or receivers:
-            await component.again(life, new_retry(), OutputUnavailableError)
-        component.to(ComponentStatus.OK)  # it is asked, as metrics are
-        await context.forever()
+        with ExitStack() as ends:
+            if output.takes_answers:
+                preloads, healths = context.subscribe(PRELOAD), context.subscribe(HEALTH)
+                ends.callback(preloads.close)
+                ends.callback(healths.close)
+                component.follow(preloads, take_estimate)
+                component.follow(healths, take_health)
+            if output.takes_answers or receivers:
+                await component.again(life, new_retry(), OutputUnavailableError)
+            component.to(ComponentStatus.OK)  # it is asked, as metrics are
+            await context.forever()
 
 
 def new_retry() -> Retry:

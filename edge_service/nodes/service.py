@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import socket
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -188,24 +188,32 @@ class _Nodes:
         self._known = {*context.machines}
         self._sources: dict[str, asyncio.Task[None]] = {}
         self._outputs: list[asyncio.Task[None]] = []
+        self._closing: dict[str, set[asyncio.Task[None]]] = {}
+        """Tasks of an axis, or of the outputs (""), that were ended and may be closing."""
 
     def renew(self, axis: str) -> None:
         """Read an axis anew, or no longer; outputs begin anew with another set of axes."""
         if (axis in self._context.machines) != (axis in self._known):
             self._known ^= {axis}
             self.tell_outputs()
-        before = self._sources.pop(axis, None)
-        if before is not None:
-            before.cancel()
+        source = self._sources.pop(axis, None)
+        self._end(axis, () if source is None else (source,))
         if axis in self._context.machines:
-            self.read(axis, before)
+            self.read(axis)
 
-    def read(self, axis: str, before: asyncio.Task[None] | None = None) -> None:
-        """Read an axis as soon as it is no longer read as `before`."""
+    def _end(self, place: str, tasks: Iterable[asyncio.Task[None]]) -> None:
+        for task in tasks:
+            task.cancel()
+        still = {each for each in self._closing.get(place, ()) if not each.done()}
+        self._closing[place] = still | {*tasks}
+
+    def read(self, axis: str) -> None:
+        """Read an axis as soon as it is no longer read as before."""
+        before = self._closing.get(axis)
 
         async def reading() -> None:
-            if before is not None:
-                await asyncio.wait({before})
+            if before:
+                await asyncio.wait(before)
             table = next(each for each in self._context.config.axes if each.name == axis)
             await acquire_node.run(self._context, table)
 
@@ -214,9 +222,8 @@ class _Nodes:
 
     def tell_outputs(self) -> None:
         """Begin with the outputs, or begin anew once those of before have closed."""
-        before = self._outputs
-        for task in before:
-            task.cancel()
+        self._end("", self._outputs)
+        before = self._closing[""]
 
         async def telling(name: str) -> None:
             if before:

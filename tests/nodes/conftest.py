@@ -52,8 +52,10 @@ def estimated(make: Callable[[], PreloadEstimator]) -> EstimatedAxis:
 class Running:
     """A service inside the test's event loop."""
 
-    def __init__(self, bus: Bus, address: asyncio.Future[str], task: "asyncio.Task[None]") -> None:
-        self.bus = bus
+    def __init__(
+        self, context: NodeContext, address: asyncio.Future[str], task: "asyncio.Task[None]"
+    ) -> None:
+        self.context, self.bus = context, context.bus
         self.address = address
         self.task = task
 
@@ -87,7 +89,7 @@ async def running(
     context = NodeContext(config, bus, on_ready, is_replay=until_sources_end)
     task = asyncio.create_task(run_nodes(context, names, stop))
     try:
-        yield Running(bus, address, task)
+        yield Running(context, address, task)
     finally:
         stop.set()
         await asyncio.wait([task])

@@ -13,6 +13,7 @@ from drivers.simulated import SimulatedDriver
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.config import ConfigError, EdgeConfig
+from edge_service.messages.command import Command
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import RAW, STATUS
@@ -140,6 +141,57 @@ async def test_an_output_that_raises_affects_only_itself(monkeypatch: pytest.Mon
         assert again.counters["task_restarts"] >= 1
         await reported(service, config, "acquire", ComponentStatus.OK, "X")
         assert not service.task.done()
+
+
+async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, go_on = [], asyncio.Event()
+
+    async def open_once(output: MqttOutput) -> None:
+        if ("open", id(output)) not in seen:
+            seen.append(("open", id(output)))
+
+    async def close(output: MqttOutput) -> None:
+        await go_on.wait()
+        seen.append(("closed", id(output)))
+
+    async def take(_output: MqttOutput, _message: object) -> None:
+        pass
+
+    for name, work in (("open", open_once), ("close", close), ("take", take)):
+        monkeypatch.setattr(MqttOutput, name, work)
+    config = two_axes(outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
+    async with running(config, ("mqtt", "acquire")) as service:
+        await until(lambda: asyncio.sleep(0, len(seen) == 1))
+        context, axis = service.context, config.axes[1]
+        machine = context.machines["Y"]
+        context.drop("Y")
+        await asyncio.sleep(0)
+        context.renew(axis, machine)
+        for _ in range(100):
+            await asyncio.sleep(0)
+        assert len(seen) == 1
+        go_on.set()
+        await until(lambda: asyncio.sleep(0, len(seen) == 3))
+        assert [what for what, _ in seen] == ["open", "closed", "open"]
+        assert seen[0][1] == seen[1][1]
+
+
+async def test_an_axis_that_comes_back_goes_on_where_it_was() -> None:
+    bus, config = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), two_axes()
+    try:
+        context = NodeContext(config, bus)
+        monitors, machine = health_node.Monitors(context), context.machines["Y"]
+        monitors.load()
+        shelved = Command(action="shelve", alarm="rate", user="Kim", duration_s=3600.0)
+        monitors.axes["Y"].obey(shelved, 1)
+        kept = monitors.axes["Y"].snapshot() | {"saved_ns": 0}
+        context.drop("Y")
+        assert set(monitors.axes) == {"X"}
+        await monitors.foresee("Y")
+        context.renew(config.axes[1], machine)
+        assert monitors.axes["Y"].snapshot() | {"saved_ns": 0} == kept
+    finally:
+        await bus.close()
 
 
 async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minute(
