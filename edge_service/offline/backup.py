@@ -131,7 +131,8 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
     """
     try:
         with ZipFile(backup) as archive, ExitStack() as stages:
-            lines = _restored(archive, config.absolute(), stages, force=force)
+            place = Path(os.path.normpath(config.absolute()))
+            lines = _restored(archive, place, stages, force=force)
     except OSError as error:
         raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
     except BackupError as error:
@@ -168,6 +169,8 @@ def _manifest_of(archive: ZipFile) -> Manifest:
     names = {*manifest.files, f"{CONFIG}/{manifest.config}", MANIFEST}
     if sorted(names) != sorted(archive.namelist()):
         raise BackupError("is damaged: it does not hold what its manifest says")
+    if f"{CONFIG}/{manifest.config}" not in manifest.files:
+        raise BackupError("is damaged: its manifest does not name the configuration")
     for name in manifest.files:
         parts = name.split("/")
         is_plain = len(parts) > 1 and str(PurePosixPath(name)) == name and ".." not in parts

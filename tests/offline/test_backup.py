@@ -204,6 +204,21 @@ def test_a_hostile_archive_is_refused(
     assert not Path("/tmp/escaped").exists()
 
 
+def test_a_configuration_elsewhere_stays_where_it_is(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = place / "other.toml"
+    other.write_text("# of somebody else\n")
+
+    def change(members: dict[str, bytes], manifest: dict[str, object]) -> None:
+        members.clear()
+        members[f"config/{other}"] = b""
+        manifest |= {"config": str(other), "files": {}}
+
+    rebuilt(place, change)
+    refused(place, capsys)
+
+
 def test_a_link_comes_as_no_link(place: Path) -> None:
     rebuilt(place, added("state/link"))
     with zipfile.ZipFile(backup(place), "a") as archive:
