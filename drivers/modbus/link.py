@@ -68,7 +68,10 @@ class ModbusLink:
     @property
     def connected(self) -> bool:
         """Return whether the connection is held, and no end of it has been noticed."""
-        return self._stream is not None and not self._stream[1].is_closing()
+        if self._stream is None:
+            return False
+        reader, writer = self._stream
+        return not (writer.is_closing() or reader.at_eof())
 
     async def connect(self) -> None:
         """Connect anew. Raises DriverUnavailableError."""

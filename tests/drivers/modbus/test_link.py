@@ -137,6 +137,19 @@ async def test_bytes_that_become_no_reply_are_malformed_when_time_is_over(
     assert (bad.quality, bad.words, link.connected) == (Quality.MALFORMED, (), False)
 
 
+async def test_a_device_that_hangs_up_after_each_reply_is_asked_on_a_new_connection(
+    peer: Peer, link: ModbusLink
+) -> None:
+    peer.answer = lambda packet: [*good(packet), None]
+    for number in range(1, 4):
+        assert (await link.read(REQUEST)).words == WORDS
+        async with asyncio.timeout(PATIENCE_S):
+            while link.connected:
+                await asyncio.sleep(0)
+        await link.connect()
+        assert peer.connections >= number
+
+
 async def test_silence_is_no_reply_and_close_ends_a_read_at_once(peer: Peer) -> None:
     peer.answer = lambda _: []
     link = ModbusLink("127.0.0.1", peer.port, 1, 0.02)
