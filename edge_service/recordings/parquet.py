@@ -10,9 +10,9 @@ from .source import MOST_COLUMNS, Block, Source, Text, floats_from_text
 MAGIC = b"PAR1"
 PARQUET_SUFFIXES = (".parquet", ".pq")
 BLOCK_ROWS, TEXT_ROWS = 1 << 14, 1 << 5
-LARGEST_BYTES, LARGEST_TEXT_BYTES = 1 << 28, 1 << 25
-"""Of one column of a row group, unpacked."""
+LARGEST_PAGE_BYTES, LARGEST_TEXT_PAGE_BYTES = 1 << 26, 1 << 22
 _BUFFER_BYTES = 1 << 18
+_LARGEST_HEADER_BYTES = 1 << 12
 _LIMITS: dict[str, Any] = {
     "thrift_string_size_limit": 1 << 24,
     "thrift_container_size_limit": 1 << 16,
@@ -86,7 +86,7 @@ class ParquetSource(Source):
                 )
         self.wanted = names
         text = any(_holds_text(self._schema.field(name).type) for name in names)
-        self._check_sizes(LARGEST_TEXT_BYTES if text else LARGEST_BYTES)
+        self._check_pages(LARGEST_TEXT_PAGE_BYTES if text else LARGEST_PAGE_BYTES)
         rows = TEXT_ROWS if text else BLOCK_ROWS
         self._batches = self._parquet.iter_batches(rows, columns=names, use_threads=False)
 
@@ -114,18 +114,30 @@ class ParquetSource(Source):
                 text[name] = wrong
         return Block(values, self._number_rows(batch.num_rows), text)
 
-    def _check_sizes(self, largest_bytes: int) -> None:
-        """Refuse a wanted column that unpacks to more in a row group: Arrow unpacks it at once."""
+    def _check_pages(self, largest_bytes: int) -> None:
+        """Refuse a wanted column with a page that unpacks to more: Arrow takes it at its word."""
         metadata = self._parquet.metadata
         for group in range(metadata.num_row_groups):
             for column in range(metadata.num_columns):
                 chunk = metadata.row_group(group).column(column)
-                size = chunk.total_uncompressed_size
-                if chunk.path_in_schema.split(".")[0] in self.wanted and size > largest_bytes:
-                    raise TraceError(
-                        f"{self.path}: column {chunk.path_in_schema!r} holds {size} bytes; "
-                        f"more than {largest_bytes} are not unpacked"
-                    )
+                if chunk.path_in_schema.split(".")[0] not in self.wanted:
+                    continue
+                position = chunk.data_page_offset
+                if chunk.has_dictionary_page and chunk.dictionary_page_offset:
+                    position = min(position, chunk.dictionary_page_offset)
+                end = position + chunk.total_compressed_size
+                while 0 < position < min(end, self._bytes):
+                    self._file.seek(position)
+                    sizes = page_sizes(self._file.read(_LARGEST_HEADER_BYTES))
+                    if sizes is None:
+                        break  # Arrow says what is wrong with it
+                    header_bytes, unpacked_bytes, packed_bytes = sizes
+                    if unpacked_bytes > largest_bytes:
+                        raise TraceError(
+                            f"{self.path}: a page of {unpacked_bytes} bytes; "
+                            f"more than {largest_bytes} are not unpacked"
+                        )
+                    position += header_bytes + packed_bytes
 
     def _broken(self, error: Exception) -> TraceError:
         reason = " ".join(str(error).split())[:120]
@@ -151,6 +163,52 @@ def _floats(column: Any) -> tuple[Floats, Text | None]:
     if _holds_text(column.type):
         return floats_from_text(column)
     return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), None
+
+
+def page_sizes(head: bytes) -> tuple[int, int, int] | None:
+    """Bytes of a page's header, of the page unpacked and packed; None for no header.
+
+    The header is a struct of Thrift's compact protocol; fields 2 and 3 are the sizes.
+    """
+    at, numbers, fields = 0, [0], dict[int, int]()
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            value |= (head[at] & 0x7F) << shift
+            shift += 7
+            at += 1
+            if not head[at - 1] & 0x80:
+                return value
+
+    def zigzag() -> int:
+        value = varint()
+        return (value >> 1) ^ -(value & 1)
+
+    try:
+        while numbers:  # of the current field, in each struct that is open
+            delta, kind = head[at] >> 4, head[at] & 0x0F
+            at += 1
+            if not (delta or kind):
+                numbers.pop()
+                continue
+            numbers[-1] = numbers[-1] + delta if delta else zigzag()
+            if kind in (4, 5, 6):
+                value = zigzag()
+                if len(numbers) == 1:
+                    fields[numbers[0]] = value
+            elif kind == 8:
+                size = varint()
+                at += size
+            elif kind == 12:
+                numbers.append(0)
+            elif kind not in (1, 2):  # a truth stands in the type; no lists, no doubles
+                return None
+    except IndexError:
+        return None
+    unpacked, packed = fields.get(2, -1), fields.get(3, -1)
+    return (at, unpacked, packed) if min(unpacked, packed) >= 0 else None
 
 
 def recognises(head: bytes, path: Path) -> bool:

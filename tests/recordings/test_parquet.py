@@ -68,3 +68,23 @@ def test_damaged_page_is_noticed_by_its_checksum(tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(TraceError, match="truncated or damaged"):
         read_trace(path)
+
+
+def test_a_page_that_unpacks_to_too_much_is_refused_and_many_pages_are_not(tmp_path: Path) -> None:
+    """A few kilobytes may hold gigabytes; a group of rows may be large."""
+    path, rows = tmp_path / "trace.parquet", 500_000
+    table = pa.table({"time_s": np.arange(rows) * 1e-3, "motor_angle_rad": [f"{0.5:.72f}"] * rows})
+    pq.write_table(table, path, row_group_size=rows, use_dictionary=False, compression="zstd")
+    with open_trace(path) as reader:
+        assert next(iter(reader)).channels["motor_angle_rad"][0] == 0.5
+    pq.write_table(
+        table,
+        path,
+        use_dictionary=False,
+        compression="zstd",
+        data_page_size=1 << 28,
+        max_rows_per_page=rows,
+    )
+    assert path.stat().st_size < 1 << 21
+    with pytest.raises(TraceError, match="a page of .* bytes; more than"), open_trace(path):
+        pass
