@@ -120,6 +120,9 @@ def fingerprint(
     """
     from ..offline.fingerprint import fingerprint as run
 
+    written = out / "fingerprint.json" if batch is None else out
+    if baseline is not None and baseline.resolve().is_relative_to(written.resolve()):
+        raise BadInputError(f"--out {out}: would overwrite the baseline; choose another folder")
     if batch is None:
         return run(machine, traces, out, baseline, axis_number, by, progress)
     work = partial(run, machine, baseline_file=baseline, axis_number=axis_number, by=by)
