@@ -160,6 +160,8 @@ def record(
     from ..nodes.record_node import record_axis
 
     settings = configured(config, None, endpoint)
+    if not settings.axes:
+        raise BadInputError("axes: none yet")
     name = axis or settings.axes[0].name
     progress(f"recording axis {name}")
     rows, lost = asyncio.run(record_axis(settings, name, out, duration))

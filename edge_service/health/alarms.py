@@ -253,21 +253,24 @@ class AxisAlarms:
     def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
         """Loss of preload, percent of the fresh screw's per 1000 h."""
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, self._fell_words(now_ns)
+            return None, self._fell_words()
         share, rate = -100.0 / self._fresh, trend.rate_percent_per_h
         loss_per_h, sure_per_h = rate.value * share, slowest_loss(rate) * share
         limit_per_h = self._rate_limit / 1000.0
-        words = self._fell_words(now_ns)
+        words = self._fell_words()
         if trend.status is TrendStatus.FALLING:
             self._falling_ns = trend.until_time_ns or now_ns
             over = is_over(trend, now_ns)
-            words = self._fell_words(now_ns) if over else _rate_words(loss_per_h)
+            words = self._fell_words() if over else _rate_words(loss_per_h)
         if sure_per_h > limit_per_h:
-            return True, words
+            return True, words if words.text else _rate_words(loss_per_h)
         return (False if loss_per_h < 0.9 * limit_per_h else None), words
 
-    def _fell_words(self, now_ns: int) -> Statement:
-        at_ns = self._falling_ns or now_ns
+    def _fell_words(self) -> Statement:
+        """Statement on a fall that is over; without one if its end is not known."""
+        at_ns = self._falling_ns
+        if at_ns is None:
+            return SILENT
         return told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
 
     def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:

@@ -216,6 +216,8 @@ class Jobs:
             return (*words, "--out", str(out), *self._service)
         paths = [str(self._recordings.path(name)) for name in body.recordings]
         if body.command != "adopt":
+            if body.axis not in self._machines:
+                raise RefusedError(404, f"there is no axis {body.axis!r} any more")
             words += ("--machine", str(self._machines[body.axis]))
         if body.options.baseline is not None and body.command == "fingerprint":
             baseline = await self.file(body.options.baseline, "fingerprint.json")

@@ -49,6 +49,8 @@ async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: floa
     Raises ConfigError: no such axis, wrong settings, or a device that refuses them.
     """
     chosen = [each for each in config.axes if axis in (None, each.name)]
+    if not config.axes:
+        raise ConfigError("axes: none yet")
     if not chosen:
         names = ", ".join(each.name for each in config.axes)
         raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
