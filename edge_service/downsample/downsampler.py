@@ -45,6 +45,7 @@ _OF_TABLE = (
     | Fault.TABLE_SHIFTED
 )
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
+_SNAPSHOT_SCHEMA: Literal["downsampler/4"] = "downsampler/4"
 
 
 def _stored_rows(text: object) -> Floats:
@@ -108,7 +109,7 @@ class _State:
         faults: name of a fault -> intervals that had it.
     """
 
-    schema: Literal["downsampler/4"] = "downsampler/4"
+    schema: Literal["downsampler/4"] = _SNAPSHOT_SCHEMA
     screen: RowScreen | None = None
     segment: _Segment = field(default_factory=_Segment)
     period_s: float | None = None
@@ -151,6 +152,8 @@ class Downsampler:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot; ValueError if it is none."""
+        if snapshot.get("schema") != _SNAPSHOT_SCHEMA:
+            raise ValueError(f"no {_SNAPSHOT_SCHEMA} snapshot")
         self._state = _STORED.load(snapshot)
         self._channels.state = self._state.channels
 

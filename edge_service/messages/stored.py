@@ -93,8 +93,9 @@ def _missing(whole: Any, values: Any, place: str = "") -> str:
     """First key that one of the tables should have and has not; empty without one."""
     if isinstance(whole, Mapping):
         for key, value in whole.items():
-            if key not in values:
+            held = key if key in values else str(key)  # JSON turns every key into text
+            if held not in values:
                 return f"{place}{key}"
-            if found := _missing(value, values[key], f"{place}{key}."):
+            if found := _missing(value, values[held], f"{place}{key}."):
                 return found
     return ""

@@ -1,5 +1,6 @@
 """Intervals keep the physics exact, do not depend on chunking, and tell every data fault."""
 
+import json
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -248,6 +249,23 @@ def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
     assert block.angle_end_rad == pytest.approx(reference.angle_end_rad, abs=1e-3)
     assert block.fault == Fault.NONE
     assert np.isnan(block.table_mean_m)
+
+
+def test_a_state_within_rows_that_lack_a_value_goes_on() -> None:
+    columns = trace(1.0)
+    columns[TORQUE][-20] = np.nan
+    one, other = (Downsampler(DownsampleSettings(interval_s=0.1), RATIO) for _ in range(2))
+    one.push(frame_of(columns))
+    kept = json.loads(json.dumps(one.snapshot(), allow_nan=False))
+    assert kept["absent"]
+    other.restore(kept)
+    assert json.loads(json.dumps(other.snapshot())) == kept
+
+
+def test_a_state_of_another_version_is_told_from_a_damaged_one() -> None:
+    kept = Downsampler(DownsampleSettings(), RATIO).snapshot()
+    with pytest.raises(ValueError, match=r"^no downsampler/4 snapshot$"):
+        Downsampler(DownsampleSettings(), RATIO).restore({**kept, "schema": "downsampler/3"})
 
 
 garbage = st.tuples(
