@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 
 from ...messages.samples import Floats
 from ...messages.stored import Stored, StoredFloats
@@ -48,13 +49,19 @@ class BankOutput:
     nis: Floats  # normalised innovation squared of each mode, (r,)
 
 
+_Logs = Annotated[
+    StoredFloats, AfterValidator(lambda logs: np.where(np.isnan(logs), -np.inf, logs))
+]
+"""Logarithms, (r,); null also stands for that of zero."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
     """States (r, 2), covariances (r, 2, 2), log mu_j (r,)."""
 
     states: StoredFloats
     covariances: StoredFloats
-    log_mode_probability: StoredFloats
+    log_mode_probability: _Logs
 
 
 _STORED: Stored[_State] = Stored(_State)

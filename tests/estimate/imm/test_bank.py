@@ -151,6 +151,21 @@ def test_continues_from_a_snapshot_bit_for_bit(kind: str) -> None:
         bank.step(*problem.steps()[0])
 
 
+@pytest.mark.parametrize("none", ["-inf", None])
+def test_a_mode_without_probability_comes_back_as_such(none: str | None) -> None:
+    problem = random_problem(7, count=2)
+    bank, other = CompiledBank(), CompiledBank()
+    chance = np.array([0.0, 1.0, *np.zeros(len(problem.start.mode_probability) - 2)])
+    bank.reset(replace(problem.start, mode_probability=chance))
+    kept = json.loads(json.dumps(bank.snapshot(), allow_nan=False))
+    assert kept["log_mode_probability"][0] == "-inf"
+    kept["log_mode_probability"] = [
+        none if each == "-inf" else each for each in kept["log_mode_probability"]
+    ]
+    other.restore(kept)
+    assert other.snapshot() == bank.snapshot()
+
+
 @every_bank
 @pytest.mark.parametrize("garbage", [np.nan, np.inf, 1e300])
 def test_garbage_raises_and_leaves_the_state(kind: str, garbage: float) -> None:
