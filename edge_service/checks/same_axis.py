@@ -105,16 +105,32 @@ def _axis_of(runs: Sequence[Run], ratio_m_per_rad: float) -> _Axis:
                 leads[k] = 2.0 * math.pi * factor.value
     parts = [run.transmission_m for run in runs if run.transmission_m is not None]
     zero_m = float(np.median(np.concatenate(parts))) if len(parts) == len(runs) else math.nan
-    able = [run for run in runs if run.has_torque and not run.misses_acceleration]
+    middle_m = float(np.median(way))
+    dynamics = _dynamics(runs, frames, ratio_m_per_rad)
+    return _Axis((leads[0], leads[1]), travel_m, middle_m, zero_m, *dynamics)
+
+
+def _dynamics(
+    runs: Sequence[Run], frames: Sequence[SampleFrame], ratio_m_per_rad: float
+) -> tuple[IntervalEstimate, IntervalEstimate]:
+    """Inertia and dry friction, without the rows in which the drive is at its limit."""
     inertia = friction = _NOTHING
-    if sum(float(run.moving.sum()) * run.period_s for run in able) >= _LEAST_MOTION_S:
-        torques = [frame for frame in frames if TORQUE in frame.channels]
+    able, torques, moving_s = [], [], 0.0
+    for run, frame in zip(runs, frames, strict=True):
+        if run.has_torque:
+            rows = ~run.clipped
+            channels = {name: values[rows] for name, values in frame.channels.items()}
+            able.append(run)
+            torques.append(SampleFrame(frame.time_s[rows], channels))
+            moving_s += float((run.moving & rows).sum()) * run.period_s
+    if moving_s >= _LEAST_MOTION_S:
         with contextlib.suppress(ValueError):
             settings = PreparationSettings.sampled(ratio_m_per_rad, torques, CUTOFF_HZ)
             found = identify_inverse_dynamics(torques, settings).parameters
-            inertia, friction = found["inertia"], found["coulomb"]
-    middle_m = float(np.median(way))
-    return _Axis((leads[0], leads[1]), travel_m, middle_m, zero_m, inertia, friction)
+            friction = found["coulomb"]
+            if not any(run.misses_acceleration for run in able):
+                inertia = found["inertia"]
+    return inertia, friction
 
 
 def _apart(one: _Axis, other: _Axis, lead_m: float) -> str:
@@ -124,9 +140,12 @@ def _apart(one: _Axis, other: _Axis, lead_m: float) -> str:
     for a, b, most in zip(one.leads_m, other.leads_m, reaches, strict=True):
         if abs(a - b) > most * max(abs(a), abs(b)):
             return f"lead {1e3 * a:.4g} mm against {1e3 * b:.4g} mm"
-    longer = max(one, other, key=lambda each: each.travel_m)
     # an error of the lead that both share parts the encoders with the way, not the zeros
-    slope = longer.leads_m[0] / lead_m - 1.0 if longer.travel_m > LONG_TRAVEL_M else 0.0
+    known = [each for each in (one, other) if math.isfinite(each.leads_m[0])]
+    longer = max(known, key=lambda each: each.travel_m, default=None)
+    slope = 0.0
+    if longer is not None and longer.travel_m > LONG_TRAVEL_M:
+        slope = longer.leads_m[0] / lead_m - 1.0
     apart_m = abs(one.zero_m - other.zero_m - slope * (one.middle_m - other.middle_m))
     if apart_m > ZERO_M:
         return f"at one motor angle their table positions are {1e3 * apart_m:.3g} mm apart"

@@ -75,6 +75,56 @@ def test_another_axis_is_named_by_what_makes_it_another(
     assert says in fault
 
 
+def test_the_zero_of_the_table_encoder_belongs_to_the_axis(machine: Machine) -> None:
+    one, other = piece(0, ()), piece(1, ())
+    moved = frame_of(other, table_position_m=other.columns["table_position_m"] + 1.3e-3)
+    (fault,) = checked(machine, frame_of(one), moved).faults
+    assert "their table positions are 1.3 mm apart" in fault
+
+
+def test_the_zero_is_compared_where_the_lead_is_unknown(machine: Machine) -> None:
+    """Eight samples of each move: what bends so sharply passes for noise."""
+    time_s = np.arange(250) * 0.04
+    way_m = 0.3 + 0.06 * np.cos(2.0 * np.pi * 3.0 * time_s + 0.3)
+    angle = way_m / (0.02 / (2.0 * np.pi))
+    one, other = (
+        SampleFrame(time_s, {"motor_angle_rad": angle, "table_position_m": way_m + zero_m})
+        for zero_m in (0.0, 1.3e-3)
+    )
+    assert checked(machine, one, one).faults == ()
+    (fault,) = checked(machine, one, other).faults
+    assert "their table positions are 1.3 mm apart" in fault
+
+
+def thinned(frame: SampleFrame, every: int) -> SampleFrame:
+    channels = {name: values[::every] for name, values in frame.channels.items()}
+    return SampleFrame(frame.time_s[::every], channels)
+
+
+@pytest.mark.parametrize("every", [10, 40])
+def test_slow_samples_tell_friction_and_no_inertia(machine: Machine, every: int) -> None:
+    one, heavy = frame_of(piece(0, ())), frame_of(piece(1, (), inertia_kg_m2=4.5e-3))
+    slow = thinned(one, every)
+    assert checked(machine, slow, thinned(heavy, every)).faults == ()
+    assert checked(machine, slow, thinned(frame_of(piece(1, AILING)), every)).faults == ()
+    stiff = piece(1, (), preload_drag_nm=1.2, bearing_drag_nm=0.6, guide_force_n=360.0)
+    (fault,) = checked(machine, slow, thinned(frame_of(stiff), every)).faults
+    assert "dry friction" in fault
+
+
+def test_a_torque_at_the_limit_of_the_drive_tells_no_inertia(machine: Machine) -> None:
+    """Cut off, the torque makes one inertia look four times another that is two thirds of it."""
+    one, other, limit_nm = piece(0, (), inertia_kg_m2=2.2e-3), piece(1, ()), 0.6
+    cut = frame_of(
+        other, torque_command_nm=np.clip(other.columns["torque_command_nm"], -limit_nm, limit_nm)
+    )
+    limited = machine.axis.model_copy(update={"max_torque_nm": limit_nm})
+    stated = machine.model_copy(update={"axis": limited})
+    assert checked(stated, frame_of(one), cut).faults == ()
+    (fault,) = checked(machine, frame_of(one), cut).faults
+    assert "inertia" in fault
+
+
 def test_steps_within_the_play_say_nothing_of_the_lead(machine: Machine) -> None:
     """Moves of 20 um in a play of as much: table and motor part, and no unit is wrong for it."""
     time_s = np.arange(20_000) * 1e-3
