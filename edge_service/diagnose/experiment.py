@@ -27,7 +27,9 @@ _OBSERVATIONS = 400.0
 _FLOOR_OF_NOISE = 2.0
 _PRELOAD_PERCENT = 7.0
 _NOTHING = 1e-9
-_LEAST_RUN_S = 0.3
+_LEAST_RUN_S, _SETTLE_S = 0.3, 0.4
+_LONGEST_HEALTHY_S = 300.0
+"""Of all runs of a healthy session, about; moving ones first, evenly spread."""
 ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 """Durations at which motions without end are tried."""
 
@@ -74,7 +76,9 @@ def rehearsed(
 def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
     """Simulate a healthy axis along the motion of recordings, of which it has the channels."""
     baseline, made = rigid_baseline(machine), list[Run]()
-    for run in runs:
+    simulated_s = sum(min(run.duration_s, LONGEST_S) for run in runs)
+    every = max(math.ceil(simulated_s / _LONGEST_HEALTHY_S), 1)
+    for run in sorted(runs, key=lambda each: not each.moving.any())[::every]:
         position = run.setpoint_m
         if position is None:
             position = machine.transmission_ratio_m_per_rad * run.motion.angle_rad
@@ -85,17 +89,20 @@ def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
         names = (ANGLE, *(name for name, is_there in there.items() if is_there))
         known = learned_effects(machine)
         settings = FeedDriveSettings.of_machine(machine, 1.0 / run.period_s, known)
-        frame = _driven(settings, setpoints, names)
+        frame = _driven(settings, setpoints, names, round(_SETTLE_S / run.period_s))
         made += runs_of([frame], baseline, _LEAST_RUN_S)
     return Session.of_runs(made, baseline, model_effects(machine))
 
 
-def _driven(settings: FeedDriveSettings, setpoints: Floats, names: Sequence[str]) -> SampleFrame:
-    """Channels of a healthy, stiff axis that follows setpoints (n, 3)."""
+def _driven(
+    settings: FeedDriveSettings, setpoints: Floats, names: Sequence[str], start: int = 0
+) -> SampleFrame:
+    """Channels, from a row on, of a healthy, stiff axis that follows setpoints (n, 3)."""
     settings = replace(settings, plant=rigid_plant(settings.plant))
     drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, 1)
     frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
-    return SampleFrame(frame.time_s, {name: frame.channels[name] for name in names})
+    channels = {name: frame.channels[name][start:] for name in names}
+    return SampleFrame(frame.time_s[start:], channels)
 
 
 def separations(

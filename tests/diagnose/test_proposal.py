@@ -4,15 +4,20 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.experiment import (
     DECISIVE,
+    healthy_session,
     propose,
 )
+from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
+
+from .conftest import runs
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +35,20 @@ def test_a_tie_is_decided_by_the_first_motion_that_can(bench: Machine) -> None:
     }
     shorter = [each for each in proposals[1:] if each.decides]
     assert shorter == []
+
+
+def test_a_healthy_axis_has_settled_and_stands_for_a_long_session(bench: Machine) -> None:
+    """A recording that begins in motion starts the simulated axis from rest, behind it."""
+    time_s = np.arange(7000) * 0.01
+    way_m = 0.3 + 0.2 * np.sin(time_s + 1.0)
+    channels = {
+        "motor_angle_rad": way_m / bench.transmission_ratio_m_per_rad,
+        "torque_command_nm": 0.4 * np.cos(time_s + 1.0),
+    }
+    (run,) = runs(bench, SampleFrame(time_s, channels))
+    healthy = healthy_session(bench, [run] * 8).runs
+    assert min(each.motion.time_s[0] for each in healthy) > 0.49
+    assert 200.0 < sum(each.duration_s for each in healthy) < 300.0
 
 
 TIES = [
