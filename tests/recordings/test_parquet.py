@@ -86,5 +86,5 @@ def test_a_page_that_unpacks_to_too_much_is_refused_and_many_pages_are_not(tmp_p
         max_rows_per_page=rows,
     )
     assert path.stat().st_size < 1 << 21
-    with pytest.raises(TraceError, match="a page of .* bytes; more than"), open_trace(path):
+    with pytest.raises(TraceError, match=r"a page of .* bytes; more than"), open_trace(path):
         pass
