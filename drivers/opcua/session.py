@@ -54,14 +54,14 @@ class OpcuaSession:
     def __init__(self, config: OpcuaConfig) -> None:
         self._config = config
         self._client: Client | None = None
-        self._is_closed = False
+        self._is_lost = self._is_closed = False
         self._arrived: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue()
         self.publishing_s = self.sampling_s = config.sampling_s
 
     @property
     def connected(self) -> bool:
         """Return whether a session is open and no loss of it has been noticed."""
-        return self._client is not None
+        return self._client is not None and not self._is_lost
 
     async def open(self) -> None:
         """Connect and subscribe. Raises DriverUnavailableError and DriverMisconfiguredError."""
@@ -109,10 +109,9 @@ class OpcuaSession:
         return result
 
     async def _note_loss(self, _error: Exception) -> None:
-        lost, self._client = self._client, None
+        """Flag the loss, in a task of the library's that leaving would cancel."""
+        self._is_lost = True
         self._arrived.put_nowait(None)
-        if lost is not None:
-            await _leave(lost)
 
     async def _subscribe(self, client: Client, nodes: list[Node]) -> None:
         asked_ms, session = 1e3 * self._config.sampling_s, client.uaclient.session
@@ -214,8 +213,11 @@ async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
 
 async def _leave(client: Client) -> None:
     """Say goodbye, or hang up if the server does not listen any more."""
-    with contextlib.suppress(Exception):
-        async with asyncio.timeout(GOODBYE_S):
-            await client.disconnect()
-    with contextlib.suppress(Exception):
-        client.disconnect_socket()
+    try:
+        with contextlib.suppress(Exception):
+            async with asyncio.timeout(GOODBYE_S):
+                await client.disconnect()
+    finally:
+        protocol = client.uaclient.protocol
+        if protocol is not None:  # the library holds the socket of a lost session to be closed
+            protocol.disconnect_socket()

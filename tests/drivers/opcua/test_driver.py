@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.opcua.driver import OpcuaDriver
+from drivers.opcua.session import OpcuaSession
 from drivers.opcua.stub import LEAST_INTERVAL_S, OpcuaStub
 from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
@@ -104,6 +105,25 @@ async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: Op
     ):
         await take(driver, 1000)
     assert time.monotonic() - start_s < 5.0
+
+
+async def test_the_socket_of_a_lost_session_is_closed(
+    config: OpcuaConfig, stub: OpcuaStub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loss that the library's own look at the server finds, and a goodbye without an answer."""
+    monkeypatch.setattr("drivers.opcua.session.GOODBYE_S", 0.1)
+    session = OpcuaSession(config)
+    await session.open()
+    assert session._client is not None and stub._server is not None
+    socket = session._client.uaclient.protocol.transport
+    stub.fault = Fault(FaultKind.HANG)
+    for transport in stub._server.iserver.asyncio_transports:
+        transport.pause_reading()
+    with pytest.raises(DriverUnavailableError, match="connection closed"):
+        while True:
+            await session.next(60.0)
+    assert socket.is_closing()
+    assert not session.connected
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
