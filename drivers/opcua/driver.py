@@ -153,7 +153,7 @@ class OpcuaDriver:
             if signal.channel is not None
         }
         self._channels = tuple(name for name in CHANNELS if name in self._scalings)
-        self._counts = {"publications": 0, "changes": 0, "sessions": 0}
+        self._counts = {"publications": 0, "changes": 0, "dropped_publications": 0, "sessions": 0}
         self._qualities = QualityCounts()
         self._session: OpcuaSession | None = None
         self._maker: RowMaker | None = None
@@ -176,7 +176,7 @@ class OpcuaDriver:
         if self._session is not None and self._session.connected:
             return
         await self.close()
-        session = OpcuaSession(self._config)
+        session = OpcuaSession(self._config, self._counts)
         try:
             await session.open()
         except DriverMisconfiguredError as error:
@@ -213,7 +213,7 @@ class OpcuaDriver:
 
     async def probe(self) -> Probe:
         """Channels and rate, once all variables have been found. Raises like `open`."""
-        session = OpcuaSession(self._config)
+        session = OpcuaSession(self._config, dict(self._counts))
         try:
             await session.open()
         finally:

@@ -26,6 +26,8 @@ SESSION_S = 20.0
 GOODBYE_S = 1.0
 """Longest time a server may take to close a session."""
 ANSWER_S = LOST_AFTER_S = 2.0
+MOST_WAITING = 1000
+"""Publications that may wait for a reader that is too slow."""
 QUEUE_SIZE = 20
 """Values that the server keeps for us between two publications."""
 FAILURES = (OSError, UaError)
@@ -47,15 +49,18 @@ class OpcuaSession:
 
     Every failure of the library leaves as one of the two driver errors.
 
+    Args:
+        counts: the driver's; `dropped_publications` is counted here.
+
     Attributes:
         publishing_s, sampling_s: intervals that the server has granted.
     """
 
-    def __init__(self, config: OpcuaConfig) -> None:
-        self._config = config
+    def __init__(self, config: OpcuaConfig, counts: dict[str, int]) -> None:
+        self._config, self._counts = config, counts
         self._client: Client | None = None
         self._is_lost = self._is_closed = False
-        self._arrived: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue()
+        self._arrived: asyncio.Queue[ua.PublishResult | None] = asyncio.Queue(MOST_WAITING)
         self.publishing_s = self.sampling_s = config.sampling_s
 
     @property
@@ -91,7 +96,7 @@ class OpcuaSession:
         """Leave, which ends `next`; safe twice."""
         client, self._client = self._client, None
         self._is_closed = True
-        self._arrived.put_nowait(None)
+        self._put(None)
         if client is not None:
             await _leave(client)
 
@@ -111,7 +116,14 @@ class OpcuaSession:
     async def _note_loss(self, _error: Exception) -> None:
         """Flag the loss, in a task of the library's that leaving would cancel."""
         self._is_lost = True
-        self._arrived.put_nowait(None)
+        self._put(None)
+
+    def _put(self, result: ua.PublishResult | None) -> None:
+        """Hand on, dropping the oldest where the reader is too slow."""
+        if self._arrived.full():
+            self._arrived.get_nowait()
+            self._counts["dropped_publications"] += 1
+        self._arrived.put_nowait(result)
 
     async def _subscribe(self, client: Client, nodes: list[Node]) -> None:
         asked_ms, session = 1e3 * self._config.sampling_s, client.uaclient.session
@@ -137,7 +149,7 @@ class OpcuaSession:
             )
             for number, node in enumerate(nodes)
         ]
-        created = await session.create_subscription(parameters, self._arrived.put_nowait)
+        created = await session.create_subscription(parameters, self._put)
         results = await session.create_monitored_items(
             ua.CreateMonitoredItemsParameters(
                 SubscriptionId=created.SubscriptionId,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pytest_asyncio
+from asyncua import ua
 from pydantic import ValidationError
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
@@ -112,7 +113,7 @@ async def test_the_socket_of_a_lost_session_is_closed(
 ) -> None:
     """A loss that the library's own look at the server finds, and a goodbye without an answer."""
     monkeypatch.setattr("drivers.opcua.session.GOODBYE_S", 0.1)
-    session = OpcuaSession(config)
+    session = OpcuaSession(config, {})
     await session.open()
     assert session._client is not None and stub._server is not None
     socket = session._client.uaclient.protocol.transport
@@ -124,6 +125,23 @@ async def test_the_socket_of_a_lost_session_is_closed(
             await session.next(60.0)
     assert socket.is_closing()
     assert not session.connected
+
+
+async def test_of_publications_that_nobody_reads_the_oldest_are_dropped_and_counted(
+    config: OpcuaConfig, stub: OpcuaStub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.opcua.session.MOST_WAITING", 2)
+    driver = OpcuaDriver(config, CONTEXT)
+    await driver.open()
+    session = driver._session
+    assert session is not None and session._client is not None
+    for code in range(5):  # in one turn of the event loop: nothing comes between
+        await session._client.uaclient.session.inform_subscriptions(ua.StatusCode(ua.UInt32(code)))
+    results = [await session.next(60.0) for _ in range(2)]
+    codes = [r.NotificationMessage.NotificationData[0].Status.value for r in results if r]
+    assert codes == [3, 4]
+    assert driver.counters["dropped_publications"] >= 3
+    await driver.close()
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
