@@ -17,7 +17,7 @@ from cryptography import x509
 from edge_service.retry import heed_cancellation
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
-from .variables import NodeConfig, OpcuaConfig, node_id
+from .variables import UNIT_OF_ID, NodeConfig, OpcuaConfig, node_id
 
 # What the library finds wrong is logged once, by the driver; its own log holds tracebacks.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -209,7 +209,7 @@ async def _secure(client: Client, config: OpcuaConfig) -> None:
 
 
 async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
-    """The variables. Raises DriverMisconfiguredError for one that is not there."""
+    """The variables. Raises DriverMisconfiguredError for one not there, or in another unit."""
     namespaces = await client.get_namespace_array()
     nodes = []
     for number, signal in enumerate(signals):
@@ -219,8 +219,21 @@ async def _find(client: Client, signals: tuple[NodeConfig, ...]) -> list[Node]:
         except NOT_THERE as error:
             problem = f"{signal.node!r}: {_words(error)}"
             raise DriverMisconfiguredError(f"signals[{number}].node", problem) from None
+        unit, declared = await _stated_unit(node), signal.declared_unit
+        if signal.channel and unit not in (None, declared) and abs(signal.scale) == 1.0:
+            problem = f"{declared!r}, but the server states {unit!r} for {signal.node}"
+            raise DriverMisconfiguredError(f"signals[{number}].unit", problem)
         nodes.append(node)
     return nodes
+
+
+async def _stated_unit(node: Node) -> str | None:
+    """Unit that a variable itself states, if it does and it is one of ours."""
+    try:
+        stated = await (await node.get_child("0:EngineeringUnits")).read_value()
+        return UNIT_OF_ID.get(int(stated.UnitId))
+    except (UaError, AttributeError, TypeError):
+        return None
 
 
 async def _leave(client: Client) -> None:

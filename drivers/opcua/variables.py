@@ -15,6 +15,29 @@ from ..base import DriverConfig
 from ..signals import SignalConfig, check_channels
 
 Security = Literal["None", "Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
+_CODES = {
+    "m": "MTR",
+    "mm": "MMT",
+    "um": "4H",
+    "m/s": "MTS",
+    "mm/s": "C16",
+    "mm/min": "H81",
+    "m/min": "2X",
+    "rad": "C81",
+    "deg": "DD",
+    "rad/s": "2A",
+    "deg/s": "E96",
+    "rev/min": "RPM",
+    "rev/s": "RPS",
+    "N m": "NU",
+    "mN m": "D83",
+    "N": "NEW",
+    "kN": "B47",
+    "degC": "CEL",
+}
+"""Unit -> its common code in UNECE Recommendation 20."""
+UNIT_OF_ID = {int.from_bytes(code.encode(), "big"): unit for unit, code in _CODES.items()}
+"""Unit id (OPC 10000-8, 5.6.3): characters of the common code, first one highest -> unit."""
 
 
 def split_node(name: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ made of asyncua's own server.
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import aclosing
+from contextlib import aclosing, nullcontext
 from typing import Any
 
 import numpy as np
@@ -168,6 +168,48 @@ async def test_a_mistake_names_its_key(name: str, config: OpcuaConfig, stub: Opc
     for attempt in (driver.open, driver.probe):
         with pytest.raises(DriverMisconfiguredError, match=expected):
             await attempt()
+    await driver.close()
+
+
+STATED = {"X.position": 5066068, "X.angle": 17476}
+"""Variable -> id of mm, of degree (the OPC Foundation's UNECE_to_OPCUA.csv)."""
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def stated_units(stub: OpcuaStub) -> AsyncIterator[None]:
+    """Units that the server states of two of its variables."""
+    assert stub._server is not None
+    properties = []
+    for name, number in STATED.items():
+        unit = ua.EUInformation(UnitId=ua.Int32(number))
+        node = stub._server.get_node(f"ns=2;s={name}")
+        properties.append(await node.add_property(f"ns=2;s={name}.u", "0:EngineeringUnits", unit))
+    yield
+    for each in properties:
+        await each.delete()
+
+
+@pytest.mark.usefixtures("stated_units")
+@pytest.mark.parametrize(
+    ("angle", "table", "problem"),
+    [
+        ({"unit": "deg"}, {"unit": "mm"}, None),
+        ({"unit": "deg", "scale": -1.0}, {"scale": 0.001}, None),
+        ({"unit": "deg"}, {}, r"signals\[2\]\.unit: 'm', but the server states 'mm'"),
+        ({}, {"unit": "mm"}, r"signals\[1\]\.unit: 'rad', but the server states 'deg'"),
+        ({"scale": -1.0}, {"unit": "mm"}, r"signals\[1\]\.unit: 'rad', but the server"),
+    ],
+)
+async def test_a_unit_that_the_server_states_must_be_the_one_here(
+    angle: dict[str, Any], table: dict[str, Any], problem: str | None, config: OpcuaConfig
+) -> None:
+    changes: list[dict[str, Any]] = [{}, {"unit": None} | angle, {"unit": None} | table]
+    signals = [old | new for old, new in zip(SIGNALS, changes, strict=False)]
+    settings = config.model_dump() | {"signals": signals}
+    driver = OpcuaDriver(OpcuaConfig.model_validate(settings), CONTEXT)
+    refused = pytest.raises(DriverMisconfiguredError, match=problem)
+    with nullcontext() if problem is None else refused:
+        await driver.open()
     await driver.close()
 
 

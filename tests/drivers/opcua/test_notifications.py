@@ -6,7 +6,7 @@ import pytest
 from asyncua.ua.status_codes import StatusCodes
 
 from drivers.opcua.driver import Change, RowMaker
-from drivers.opcua.variables import NodeConfig, node_id
+from drivers.opcua.variables import UNIT_OF_ID, NodeConfig, node_id
 from drivers.signals import Scaling
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
 
@@ -110,3 +110,11 @@ NAMESPACES = ["http://opcfoundation.org/UA/", "urn:app", "http://a/b/"]
 def test_node_ids_by_index_and_by_namespace() -> None:
     assert node_id("nsu=http://a/b/;s=X.torque", NAMESPACES) == node_id("ns=2;s=X.torque", [])
     assert node_id("ns=2;i=77", []).Identifier == 77
+
+
+@pytest.mark.parametrize(
+    ("unit", "number"),  # OPC 10000-8, 5.6.3 and the OPC Foundation's UNECE_to_OPCUA.csv
+    [("mm", 5066068), ("m", 5067858), ("degC", 4408652), ("rad", 4405297), ("N", 5129559)],
+)
+def test_unit_ids_are_those_of_the_specification(unit: str, number: int) -> None:
+    assert UNIT_OF_ID[number] == unit
