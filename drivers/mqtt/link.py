@@ -103,12 +103,13 @@ class MqttLink:
         self._config, self._client_id = config, client_id
         self._client: aiomqtt.Client | None = None
         self._entering: asyncio.Future[Any] | None = None
-        self._ended = False
+        self._is_subscribed = self._ended = False
 
     @property
     def connected(self) -> bool:
-        """Return whether the connection holds, as far as has been noticed."""
-        return self._client is not None and not self._client._disconnected.done()
+        """Return whether messages come: subscribed, and no loss has been noticed."""
+        held = self._client is not None and not self._client._disconnected.done()
+        return held and self._is_subscribed
 
     async def connect(self) -> None:
         """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
@@ -138,6 +139,7 @@ class MqttLink:
         heed_cancellation()
         if any(_code(each) >= _REFUSED_FROM for each in granted):
             raise DriverMisconfiguredError("topic", f"{self._config.where}: refused {topic!r}")
+        self._is_subscribed = True
 
     async def publish(self, topic: str, payload: bytes) -> None:
         """Send a message, at least once. Raises like `connect`."""

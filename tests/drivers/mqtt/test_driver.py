@@ -110,6 +110,25 @@ async def test_a_broker_that_starts_again_is_a_gap_and_no_new_clock(broker: Brok
         await driver.close()
 
 
+async def test_an_open_that_was_cancelled_is_done_again(broker: Broker) -> None:
+    """Nothing is subscribed to yet, whatever the library has connected."""
+    driver = MqttDriver(config_of(broker.port), CONTEXT)
+    opening = asyncio.create_task(driver.open())
+    await asyncio.sleep(0)  # its turn, up to the handshake
+    opening.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    with pytest.raises(DriverUnavailableError, match="not open"):
+        await take(driver, 1)
+    await driver.open()
+    try:
+        assert driver.counters["connections"] == 1
+        await send(broker, messages(recorded())[:1])
+        assert sum(map(len, await take(driver, BLOCK))) == BLOCK
+    finally:
+        await driver.close()
+
+
 async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Broker) -> None:
     config, sent = config_of(broker.port), messages(recorded())
     driver = MqttDriver(config, CONTEXT)
