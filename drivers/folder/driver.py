@@ -250,7 +250,7 @@ class FolderDriver:
                 self._arrivals = None
                 raise
             for path in paths:
-                async with aclosing(self._read(ledger, path)) as frames:
+                async with aclosing(self._read(arrivals, ledger, path)) as frames:
                     async for frame in frames:
                         yield frame
             if self._arrivals is arrivals:
@@ -278,17 +278,21 @@ class FolderDriver:
     def _complete_now(self) -> list[Path]:
         return Arrivals(self._config.folder, self._config.pattern, 0.0).complete(0.0)
 
-    async def _read(self, ledger: Ledger, path: Path) -> AsyncGenerator[SampleFrame, None]:
+    async def _read(
+        self, arrivals: Arrivals, ledger: Ledger, path: Path
+    ) -> AsyncGenerator[SampleFrame, None]:
         """The rows of a trace that were not read before; what was read is written down."""
         try:
             entry = await self._rows.run(ledger.entry_of, path)
         except OSError as error:
             log.warning("%s: cannot be read (%s)", path, error.strerror)
             return
+        if self._arrivals is not arrivals:
+            return
         if entry.done:
             self._counts["seen_before"] += 1
             return
-        arrivals, saved_rows, shift_s = self._arrivals, entry.rows, None
+        saved_rows, shift_s = entry.rows, None
         try:
             async with aclosing(self._cut(path, entry.rows)) as frames:
                 async for frame in frames:

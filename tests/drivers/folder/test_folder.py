@@ -111,6 +111,23 @@ async def test_a_restart_reads_nothing_again_and_goes_on_where_it_was(watch: Wat
     assert await watch.read(watch.driver()) == []
 
 
+@pytest.mark.parametrize("opened_again", [False, True])
+async def test_nothing_more_comes_once_it_is_closed(opened_again: bool, watch: Watch) -> None:
+    for number, name in enumerate(("a.csv", "b.csv")):
+        os.utime(watch.write(name, float(number)), (1000 + number, 1000 + number))
+    driver = watch.driver()
+    await driver.open()
+    frames = driver.frames()
+    first = await anext(frames)
+    await driver.close()
+    if opened_again:
+        await driver.open()
+    async with asyncio.timeout(20.0):
+        assert [len(frame) async for frame in frames] == []
+    rest = torques(await watch.read(driver))
+    assert rest == [0.0] * (500 - len(first)) + [1.0] * 500
+
+
 async def test_another_name_or_date_is_no_new_trace(watch: Watch) -> None:
     path = watch.write("a.csv", 1.0)
     driver = watch.driver()
