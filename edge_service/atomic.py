@@ -9,6 +9,7 @@ import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
@@ -43,6 +44,11 @@ def put_in_place(path: Path, place: Path) -> None:
     """Rename a file or folder, in place of one that is there, for good. Raises OSError."""
     path.replace(place)
     sync_folder(place.parent)
+
+
+def damaged_name(name: str) -> str:
+    """Name under which what is found damaged now is kept."""
+    return f"{name}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
 
 
 def new_file(path: Path, mode: int = 0o666) -> BinaryIO:

@@ -8,12 +8,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 from zlib import crc32
 
-from ...atomic import made_folder, new_file, put_in_place, sync_file
+from ...atomic import damaged_name, made_folder, new_file, put_in_place, sync_file
 from ...threads import Threads
 
 T = TypeVar("T")
@@ -247,11 +246,6 @@ def is_in_use(path: Path) -> bool:
     except sqlite3.DatabaseError:
         pass  # damaged: nobody can use it
     return False
-
-
-def damaged_name(name: str) -> str:
-    """Name under which what is found damaged now is kept."""
-    return f"{name}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
 
 
 def _rescue(old: sqlite3.Connection, new: sqlite3.Connection) -> None:
