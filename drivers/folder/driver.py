@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field, TypeAdapter
 
-from edge_service.atomic import replaced_file
+from edge_service.atomic import damaged_name, put_in_place, replaced_file
 from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.columns import TraceError
 
@@ -126,8 +126,8 @@ _ENTRY = TypeAdapter(Entry)
 class Ledger:
     """Record of what has been read: a small file with a line of JSON for each trace.
 
-    Of a damaged one the lines that can be read stand. One that cannot be written is told once;
-    what is read meanwhile is written as soon as that can be.
+    Of a damaged one the lines that can be read stand, and it is kept beside. One that cannot be
+    written is told once; what is read meanwhile is written as soon as that can be.
 
     Attributes:
         unsaved: times in a row that the file could not be written.
@@ -139,6 +139,7 @@ class Ledger:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.unsaved = 0
+        self._aside: Path | None = None  # place for a damaged one, until the next is written
         self._entries: dict[str, Entry] = {}
         try:
             lines = path.read_bytes().splitlines() if path.exists() else []
@@ -149,7 +150,9 @@ class Ledger:
                 entry = _ENTRY.validate_json(line, strict=True)
                 self._entries[entry.digest] = entry
         if len(self._entries) < len(lines):
-            log.warning("%s: damaged; %d traces known", path, len(self._entries))
+            self._aside = path.with_name(damaged_name(path.name))
+            known = len(self._entries)
+            log.warning("%s: damaged, kept as %s; %d traces known", path, self._aside.name, known)
 
     def entry_of(self, path: Path) -> Entry:
         """The entry of a trace; a new one where it has not been seen. Raises OSError.
@@ -180,6 +183,11 @@ class Ledger:
         try:
             with replaced_file(self._path) as file:
                 file.writelines(f"{json.dumps(asdict(each))}\n" for each in self._entries.values())
+                if self._aside is not None:
+                    file.flush()  # a disk that is full is told here, before anything is moved
+                    with suppress(FileNotFoundError):
+                        put_in_place(self._path, self._aside)
+                    self._aside = None
         except OSError as error:
             if not self.unsaved:
                 log.warning("%s: cannot be written (%s)", self._path, error.strerror)

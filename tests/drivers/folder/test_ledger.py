@@ -100,6 +100,25 @@ def test_of_a_damaged_ledger_what_is_whole_stands(
     assert sum(done) >= whole - 4
 
 
+def test_a_damaged_ledger_is_kept_when_the_next_is_written(
+    path: Path, traces: list[Path], monkeypatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    _written(path, traces)
+    damaged = path.read_bytes()[:-20]
+    path.write_bytes(damaged)
+    ledger = Ledger(path)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(folder, "replaced_file", _refuse(errno.ENOSPC))
+        ledger.save()
+    assert path.read_bytes() == damaged
+    ledger.save()
+    ledger.save()
+    (aside,) = path.parent.glob("ledger.json.damaged-*")
+    assert aside.read_bytes() == damaged
+    assert f"damaged, kept as {aside.name}" in caplog.text
+    assert _done(path, traces) == [True] * 19 + [False]
+
+
 def test_beginnings_of_a_file_that_grows_do_not_fill_the_ledger(path: Path) -> None:
     ledger, log = Ledger(path), path.with_name("log.csv")
     for rows in range(1, 60):
