@@ -68,6 +68,11 @@ class Bus:
             self._publishers[key] = Publisher(self._session, key, topic, axis, self._boot_epoch)
         return self._publishers[key]
 
+    def forget(self, prefix: str) -> None:
+        """Undeclare the publishers of all keys that begin so."""
+        for key in [each for each in self._publishers if each.startswith(prefix)]:
+            self._publishers.pop(key).close()
+
     def subscribe(
         self,
         key_expr: str,

@@ -55,6 +55,8 @@ class NodeContext:
         self.outputs: dict[str, Output] = {}
         """Outputs as configured, for whoever looks after their queues."""
         self._subscribers: list[Subscriber[Any]] = []
+        self.gone: set[str] = set()
+        """Axes that were removed since the beginning."""
         self.renewals: list[Callable[[str], None]] = []
         """Told of every axis that begins, begins anew or is gone from `machines`."""
 
@@ -67,27 +69,32 @@ class NodeContext:
         """Let an axis begin, or begin anew, by its table and machine file, in every node."""
         self.config = self.config.with_axis(axis)
         self.machines[axis.name] = machine
+        self.gone.discard(axis.name)
         for renew in (*self.renewals,):
             renew(axis.name)
 
     def drop(self, axis: str) -> None:
-        """Let every node forget an axis."""
+        """Let every node forget an axis, and the bus what was last said of it."""
         axes = tuple(each for each in self.config.axes if each.name != axis)
         self.config = self.config.model_copy(update={"axes": axes})
         del self.machines[axis]
+        self.gone.add(axis)
         for renew in (*self.renewals,):
             renew(axis)
+        self.bus.forget(f"{self.config.keys.root}/{axis}/")
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
         """Declare the publisher of one topic of one axis."""
         return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
 
     def publishers(self, topic: Topic[T]) -> dict[str, Publisher[T]]:
-        """Declare the publishers of one topic of every axis, also of those that come later."""
+        """Declare the publishers of one topic of every axis that is there, now or later."""
         publishers: dict[str, Publisher[T]] = {}
 
         def declare(axis: str) -> None:
-            if axis not in publishers:
+            if axis in self.gone:
+                publishers.pop(axis, None)
+            else:
                 publishers[axis] = self.publisher(axis, topic)
 
         self._for_every_axis(declare)

@@ -181,9 +181,10 @@ class Monitors:
             states = (State.of(STATE, axis, monitor.snapshot()),)
 
         def publish(kept: list[StoredEvent], problem: str) -> None:
-            for each in kept:
-                self._event[axis].publish(each.event, each.event.time_ns)
-            self._health[axis].publish(health, now_ns())
+            if axis not in self._context.gone:
+                for each in kept:
+                    self._event[axis].publish(each.event, each.event.time_ns)
+                self._health[axis].publish(health, now_ns())
             told(problem)
 
         self._context.dispatcher.put(events, publish, states)

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Coroutine, Sequence
+from collections.abc import Coroutine, Iterable, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -48,8 +48,14 @@ MOST_BROKEN = 5
 """Times that a connection may break at one event, while it takes other messages in between."""
 
 
-def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Output:
-    """The output of a table, its settings checked. Raises ConfigError."""
+def make_output(
+    config: EdgeConfig, name: str, gone: Iterable[str] = (), *, is_test: bool = False
+) -> Output:
+    """The output of a table, its settings checked. Raises ConfigError.
+
+    Args:
+        gone: axes that were removed.
+    """
     table, place = config.outputs[name], config.place_of(f"outputs.{name}")
     try:
         kind = load_output(table.get("kind") or name)
@@ -66,6 +72,7 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
         knows=knows_of(config),
         words=words_in,
         is_test=is_test,
+        gone=tuple(gone),
     )
     try:
         return kind(settings, context)
@@ -75,7 +82,8 @@ def make_output(config: EdgeConfig, name: str, *, is_test: bool = False) -> Outp
 
 async def run(context: NodeContext, name: str) -> None:
     """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
-    output, component = make_output(context.config, name), Component(context, name)
+    output = make_output(context.config, name, context.gone)
+    component = Component(context, name)
     silent, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
     states = {axis: AxisState(axis, None, silent) for axis in context.machines}
     node, receivers = OutputNode(output, component, context.events), output.receivers

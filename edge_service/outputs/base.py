@@ -65,6 +65,7 @@ class OutputContext:
         knows: tells whether a user's name and token fit; None lets anybody look.
         words: texts of the page by key, of a language.
         is_test: whether it sends one test message while the service may be running beside it.
+        gone: names of axes that were removed, of which nothing is to stay.
     """
 
     name: str
@@ -76,6 +77,7 @@ class OutputContext:
     knows: Callable[[str, str], bool] | None = None
     words: Callable[[str], Mapping[str, str]] = lambda _language: {}
     is_test: bool = False
+    gone: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

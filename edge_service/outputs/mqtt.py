@@ -97,8 +97,13 @@ class MqttOutput(Output):
             self._listening = asyncio.create_task(self._listen(client, self._node))
             await self._publish(*self._node.birth(), qos=0)
             return
-        for axis in self.context.axes if self.config.format == "home-assistant" else ():
+        describes = self.config.format == "home-assistant"
+        for axis in self.context.axes if describes else ():
             await self._publish(*self._description(axis), retain=True)
+        for axis in self.context.gone:  # an empty message clears what is retained
+            topics = [f"{self._root}/{axis}/{each.name}" for each in (PRELOAD, HEALTH)]
+            for topic in (*topics, *((self._description(axis)[0],) if describes else ())):
+                await self._publish(topic, "", retain=True)
         await self._publish(f"{self._root}/status", ONLINE, retain=True)
 
     async def take(self, message: Message) -> None:

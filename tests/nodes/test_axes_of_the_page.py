@@ -1,5 +1,6 @@
 """Axes that are made on the page: kept, begun alone, changed, removed, and read again."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
+from edge_service.bus.fleet import HealthListener
 from edge_service.config import ConfigError, load_config
 
 from .conftest import running, until
@@ -61,6 +63,27 @@ async def test_an_axis_is_made_on_the_page_and_goes_again(
     assert not folder.exists()
     assert (await client.put(PATH.format("X"), json=AXIS)).status_code == 201
     await until(estimated)
+
+
+async def test_of_an_axis_that_goes_nothing_stays_on_the_bus(tmp_path: Path) -> None:
+    config = load_config(written(tmp_path, '[[axes]]\nname = "X"\n[[axes]]\nname = "Y"\n'))
+
+    async def there(*axes: str) -> None:
+        async def are_there() -> bool:
+            listener = HealthListener(service.bus.endpoint)
+            await asyncio.to_thread(listener.settle, 1.0)
+            listener.close()
+            return {each.axis for each in listener.axes() if each.there} == {*axes}
+
+        await until(are_there)
+
+    async with running(config, ("health",)) as service:
+        await there("X", "Y")
+        machine = service.context.machines["X"]
+        service.context.drop("X")
+        await there("Y")
+        service.context.renew(config.axes[0], machine)
+        await there("X", "Y")
 
 
 WRONG: list[tuple[str, dict[str, Any], int, str]] = [

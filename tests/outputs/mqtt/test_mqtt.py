@@ -44,8 +44,8 @@ def every_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def telling(broker: Broker, form: str = "json") -> AsyncIterator[Output]:
-    made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}", "format": form})
+async def telling(broker: Broker, form: str = "json", **facts: Any) -> AsyncIterator[Output]:
+    made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}", "format": form}, **facts)
     await made.open()
     try:
         yield made
@@ -103,6 +103,15 @@ async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker
         assert json.loads(said[f"{ROOT}/X/preload"])["of_fresh"] is None
     async with listening(broker) as late:
         assert (await there(late, f"{ROOT}/status"))[f"{ROOT}/status"] == b"offline"
+
+
+async def test_of_an_axis_that_is_gone_nothing_stays_retained(broker: Broker) -> None:
+    async with telling(broker, "home-assistant") as made:
+        await made.take(answer("X"))
+        await made.take(answer("Z"))
+    async with telling(broker, "home-assistant", gone=("Z",)), listening(broker) as late:
+        await there(late, f"{ROOT}/X/preload", f"{ROOT}/X/health")
+        assert not [str(each.topic) for each in late if "Z" in str(each.topic)]
 
 
 async def test_a_test_message_says_nothing_of_the_service_that_runs(broker: Broker) -> None:
