@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from edge_service.fingerprint.friction.curve import (
     friction_parts,
@@ -57,6 +58,19 @@ def test_the_change_is_that_of_the_exponential_law() -> None:
     plain_nm = COULOMB_NM + np.mean([STATIONS_NM]) + VISCOUS * curves[0].x
     cold_nm = curves[0].y - plain_nm
     assert cold_nm == pytest.approx([COLD_NM] * 5, abs=0.2 * COLD_NM)
+
+
+@pytest.mark.slow
+def test_the_interval_holds_the_change_as_often_as_it_says() -> None:
+    trials, held = 200, 0
+    for seed in range(trials):
+        recordings = {
+            "a": run(0.0, 2 * seed, lambda _: 0.0),
+            "b": run(500.0, 2 * seed + 1, lambda _: -0.05),
+        }
+        figures, _ = measure_friction_runs(recordings)
+        held += figures[f"change_at_{MIDDLE_RPM}_rpm_nm"].holds(-0.05)
+    assert held >= stats.binom.ppf(0.001, trials, 0.95)
 
 
 def test_one_clock_orders_the_tests_and_else_their_names() -> None:
