@@ -21,7 +21,7 @@ from edge_service.estimate.interface import (
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import Fault, FeatureBlock, Phase
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
 from edge_service.messages.topics import FEAT
 from edge_service.models.machine import Machine
 from edge_service.nodes.estimated_axis import DAMAGED
@@ -246,6 +246,23 @@ def test_no_number_outlives_an_interruption_or_a_long_rest(method: str) -> None:
         rested_s = block.time_s - last.time_s
         assert (answer.preload_percent is None) or rested_s <= LONGEST_REST_S + 0.2
     assert estimator.estimate().preload_percent is None
+
+
+@METHODS
+def test_no_number_outlives_a_new_clock(method: str) -> None:
+    estimator = made(method)
+    run(estimator, blocks())
+    assert estimator.estimate().preload_percent is not None
+    noise = np.random.default_rng(15).standard_normal(8000)
+    last = {name: np.full(8000, values[-1]) for name, values in frames()[-1].channels.items()}
+    still = SampleFrame(
+        np.arange(8000) * 1e-3,
+        {**last, ANGLE: last[ANGLE] + 5e-6 * noise, TORQUE: 0.02 * noise},
+    )
+    anew = downsampled([*frames(), still], machine())[len(blocks()) + 1 :]
+    assert len(anew) > 70
+    for block in anew:
+        assert fed(estimator, block).status is EstimateStatus.INSUFFICIENT_EXCITATION
 
 
 @METHODS

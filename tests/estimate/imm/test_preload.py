@@ -113,6 +113,14 @@ def test_a_loss_within_half_a_minute_stays_inside_the_interval(interval_s: float
     assert covered >= 0.93
 
 
+def test_the_result_does_not_depend_on_the_interval() -> None:
+    frame, truth = recording("gradual", 60.0, 4)
+    reference, _ = errors(run(blocks_of(frame)), truth)
+    error, covered = errors(run(blocks_of(frame, 0.05)), truth)
+    assert np.mean(np.abs(error)) < np.mean(np.abs(reference)) + 0.1
+    assert covered >= 0.93
+
+
 def test_filterpy_gives_the_same_estimates() -> None:
     blocks = blocks_of(recording("partial", 60.0, 5)[0])
     ours, theirs = run(blocks), run(blocks, engine="filterpy")
