@@ -162,6 +162,13 @@ def test_a_swapped_sign_is_refused(channel: str) -> None:
         commissioned([downsampled(frames, NOMINAL)], NOMINAL)
 
 
+def test_less_friction_than_the_fresh_screw_alone_is_refused() -> None:
+    drag = Quantity(value=1.2 * COULOMB)
+    model = NOMINAL.model.model_copy(update={"preload_drag_nm": drag})
+    with pytest.raises(CommissioningError, match="less than the fresh screw"):
+        commissioned([rigid((10.0, 30.0, 60.0))], NOMINAL.model_copy(update={"model": model}))
+
+
 def test_intervals_with_a_fault_teach_nothing() -> None:
     """A second recording without the torque channel changes no number."""
     good = rigid((10.0, 30.0, 60.0, 100.0))

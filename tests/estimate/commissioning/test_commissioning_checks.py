@@ -13,7 +13,7 @@ from edge_service.estimate.commissioning.phases import (
     observed_limits,
 )
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.commission import commission_to_file
@@ -123,6 +123,15 @@ def test_what_contradicts_is_refused_in_one_line(
     with pytest.raises(CommissioningError, match=reason) as caught:
         learned(axis, **stated)
     assert "\n" not in str(caught.value)
+
+
+def test_torque_that_motion_does_not_explain_is_refused() -> None:
+    frame = BENCH.frame()
+    pushes = np.repeat(np.random.default_rng(2).standard_normal(len(frame) // 150 + 1), 150)
+    pushed_nm = frame.channels[TORQUE] + 3.0 * pushes[: len(frame)]
+    pushed = SampleFrame(frame.time_s, {**frame.channels, TORQUE: pushed_nm})
+    with pytest.raises(CommissioningError, match="motion explains too little"):
+        commissioned([cut(BENCH, pushed)], BENCH.machine())
 
 
 LIN_A = """

@@ -48,6 +48,26 @@ def steady(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
     return burst_force(tuple((at, long, force_n) for at, long in feeds(case)), ripple_share=0.0)
 
 
+def intermittent(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Milling: now and then, against the motion or across it."""
+    return (ProcessForce(mean_n=force_n),)
+
+
+def growing(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Tool that wears: from a third of the force to five thirds."""
+    return burst_force(
+        tuple((at, long, force_n * (1 / 3 + 4 / 3 * at / DURATION_S)) for at, long in feeds(case))
+    )
+
+
+def one_way(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
+    """Cross feed: in every feed along the axis, to the same side."""
+    cuts = feeds(case)
+    return tuple(
+        ProcessForce(against_motion=0.0, bursts=((at, long, force_n),)) for at, long in cuts
+    )
+
+
 def always(case: Case, force_n: float) -> tuple[ProcessForce, ...]:
     """Brake: against every motion."""
     return burst_force(((0.0, DURATION_S, force_n),), ripple_share=0.0)
@@ -82,6 +102,16 @@ def test_an_axis_that_cuts_is_refused_and_in_air_it_is_not(
 ) -> None:
     text = commission(produced(cut, 100.0, AXIS_SEED), tmp_path, status)
     assert ("process forces" in text) == (status == 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", [steady, intermittent, growing, one_way])
+@pytest.mark.parametrize(("force_n", "axis_seed"), [(80.0, 7300), (200.0, 7301), (500.0, 7302)])
+def test_every_kind_of_cut_is_refused(
+    cut: Cut, force_n: float, axis_seed: int, tmp_path: Path
+) -> None:
+    recording = produced(cut, force_n, axis_seed, encoders=1 + axis_seed % 2)
+    assert "process forces" in commission(recording, tmp_path, 2)
 
 
 @pytest.mark.slow
