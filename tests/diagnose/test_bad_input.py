@@ -91,6 +91,13 @@ def test_a_file_that_is_no_trace(machine_file, tmp_path, capsys, text):
     assert str(trace) in refused(machine_file, tmp_path, capsys, str(trace))
 
 
+def test_a_constant_trace(machine_file, tmp_path):
+    columns = {name: np.full_like(each, each[0]) for name, each in sound().items()}
+    columns["time_s"] = recorded((), seed=3).columns["time_s"]
+    document = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
+    assert document["verdict"] == "bad_data"
+
+
 def test_three_seconds_name_nothing_and_say_that_they_are_short(machine_file, tmp_path):
     columns = {name: each[:3000] for name, each in sound().items()}
     document = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))

@@ -18,6 +18,10 @@ def faults(machine: Machine, **changes: Any) -> str:
     return " | ".join(check_data(runs(machine, frame), RATIO).faults)
 
 
+def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
+    assert faults(machine) == ""
+
+
 @pytest.mark.parametrize(
     ("channel", "factor", "reason"),
     [
@@ -56,3 +60,8 @@ def test_too_little_motion(machine: Machine) -> None:
     still = columns["motor_angle_rad"][0] + 5e-6 * noise[0]
     table = columns["table_position_m"][0] + 5e-8 * noise[1]
     assert "moves for" in faults(machine, motor_angle_rad=still, table_position_m=table)
+
+
+def test_nothing_at_all() -> None:
+    (fault,) = check_data([], RATIO).faults
+    assert fault.startswith("no unbroken run of a second or more")

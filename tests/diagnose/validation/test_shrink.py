@@ -46,6 +46,14 @@ def test_a_gap_that_shrinks_at_speed_only_may_shrink_less_elsewhere() -> None:
     assert (found.low, found.high) == pytest.approx((low, high), abs=0.03)
 
 
+def test_what_may_come_out_otherwise_widens_the_interval() -> None:
+    gap = np.ones(COUNT)
+    found = on_other_motion(rows(gap), [0.2 * gap, 0.5 * gap, 0.9 * gap])
+    assert found.estimate == pytest.approx(0.8)
+    assert found.low == pytest.approx(0.1)
+    assert found.high == pytest.approx(0.8)
+
+
 def again(machine: Machine, cause: str, seed: int) -> Session:
     """Another recording of the same axis with the same cause."""
     case = foreign_plant.case(
