@@ -7,6 +7,7 @@ from threading import Lock
 from typing import NamedTuple
 
 from ..messages.codec import Header
+from ..messages.keys import axis_of
 
 MOST_RINGS = 256
 MOST_BYTES = 32_000_000
@@ -151,6 +152,18 @@ class KeyRings:
                 self.overruns += 1
             self._turn.setdefault(arrival.key)
             return len(ring.waiting)
+
+    def skip(self, axis: str) -> list[Arrival]:
+        """All payloads of an axis, which wait no longer."""
+        skipped: list[Arrival] = []
+        with self._lock:
+            for key, ring in self._rings.items():
+                if axis_of(key) == axis:
+                    self._turn.pop(key, None)
+                    skipped += ring.waiting
+                    ring.waiting.clear()
+                    ring.waiting_bytes = 0
+        return skipped
 
     def take(self) -> Arrival | None:
         """The oldest payload of the key whose turn it is; None if none waits."""

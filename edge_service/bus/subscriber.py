@@ -124,6 +124,11 @@ class Subscriber(Generic[T]):
             self._end_of_rest.cancel()
         self._end_of_rest = self._loop.call_later(seconds + _EARLY_S, self._wake.set)
 
+    def skip(self, axis: str) -> None:
+        """Pass over what waits of an axis; it counts as read."""
+        for arrival in self._rings.skip(axis):
+            self._heard(arrival)
+
     async def __aiter__(self) -> AsyncIterator[tuple[str, Header, T]]:
         turns = 0
         while True:

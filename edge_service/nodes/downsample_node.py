@@ -54,13 +54,16 @@ async def run(context: NodeContext) -> None:
 
     axes = {axis: begin(axis) for axis in context.machines}
 
+    samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
+
     def renew(axis: str) -> None:
         axes.pop(axis, None)
+        samples.skip(axis)  # of a clock that is over
+        waves.skip(axis)
         if axis in context.machines:
             axes[axis] = begin(axis)
 
     context.renewals.append(renew)
-    samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
     component = Component(context, "downsample")
 
     def counters() -> dict[str, int]:
