@@ -164,7 +164,7 @@ def record(
         raise BadInputError("axes: none yet")
     name = axis or settings.axes[0].name
     progress(f"recording axis {name}")
-    rows, lost = asyncio.run(record_axis(settings, name, out, duration))
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration, progress))
     words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
     return Answer(words, {"out": str(out), "axis": name, "rows": rows, "lost_payloads": lost})
 

@@ -36,7 +36,11 @@ FIRST_FRAME_S = 5.0
 
 
 async def record_axis(
-    config: EdgeConfig, axis: str, out: Path, duration_s: float | None
+    config: EdgeConfig,
+    axis: str,
+    out: Path,
+    duration_s: float | None,
+    progress: Callable[[str], None] = lambda _line: None,
 ) -> tuple[int, int]:
     """Record until `duration_s` of axis time, SIGINT or SIGTERM.
 
@@ -61,11 +65,16 @@ async def record_axis(
             frame = None
         if frame is None:
             raise ConfigError(f"{key}: nothing is published; check the name of the axis")
-        rows, end_s = 0, math.inf if duration_s is None else frame.time_s[0] + duration_s
+        rows, begun_s, told = 0, float(frame.time_s[0]), 0
+        end_s = math.inf if duration_s is None else begun_s + duration_s
         with TraceWriter(out, tuple(frame.channels)) as writer:
             while frame is not None and len(frame := frame.until(end_s)):
                 writer.write(frame)
                 rows += len(frame)
+                tenths = 10.0 * (frame.time_s[-1] - begun_s) / (end_s - begun_s)
+                if tenths >= told + 1:
+                    told = int(tenths)
+                    progress(f"recording axis {axis}: {10 * told} %")
                 _, _, frame = await anext(frames, nothing)
         return rows, subscriber.counts()["lost_payloads"]
     finally:

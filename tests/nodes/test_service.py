@@ -13,13 +13,16 @@ import httpx
 import numpy as np
 import pytest
 
+from edge_service import __version__
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
+from edge_service.clock import now_ns
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
 from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.features import Fault
 from edge_service.messages.health import ComponentStatus
-from edge_service.messages.samples import ANGLE
-from edge_service.messages.topics import HEALTH, PRELOAD, STATUS
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
+from edge_service.messages.topics import FEAT, HEALTH, PRELOAD, RAW, STATUS
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
@@ -206,6 +209,28 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     assert counters["fault_time_backwards"] >= 1
 
 
+async def test_an_axis_that_begins_anew_meets_nothing_of_its_clock_before() -> None:
+    def moved(from_s: float) -> SampleFrame:
+        time_s = from_s + np.arange(1000) / 1000.0
+        return SampleFrame(time_s, {TORQUE: np.full(1000, 0.2), ANGLE: 10.0 * time_s})
+
+    async with running(config_of("simulated", HEALTHY), ("downsample",)) as service:
+        context, heard = service.context, service.context.subscribe(FEAT)
+        publisher = context.publisher("X", RAW)
+        reports = context.subscribe_to_components(STATUS)
+        async with asyncio.timeout(30.0):
+            async for _, _, report in reports:
+                if (report.component, report.status) == ("downsample", ComponentStatus.OK):
+                    break
+            publisher.publish(moved(101.0), now_ns())
+            context.renew(context.config.axes[0], context.machines["X"])
+            publisher.publish(moved(0.0), now_ns())
+            async for _, _, block in heard:
+                assert Fault.TIME_BACKWARDS not in block.fault
+                if 0.5 < block.time_s < 50.0:
+                    break
+
+
 async def test_a_recording_of_the_bus_is_what_was_published(
     trace_path: Path, tmp_path: Path
 ) -> None:
@@ -215,9 +240,12 @@ async def test_a_recording_of_the_bus_is_what_was_published(
             update={"bus": config.bus.model_copy(update={"endpoint": service.bus.endpoint})}
         )
         out = tmp_path / "recorded.csv"
-        rows, lost = await asyncio.wait_for(record_axis(there, "X", out, 2.0), 30.0)
+        said: list[str] = []
+        recording = record_axis(there, "X", out, 2.0, said.append)
+        rows, lost = await asyncio.wait_for(recording, 30.0)
     recorded, original = read_trace(out), read_trace(trace_path)
     assert lost == 0
+    assert "recording axis X: 50 %" in said
     assert rows == len(recorded) == 2000
     first = int(np.searchsorted(original.time_s, recorded.time_s[0] - 1e-9))
     if first + 2000 <= len(original):  # else the loop began again in between
@@ -240,7 +268,9 @@ def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path
         try:
             line = process.stdout.readline()
             assert line.startswith("edge-service: serving http://127.0.0.1:")
-            address = line.split()[-1]
+            address = line.split()[2]
+            end = f"(version {__version__}, state in memory alone; Ctrl-C ends it)\n"
+            assert line.endswith(end)
             assert httpx.get(address + "healthz").status_code == 200
         finally:
             process.send_signal(signal.SIGTERM)
