@@ -49,6 +49,7 @@ async def run_service(
 
     Args:
         read: reads the configuration, now and again at each SIGHUP.
+        on_http_ready: told the page's address, version and state folder once it is served.
     """
     config = read()
     there = ("bus", *PIPELINE, *config.outputs)
@@ -66,7 +67,9 @@ async def run_service(
     names = (*config.outputs, *PIPELINE) if name is None else (name,)
     try:
         bus.declare_alive(config.keys.alive)
-        context = NodeContext(config, bus, on_http_ready)
+        kept = config.store.folder or "memory alone"
+        more = f"(version {__version__}, state in {kept}; Ctrl-C ends it)"
+        context = NodeContext(config, bus, lambda url: on_http_ready(f"{url} {more}"))
         started = Event(
             axis="",
             kind="service_started",
