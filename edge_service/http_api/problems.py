@@ -118,6 +118,10 @@ def _allowed(request: Request) -> str:
 
 async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse:
     assert isinstance(error, RequestValidationError)
+    if error.body and isinstance(error.body, bytes):  # it was not even read as JSON
+        kind = request.headers.get("content-type", "")
+        words = f"content-type: expected application/json, got {kind[:100]!r}"
+        return problem_response(request.url.path, 415, words)
     errors = [
         ParameterProblem(
             parameter=str(item["loc"][-1]), detail=str(item["msg"]).removeprefix("Value error, ")

@@ -20,6 +20,7 @@ from edge_service.http_api import guard, jobs
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobCommand, Jobs
 from edge_service.http_api.recordings import Recordings
+from edge_service.http_api.routes.work import Motion
 from edge_service.recordings.extent import extent_of
 
 CHILD = """
@@ -54,7 +55,14 @@ class Scene:
         self.store = Store(folder / FILE_NAME)
         kept = Recordings(folder / "recordings", 1 << 20, extent_of)
         self.jobs = Jobs(self.store, folder / "jobs", kept, {"X": DEFAULT_MACHINE})
-        app = create_app(ServiceState({"X": None}, 0), lambda: 0, jobs=self.jobs, recordings=kept)
+        motion = Motion(name="friction", purpose="", duration_s=1.0, refused=None)
+        app = create_app(
+            ServiceState({"X": None}, 0),
+            lambda: 0,
+            jobs=self.jobs,
+            recordings=kept,
+            motions=lambda _axis: [motion],
+        )
         transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
         self.client = httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1/")
 
@@ -305,7 +313,7 @@ async def test_a_motion_is_written_by_its_command(
     motion = await scene.client.get("axes/X/motions/friction?format=mpf")
     assert (motion.status_code, "G4" in motion.text) == (200, True)
     unknown = await scene.client.get("axes/X/motions/warp?format=csv")
-    assert (unknown.status_code, "warp" in unknown.json()["detail"]) == (409, True)
+    assert (unknown.status_code, "warp" in unknown.json()["detail"]) == (404, True)
     assert (await scene.client.get("axes/X/motions/friction?format=exe")).status_code == 422
 
 

@@ -97,6 +97,13 @@ async def test_a_wrong_command_is_told_by_its_member(client, sent, change, param
     assert sent == []
 
 
+async def test_a_body_of_another_kind_is_no_json(client, sent):
+    given = {"content": b'{"action": "note"}', "headers": {"content-type": "text/plain"}}
+    answer = await client.post("/api/v1/axes/X/commands", **given)
+    assert (answer.status_code, "text/plain" in answer.json()["detail"]) == (415, True)
+    assert not sent
+
+
 async def test_without_a_monitor_nothing_is_taken(client):
     body = {"action": "note", "user": "Kim"}
     assert (await client.post(f"{BASE}/commands", json=body)).status_code == 503

@@ -68,9 +68,13 @@ async def motion(
     axis: AxisDep,
     name: str,
     jobs: JobsDep,
+    listed: MotionsDep,
     form: Annotated[Literal["csv", "mpf"], Query(alias="format")],
 ) -> Response:
     """A motion for the controller, within the limits of the axis: setpoints or an NC program."""
+    names = [each.name for each in listed(axis)]
+    if name not in names:
+        raise RefusedError(404, f"no motion {name!r}; there are {', '.join(names)}")
     content = await jobs.motion(axis, name, form)
     headers = {"content-disposition": f'attachment; filename="{name}.{form}"'}
     return Response(content, media_type="text/plain", headers=headers)
