@@ -51,7 +51,7 @@ def in_german(said: Statement) -> str:
 
 
 NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
-ENGLISH_ALONE = {Code.PART_DOWN: {"reason"}}
+ENGLISH_ALONE = {Code.PART_DOWN: {"reason"}, Code.COMPONENT_CHANGED: {"reason"}}
 """Own words of a part, which no other language has."""
 SAID_LESS = {AlarmKind.DATA_LOST, AlarmKind.SERVICE, AlarmKind.SUDDEN_DROP}
 """Alarms whose reason is a code in other languages, without its numbers."""
@@ -147,7 +147,7 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
 
 
 IN_ENGLISH = {
-    *("status_changed", "component_changed", "command"),
+    *("status_changed", "command"),
     *("note", "part_replaced"),  # the words of a person
 }
 """Events that parts and people tell in words of their own."""

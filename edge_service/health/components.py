@@ -1,6 +1,6 @@
 """Status of the parts of the service, and who has fallen silent."""
 
-from ..messages.event import AxisCondition, Event
+from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.health import ComponentHealth, ComponentStatus
 from .inputs import NS_PER_S
 
@@ -90,12 +90,14 @@ class ComponentWatch:
 def _component_changed(
     report: ComponentHealth, before: ComponentStatus | None, now_ns: int
 ) -> Event:
+    reason = f": {report.reason}" if report.reason else ""
+    words = {"part": report.status.replace("_", " "), "reason": reason}
+    values = {"component": report.component, "part": report.status.value}
     return Event(
         axis=report.axis or "",
         kind="component_changed",
         level=_LEVELS.get(report.status, AxisCondition.NORMAL),
-        text=f"{report.component} is {report.status.replace('_', ' ')}"
-        + (f": {report.reason}" if report.reason else ""),
+        **dict(told(Code.COMPONENT_CHANGED, words, **values)),
         time_ns=now_ns,
         data={"component": report.component, "from": before, "to": report.status},
     )

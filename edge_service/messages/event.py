@@ -47,6 +47,7 @@ class Code(Enum):
     AXIS_CHANGED = "The axis no longer behaves as commissioned: {watched} differs."
     MODEL_DISAGREES = "No preload explains the torque: check signals and machine file."
     PART_DOWN = "{component} does not work: {reason}."
+    COMPONENT_CHANGED = "{component} is {part}{reason}"
     ALARM_OVER = "The alarm {alarm} held from {since} to {until}."
     ALARM_SHELVED = "alarm {alarm} shelved until {time} by {user}"
     ALARM_ACKNOWLEDGED = "alarm {alarm} acknowledged by {user}"

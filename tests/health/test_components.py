@@ -51,6 +51,13 @@ def test_a_machine_that_cannot_be_reached_is_no_fault_of_the_service() -> None:
     assert "alarm_raised" not in [event.kind for event in told]
 
 
+def test_a_change_of_a_part_is_a_statement() -> None:
+    changed, *_ = monitor("X").on_component(report("X", DOWN, "no route", 0), START_NS)
+    assert changed.code == "component_changed"
+    assert changed.values == {"component": "estimate", "part": "recoverable_error"}
+    assert changed.text == "estimate is recoverable error: no route"
+
+
 def test_a_service_with_a_part_down_is_not_ready_and_says_which() -> None:
     state = ServiceState({"X": None}, START_NS)
     state.on_component(report(None, DOWN, "features ended", 1), START_NS)

@@ -186,6 +186,7 @@ export const de = {
   "said.axis_changed": "Die Achse verhält sich nicht mehr wie bei der Inbetriebnahme: {watched} weicht ab.",
   "said.model_disagrees": "Keine Vorspannung erklärt das Drehmoment: Signale und Maschinendatei prüfen.",
   "said.part_down": "{component} arbeitet nicht; den Grund nennt die Seite unter „Dienst“.",
+  "said.component_changed": "{component}: {part}",
   "said.alarm_acknowledged": "Alarm „{alarm}“ quittiert von {user}",
   "said.alarm_unshelved": "Alarm „{alarm}“ nicht mehr zurückgestellt, durch {user}",
   "said.alarm_shelf_over": "Alarm „{alarm}“ nicht mehr zurückgestellt: die Zeit ist um",
