@@ -73,14 +73,14 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
     try:
         made_folder(out.parent)
         with tempfile.TemporaryDirectory(prefix=".init-", dir=out.parent) as folder:
-            lines, status = _drafted(request, Path(folder), ask, progress)
+            lines, status, is_right = _drafted(request, Path(folder), ask, progress)
             for path in wanted:
                 with replaced_file(path) as file:
                     file.write((Path(folder) / path.name).read_text("utf-8"))
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written ({error.strerror})") from None
     steps = list(_next_steps(request, status))
-    document = {"found": lines, "is_right": status == DONE}
+    document = {"found": lines, "is_right": is_right}
     document |= {"written": list(map(str, wanted)), "next_steps": steps}
     words = [*lines, *(f"{path}: written" for path in wanted), "next:"]
     return Answer("\n".join([*words, *(f"  {each}" for each in steps)]), document, status)
@@ -88,8 +88,12 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
 
 def _drafted(
     request: Request, folder: Path, ask: Ask | None, progress: Progress
-) -> tuple[list[str], int]:
-    """Both files, in a folder where nobody looks for them; what was found, and the status."""
+) -> tuple[list[str], int, bool]:
+    """Both files, in a folder where nobody looks for them.
+
+    Returns:
+        What was found, the status, and whether all is there and the source has answered.
+    """
     said: list[str] = []
     draft, machine = folder / request.out.name, folder / MACHINE
     if request.machine is None and request.source.recording is not None:
@@ -118,13 +122,18 @@ def _drafted(
             mistakes = (each.replace(f"{folder}/", shown) for each in error.mistakes)
             raise ConfigError(*mistakes) from None
         mistakes = (each.replace(f"{folder}/", shown) for each in left_out)
-        return [*said, *(f"left out: {each}; no estimate without it" for each in mistakes)], DONE
+        return (
+            [*said, *(f"left out: {each}; no estimate without it" for each in mistakes)],
+            DONE,
+            False,
+        )
     try:
-        found = check_configuration(draft).words.splitlines()
-        return [*said, *(line.replace(f"{folder}/", shown) for line in found)], DONE
+        checked = check_configuration(draft)
+        found = [line.replace(f"{folder}/", shown) for line in checked.words.splitlines()]
+        return [*said, *found], DONE, not checked.document["not_reachable"]
     except ConfigError as error:
         wrong = [each.replace(f"{folder}/", shown) for each in error.mistakes]
-        return [*said, *(f"not right yet: {each}" for each in wrong)], INTERNAL_FAILURE
+        return [*said, *(f"not right yet: {each}" for each in wrong)], INTERNAL_FAILURE, False
 
 
 def _configuration_text(request: Request, machine: str) -> str:

@@ -1,6 +1,7 @@
 """`init` writes a configuration that is right, or nothing; it never asks where nobody answers."""
 
 import errno
+import json
 import os
 import pty
 import re
@@ -43,6 +44,15 @@ def test_what_is_written_is_right(
     assert "not reachable now" in said
     assert f"edge-service doctor {out}" in said
     assert main(["check-config", str(out)]) == 0
+
+
+@pytest.mark.parametrize("sheet", [SHEET, ()])
+def test_a_device_that_says_nothing_is_not_called_right(
+    sheet: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = f"modbus://127.0.0.1:{free_port()}"
+    assert main(["init", source, *sheet, "--out", str(tmp_path / "edge.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["is_right"] is False
 
 
 def test_a_recording_is_adopted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
