@@ -12,7 +12,7 @@ class Answer:
 
     Attributes:
         words: lines for people.
-        document: a `Document` of the offline room, or a data class of values that JSON knows.
+        document: a model, a data class or a mapping of values that JSON knows.
         status: exit status of the command.
     """
 

@@ -93,15 +93,14 @@ def adopt(
     question open.
     """
     from ..checks.columns.guess import Known
-    from ..offline.adopt import Request
     from ..offline.adopt import adopt as run
     from ..offline.machine_text import stated
 
     sheet = stated(screw, lead, keys)
     lead_m = sheet.get("lead_m")
     known = Known(None if lead_m is None else float(lead_m), torque_constant, period)
-    request = Request(traces, out, axis_number, known, axis, sheet, columns, plot)
-    return run(request, ask_number if at_terminal() else None, progress)
+    given = traces, out, axis_number, known, axis or "", sheet, columns, plot
+    return run(*given, ask_number if at_terminal() else None, progress)
 
 
 @command("doctor deploy/drivers/modbus.toml --duration 30")
@@ -215,12 +214,12 @@ def convert(
     from ..config import load_machine
     from ..offline.convert import convert as convert_trace
     from ..offline.convert import convert_history, is_database
-    from ..offline.recordings import controller_axis
+    from ..recordings.sinumerik.signals import ControllerAxis
 
     if is_database(source):
         return convert_history(source, out, progress)
     model = load_machine(machine)
-    axis = controller_axis(model, axis_number, interpolate_positions=interpolate)
+    axis = ControllerAxis(axis_number or model.axis.number, model.axis.lead_m, interpolate)
     return convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
 
 

@@ -186,8 +186,7 @@ def motion(
         raise BadInputError(f"motion: {file}: {name} takes no file")
     if out is None:
         raise BadInputError(f"motion: {name}: expected --out FILE")
-    written = motion_file.write_motion(name, axis, out, settings, progress)
-    return Answer(written.as_text(), written)
+    return motion_file.write_motion(name, axis, out, settings, progress)
 
 
 @command("gap --machine m.toml trace.csv --json")

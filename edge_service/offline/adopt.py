@@ -1,7 +1,7 @@
 """`edge-service adopt`: propose a machine file from recordings of any kind, with reasons."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -29,7 +29,7 @@ from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 from .examination import examine
-from .machine_text import Ask, Sheet, asked, machine_text
+from .machine_text import Ask, asked, machine_text
 from .raw_columns import RawColumns, read_columns
 from .recordings import Progress, silent
 from .report.page import ESTIMATE, STYLE, write_png
@@ -38,57 +38,50 @@ ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_m
 _DPI, _POINTS = 90, 20_000
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """Wishes and answers of the owner.
+def adopt(
+    files: Sequence[Path],
+    out: Path,
+    axis_number: int | None = None,
+    known: Known | None = None,
+    name: str = "",
+    sheet: Mapping[str, float | str] = {},
+    columns: Sequence[str] = (),
+    picture: Path | None = None,
+    ask: Ask | None = None,
+    progress: Progress = silent,
+) -> Answer:
+    """Write the machine file; returns what was understood.
 
-    Attributes:
+    Args:
         axis_number: the controller's number of the axis, or its place among the axes of the file.
         name: of the axis; as the file spells it, or X, unless given.
         sheet: keys of the machine file that are stated.
         columns: `QUANTITY=COLUMN[:UNIT]`.
-        plot: file for a picture of the channels.
-    """
-
-    files: Sequence[Path]
-    out: Path
-    axis_number: int | None = None
-    known: Known = field(default_factory=Known)
-    name: str | None = None
-    sheet: Sheet = field(default_factory=dict)
-    columns: Sequence[str] = ()
-    plot: Path | None = None
-
-
-def adopt(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
-    """Write the machine file; returns what was understood.
-
-    Args:
+        picture: file for a picture of the channels.
         ask: asks whoever is at the terminal; None if nobody is.
 
     Raises ConfigError, TraceError: one line.
     """
-    out, picture = request.out, request.plot
-    if any(out.resolve() == given.resolve() for given in request.files):
+    if any(out.resolve() == given.resolve() for given in files):
         raise ConfigError(f"--out {out}: would overwrite a recording")
-    progress(f"reading {request.files[0].name}")
-    raw = read_columns(request.files[0], request.columns)
-    axis, number = raw.axis(request.files[0], request.axis_number)
-    understood = _understand(raw, axis, request.known, ask)
-    frames = [_read(path, understood, number, progress) for path in request.files]
+    progress(f"reading {files[0].name}")
+    raw = read_columns(files[0], columns)
+    axis, number = raw.axis(files[0], axis_number)
+    understood = _understand(raw, axis, known or Known(), ask)
+    frames = [_read(path, understood, number, progress) for path in files]
     mechanics = _mechanics(frames, understood)
-    named = request.name or (axis if axis and not axis.isdigit() else "X")
-    sheet = asked(request.sheet, ASKED, ask)
-    names = [path.name for path in request.files]
+    named = name or (axis if axis and not axis.isdigit() else "X")
+    stated = asked(sheet, ASKED, ask)
+    names = [path.name for path in files]
     travel = _travel(frames)
     with replaced_file(out) as file:
-        file.write(machine_text(names, understood, mechanics, named, number, sheet, travel))
+        file.write(machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
-    has_inertia = mechanics is not None or "inertia_kg_m2" in sheet
+    has_inertia = mechanics is not None or "inertia_kg_m2" in stated
     if understood.lead_m is not None and has_inertia:
-        findings = examine(load_machine(out), request.files, progress)
+        findings = examine(load_machine(out), files, progress)
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
-    rated = {"dynamic_load_rating_n", "preload_n"} <= sheet.keys()
+    rated = {"dynamic_load_rating_n", "preload_n"} <= stated.keys()
     able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
     if picture is not None:
         _draw(frames[0], names[0], picture)

@@ -36,12 +36,8 @@ def check_configuration(path: Path) -> Answer:
             continue
         said = f"drag only ({missing} is unknown)" if missing else "preload in %"
         lines.append(f"axis {axis.name}: driver {axis.driver}, machine {axis.machine}, {said}")
-        described: dict[str, str | None] = {
-            "name": axis.name,
-            "driver": axis.driver,
-            "machine": str(axis.machine),
-        }
-        axes.append(described | {"missing_for_percent": missing})
+        named = {"name": axis.name, "driver": axis.driver, "machine": str(axis.machine)}
+        axes.append({**named, "missing_for_percent": missing})
     for name, table in settings.outputs.items():
         try:
             alone = settings.model_copy(update={"axes": (), "outputs": {name: table}})

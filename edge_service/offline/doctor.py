@@ -20,8 +20,9 @@ from ..messages.samples import Quality, SampleFrame, is_bad, is_uncertain
 from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator
+from ..recordings.reader import joined
 from .examination import examine
-from .recordings import Progress, joined, silent
+from .recordings import Progress, silent
 from .report.quantities import against
 
 FEW = 0.01
@@ -87,19 +88,16 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
     doubts, method = sum(each.is_doubtful for each in findings), _method(machine)
     lines.append(f"  {doubts} of {len(findings)} checks raised doubts")
     lines.append(f"  {method} would estimate" if method else "  no method can estimate")
-    found = [_document(each) for each in findings]
+    names = ("name", "verdict", "sentence", "compared", "remedy")
+    found: list[dict[str, Any]] = []
+    for each in findings:
+        members = ("value", "low", "high", "unit") if each.figure is not None else ()
+        figure = {name: getattr(each.figure, name) for name in members} or None
+        if figure is not None:
+            figure["expected"] = each.expected
+        found.append({name: getattr(each, name) for name in names} | {"figure": figure})
     document = {"axis": axis, "source": source, "findings": found, "method": method}
     return Answer("\n".join(lines), document, DOUBTED if doubts else DONE)
-
-
-def _document(found: Finding) -> dict[str, Any]:
-    """One check, with the number in its unit beside what was expected; null where there is none."""
-    figure: dict[str, Any] | None = None
-    if found.figure is not None:
-        figure = {name: getattr(found.figure, name) for name in ("value", "low", "high", "unit")}
-        figure |= {"expected": found.expected}
-    names = ("name", "verdict", "sentence", "figure", "compared", "remedy")
-    return {name: getattr(found, name) for name in names} | {"figure": figure}
 
 
 def _method(machine: Machine) -> str | None:

@@ -8,7 +8,8 @@ from ..checks.finding import Finding
 from ..config import ConfigError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from .recordings import Progress, joined, open_recording, reported, silent
+from ..recordings.reader import joined
+from .recordings import Progress, open_recording, reported, silent
 
 MOST_ROWS = 600_000
 """Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
@@ -34,22 +35,20 @@ def require_sound(
     traces: Sequence[Path],
     strict: Collection[str] = (),
     progress: Progress = silent,
-) -> list[Finding]:
-    """Examine recordings and go on only where an answer can be right; returns the findings.
+) -> None:
+    """Examine recordings, and go on only where an answer can be right.
 
     Args:
         strict: names of checks whose every doubt forbids an answer.
 
     Raises ExaminationError: a mistake of unit, sign or column; the text names the worst.
     """
-    findings = examine(machine, traces, progress)
-    for each in findings:
+    for each in examine(machine, traces, progress):
         if each.forbids or (each.is_doubtful and each.name in strict):
             names = ", ".join(str(path) for path in traces)
             raise ExaminationError(
                 f"{names}: {each.sentence}; {each.remedy} (see `edge-service doctor`)"
             )
-    return findings
 
 
 def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:

@@ -19,9 +19,8 @@ from ..messages.addresses import is_http_url, is_loopback
 from ..messages.answer import AxesAnswer, AxisRow, axis_row
 from ..messages.estimate import EstimateStatus
 from ..messages.event import AxisCondition
-from ..messages.interval import printed, rfc3339
+from ..messages.interval import Frozen, printed, rfc3339
 from ..threads import Threads
-from .document import Document
 
 ANSWER_S = 5.0  # for all answers together
 _STYLES = dict(zip(AxisCondition, ("bold red", "yellow", "dim", "green"), strict=True))
@@ -36,7 +35,7 @@ class FleetRow(AxisRow):
     reason: str = ""  # why there is no answer; empty where there is one
 
 
-class Fleet(Document):
+class Fleet(Frozen):
     """Every axis: the worst condition, and the rows, the worst first."""
 
     condition: AxisCondition | None

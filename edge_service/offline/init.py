@@ -14,7 +14,6 @@ from ..checks.columns.guess import Known
 from ..command_answer import Answer
 from ..config import DEFAULT_CONFIG, ConfigError, load_config, load_machine
 from ..exit_status import DONE, INTERNAL_FAILURE
-from .adopt import Request as Recordings
 from .adopt import adopt
 from .configuration import check_configuration
 from .machine_text import Ask, Sheet, asked, stated_text
@@ -99,10 +98,8 @@ def _drafted(
     if request.machine is None and request.source.recording is not None:
         lead_m = request.sheet.get("lead_m")
         known = Known(None if lead_m is None else float(lead_m))
-        wish = Recordings(
-            (request.source.recording,), machine, None, known, request.axis, request.sheet
-        )
-        lines = adopt(wish, ask, progress).words.splitlines()
+        given = (request.source.recording,), machine, None, known, request.axis, request.sheet
+        lines = adopt(*given, ask=ask, progress=progress).words.splitlines()
         said = [line for line in lines if not line.startswith(str(machine))]
     elif request.machine is None:
         sheet = asked(request.sheet, ASKED, ask)

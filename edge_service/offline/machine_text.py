@@ -103,13 +103,13 @@ def _value(given: str, key: str, text: str) -> float | str:
     return number * factor
 
 
-def asked(sheet: Sheet, keys: Sequence[str], ask: Ask | None) -> Sheet:
+def asked(sheet: Mapping[str, float | str], keys: Sequence[str], ask: Ask | None) -> Sheet:
     """The sheet with what whoever is at the terminal knows; as it is without `ask`."""
-    sheet = dict(sheet)
+    known = dict(sheet)
     for key in keys if ask is not None else ():
-        if key not in sheet and ask is not None and (said := ask(QUESTIONS[key])) is not None:
-            sheet[key] = 1e-3 * said if key == "lead_m" else said
-    return sheet
+        if key not in known and ask is not None and (said := ask(QUESTIONS[key])) is not None:
+            known[key] = 1e-3 * said if key == "lead_m" else said
+    return known
 
 
 def stated_text(name: str, sheet: Sheet) -> str:

@@ -23,7 +23,6 @@ from ..models.motions.registry import (
     motion_limits,
 )
 from ..models.motions.route import samples_of
-from .document import Document
 from .recordings import Progress, silent
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
@@ -33,32 +32,6 @@ SAMPLES_PER_CYCLE = 2.5
 """At least, of the highest frequency in a motion."""
 _CHUNK = 50_000
 _FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
-
-
-class ListedMotion(Document):
-    """A motion on this axis; without a duration it is endless, or refused."""
-
-    name: str
-    duration_s: float | None
-    refused_because: str | None
-    purpose: str
-
-
-class MotionFile(Document):
-    """File of a motion: setpoints at `rate_hz`, or blocks of a program, which has no rate."""
-
-    out: str
-    motion: str
-    duration_s: float
-    rows: int
-    rate_hz: float | None
-    left_out: list[str]
-
-    def as_text(self) -> str:
-        """One line, and one on each part that was left out."""
-        size = "blocks" if self.rate_hz is None else f"setpoints at {self.rate_hz:g} Hz"
-        line = f"{self.out}: {self.motion}, {self.duration_s:.1f} s, {self.rows} {size}"
-        return "\n".join((line, *(f"left out: {each}" for each in self.left_out)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +56,8 @@ def list_motions(machine: Machine) -> Answer:
         except MotionError as error:
             refused, length = str(error), "refused"
             said = f"{said} [{refused}]"
-        listed.append(
-            ListedMotion(
-                name=name,
-                duration_s=duration_s,
-                refused_because=refused,
-                purpose=motion.purpose,
-            )
-        )
+        row = {"name": name, "duration_s": duration_s, "refused_because": refused}
+        listed.append(row | {"purpose": motion.purpose})
         lines.append(f"{name:<13}{length:>8}  {said}")
     return Answer("\n".join(lines), {"motions": listed})
 
@@ -101,7 +68,7 @@ def write_motion(
     out: Path,
     settings: MotionFileSettings | None = None,
     progress: Progress = silent,
-) -> MotionFile:
+) -> Answer:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 
     Raises MotionError: one line; the name, a setting, the axis or the file does not allow it.
@@ -141,14 +108,11 @@ def write_motion(
                 rows = _write_setpoints(file, header, plan, limits.low_m, rate_hz)
     except OSError as error:
         raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
-    return MotionFile(
-        out=str(out),
-        motion=name,
-        duration_s=plan.duration_s,
-        rows=rows,
-        rate_hz=rate_hz,
-        left_out=list(plan.left_out),
-    )
+    size = "blocks" if rate_hz is None else f"setpoints at {rate_hz:g} Hz"
+    line = f"{out}: {name}, {plan.duration_s:.1f} s, {rows} {size}"
+    document = {"out": str(out), "motion": name, "duration_s": plan.duration_s, "rows": rows}
+    document |= {"rate_hz": rate_hz, "left_out": list(plan.left_out)}
+    return Answer("\n".join((line, *(f"left out: {each}" for each in plan.left_out))), document)
 
 
 def _check_rows(name: str, rows: float) -> None:

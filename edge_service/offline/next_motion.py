@@ -21,7 +21,6 @@ from ..models.effects.registry import effect_names, get_effect
 from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
 from .diagnosis.sessions import DiagnosisError, read_runs
-from .document import Document
 from .motion_file import MotionFileSettings, write_motion
 from .recordings import Progress, silent
 
@@ -31,27 +30,6 @@ _NEVER = 1e3
 """Strength, in typical ones, from which an effect counts as never shown."""
 _DOUBTED = 0.9
 Values = Mapping[str, float]
-
-
-class ProposedMotion(Document):
-    """A motion with the evidence to expect of the pair that it separates least.
-
-    `given_s` is the duration to ask for; null where the motion has its own.
-    """
-
-    motion: str
-    duration_s: float
-    given_s: float | None
-    log_evidence: float
-
-    def as_text(self) -> str:
-        """The command that writes it, and how sure its answer would be."""
-        given = f" --duration {self.given_s:g}" if self.given_s else ""
-        odds = f"{math.exp(min(self.log_evidence, math.log(1000.0))):.0f} to 1"
-        return (
-            f"edge-service motion {self.motion}{given}, {self.duration_s:.0f} s, expected evidence "
-            f"{self.log_evidence:.1f} (odds {'over ' if odds == '1000 to 1' else ''}{odds})"
-        )
 
 
 def tied_effects(diagnosis: Path) -> dict[str, Values]:
@@ -100,24 +78,25 @@ def next_motion(
     best = proposals[0]
     worst = min(best.separations, key=lambda each: each.evidence)
     pair = [worst.effect, worst.rival or "a healthy axis"]
-    shown = [
-        ProposedMotion(
-            motion=each.motion,
-            duration_s=each.duration_s,
-            given_s=each.given_s,
-            log_evidence=each.evidence,
+    shown, calls = [], []
+    for each in proposals[: 1 if best.decides else _SHOWN]:
+        proposed = {"motion": each.motion, "duration_s": each.duration_s}
+        shown.append(proposed | {"given_s": each.given_s, "log_evidence": each.evidence})
+        given = f" --duration {each.given_s:g}" if each.given_s else ""
+        odds = f"{math.exp(min(each.evidence, math.log(1000.0))):.0f} to 1"
+        calls.append(
+            f"edge-service motion {each.motion}{given}, {each.duration_s:.0f} s, expected evidence "
+            f"{each.evidence:.1f} (odds {'over ' if odds == '1000 to 1' else ''}{odds})"
         )
-        for each in proposals[: 1 if best.decides else _SHOWN]
-    ]
     undecided = f"none of {LONGEST_S:g} s or less decides between {' and '.join(pair)}; best"
     head = "the shortest that decides" if best.decides else undecided
-    lines = [f"{head}: {shown[0].as_text()}", *(f"  or {each.as_text()}" for each in shown[1:])]
+    lines = [f"{head}: {calls[0]}", *(f"  or {each}" for each in calls[1:])]
     document = {"decides": best.decides, "hardest_pair": pair, "proposals": shown, "file": None}
     if out is not None:
         chosen = replace(settings, duration_s=settings.duration_s or best.given_s)
         written = write_motion(best.motion, machine, out, chosen, progress)
-        document |= {"file": written}
-        lines.append(written.as_text())
+        document |= {"file": written.document}
+        lines.append(written.words)
     return Answer("\n".join(lines), document)
 
 

@@ -99,9 +99,10 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
 def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -> list[ColumnName]:
     said = dict(_parse(text) for text in given)
     there = {each.name for each in names}
+    shown = ", ".join(sorted(map(repr, there))[:12])
     for name in said:
         if name not in there:
-            raise TraceError(f"{path}: --column: no column {name!r}; there are {_listed(there)}")
+            raise TraceError(f"{path}: --column: no column {name!r}; there are {shown}")
     chosen = {quantity for quantity, _ in said.values()}
     result = []
     for each in names:
@@ -127,7 +128,3 @@ def _parse(text: str) -> tuple[str, tuple[Quantity, str]]:
     if unit and not unit_of(unit):
         raise TraceError(f"--column {text!r}: {unit!r} is no unit that is known")
     return name, (QUANTITIES[word], unit_of(unit))
-
-
-def _listed(names: set[str]) -> str:
-    return ", ".join(sorted(repr(name) for name in names)[:12])

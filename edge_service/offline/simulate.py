@@ -20,7 +20,6 @@ from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
 from .commanded_motion import CommandedMotion, commanded_motion, parse_motion
-from .document import Document
 from .recordings import Progress, silent
 
 _BLOCK_S = 10.0
@@ -29,24 +28,6 @@ _NUMBERED = re.compile(r"[0-9]{2,}_.+\.(csv|parquet|mcap)")
 
 class SimulationError(BadInputError):
     """A simulation that cannot be; the text is one line."""
-
-
-class SimulatedRecording(Document):
-    """A recording of the simulated axis."""
-
-    out: str
-    rows: int
-    duration_s: float
-    motion: str
-    preload_percent: float
-    effects: list[str]
-
-    def as_text(self) -> str:
-        """One line."""
-        return (
-            f"{self.out}: {self.rows} rows, {self.duration_s:g} s of {self.motion} at "
-            f"{self.preload_percent:.3g} % preload; effects: {', '.join(self.effects) or 'none'}"
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,15 +128,23 @@ class _Axis:
         self, session: Sequence[CommandedMotion], paths: Sequence[Path], progress: Progress
     ) -> Answer:
         """Run motions one after another and write what the drive reports."""
-        recordings, first = [], 0
+        recordings, lines, first = [], [], 0
+        effects = [each.effect.name for each in self._drive.settings.effects]
+        named = ", ".join(effects) or "none"
         with contextlib.ExitStack() as files:
             writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
             for commanded, writer, path in zip(session, writers, paths, strict=True):
                 self._record(commanded, writer, progress, first)
                 first += commanded.count
-                recordings.append(self._described(commanded, path))
-        words = "\n".join(each.as_text() for each in recordings)
-        return Answer(words, {"recordings": recordings})
+                duration_s = commanded.count / self._settings.rate_hz
+                lines.append(
+                    f"{path}: {commanded.count} rows, {duration_s:g} s of {commanded.name} at "
+                    f"{self._preload_percent:.3g} % preload; effects: {named}"
+                )
+                recording = {"out": str(path), "rows": commanded.count, "duration_s": duration_s}
+                recording |= {"motion": commanded.name, "preload_percent": self._preload_percent}
+                recordings.append(recording | {"effects": effects})
+        return Answer("\n".join(lines), {"recordings": recordings})
 
     def _record(
         self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int
@@ -175,16 +164,6 @@ class _Axis:
             )
             writer.write(frame)
             progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
-
-    def _described(self, commanded: CommandedMotion, out: Path) -> SimulatedRecording:
-        return SimulatedRecording(
-            out=str(out),
-            rows=commanded.count,
-            duration_s=commanded.count / self._settings.rate_hz,
-            motion=commanded.name,
-            preload_percent=self._preload_percent,
-            effects=[each.effect.name for each in self._drive.settings.effects],
-        )
 
 
 def _preload_percent(machine: Machine, wanted: float | None) -> float:

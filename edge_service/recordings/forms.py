@@ -10,19 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from . import matlab, parquet
+from . import parquet
 from .columns import TraceError
+from .matlab import MAGIC as MAT_5
 from .matlab import MatlabSource
 from .parquet import ParquetSource
-from .sinumerik import edge_json, trace
+from .sinumerik import edge_json
 from .sinumerik.edge_json import EdgeJsonSource
 from .sinumerik.signals import ControllerAxis
-from .sinumerik.trace import SinumerikSource
+from .sinumerik.trace import ROOT, SinumerikSource
 from .sinumerik.tuning import is_tuning
 from .source import BYTE_ORDER_MARK, Source
 from .text import TextSource
 
-HEAD_BYTES = 1 << 16
+HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
 _ARCHIVE, _CSV = "unpack it first", "export it as CSV"
 _PARQUET, _UTF_16 = "write it as Parquet or CSV", "UTF-16 text: save it as UTF-8"
 _MAGIC: dict[bytes, str] = {
@@ -123,9 +124,9 @@ def foreign(head: bytes) -> str | None:
 
 FORMS = (
     Form("JSON of Industrial Edge", edge_json.recognises, lambda p, f, _: EdgeJsonSource(p, f)),
-    Form("MATLAB 5", matlab.recognises, lambda p, f, _: MatlabSource(p, f)),
+    Form("MATLAB 5", lambda head, _: head.startswith(MAT_5), lambda p, f, _: MatlabSource(p, f)),
     Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
-    Form("SINUMERIK trace XML", trace.recognises, SinumerikSource),
+    Form("SINUMERIK trace XML", lambda head, _: TRACE in head, SinumerikSource),
     Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: TextSource(p, f)),
 )
 """In the order of asking."""

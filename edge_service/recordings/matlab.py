@@ -199,8 +199,3 @@ def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, N
             names = texts
             break
     return {each: value[:, column] for column, each in enumerate(names)}
-
-
-def recognises(head: bytes, _path: Path) -> bool:
-    """MATLAB 5 by the text that begins such a file."""
-    return head.startswith(MAGIC)

@@ -1,9 +1,8 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -132,12 +131,7 @@ class TraceReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _values(self, channel: str, block: Block) -> Floats:
@@ -271,12 +265,16 @@ def read_trace(
             if reader.rows_read > MOST_ROWS:
                 raise TraceError(f"{path}: more than {MOST_ROWS} rows; cut the recording")
             frames.append(frame)
-        time_s = np.concatenate([frame.time_s for frame in frames])
-        channels = {
-            name: np.concatenate([frame.channels[name] for frame in frames])
-            for name in reader.channels
-        }
-        return SampleFrame(time_s, channels)
+        return joined(frames)
+
+
+def joined(frames: Sequence[SampleFrame]) -> SampleFrame:
+    """Frames that follow one another as one; quality is left out."""
+    channels = {
+        name: np.concatenate([frame.channels[name] for frame in frames])
+        for name in frames[0].channels
+    }
+    return SampleFrame(np.concatenate([frame.time_s for frame in frames]), channels)
 
 
 def _unreadable(path: Path, error: OSError) -> TraceError:

@@ -4,7 +4,6 @@ import contextlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import numpy as np
@@ -19,7 +18,6 @@ CSV_SUFFIX, MCAP_SUFFIX = ".csv", ".mcap"
 TOPIC = "axis/samples"
 SCHEMA_NAME = "edge_service.Sample"
 _NS_PER_S = 1_000_000_000
-_SEQUENCE_NUMBERS = 1 << 32
 
 
 class TraceWriter:
@@ -77,12 +75,7 @@ class TraceWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
             self._abort()
             return
@@ -186,7 +179,7 @@ class McapSink:
                 log_time_ns,
                 json.dumps(row).encode(),
                 publish_time=log_time_ns,
-                sequence=self._rows % _SEQUENCE_NUMBERS,
+                sequence=self._rows,
             )
             self._rows += 1
 

@@ -13,7 +13,7 @@ import pytest
 
 from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
-from edge_service.offline.adopt import Request, adopt
+from edge_service.offline.adopt import adopt
 from edge_service.offline.recordings import read_recording
 from edge_service.recordings.columns import TraceError
 
@@ -145,7 +145,7 @@ def test_a_machine_file_reads_the_disguised_recording_as_what_it_was(
 ) -> None:
     disguise, known = DISGUISES[name]
     path, out = write(tmp_path / "r.csv", disguise()), tmp_path / "machine.toml"
-    adopt(Request([path], out, known=known))
+    adopt([path], out, known=known)
     machine = load_machine(out)
     assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=2e-3)
     frame = read_recording(machine, path)
@@ -166,7 +166,7 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
         "i_A": t["torque_command_nm"],
     }
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    text = adopt(Request([path], out)).words
+    text = adopt([path], out).words
     assert "--lead" in text and "--torque-constant" in text
     document = tomllib.loads(out.read_text("utf-8"))
     assert "lead_m" not in document["axis"] and "torque_command_nm" not in document["columns"]
@@ -185,7 +185,7 @@ def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> No
         asked.append(question.words.split()[0])
         return answers[asked[-1]]
 
-    adopt(Request([path], out), ask)
+    adopt([path], out, ask=ask)
     assert sorted(asked) == sorted(answers)
     machine = load_machine(out)
     assert machine.model.table_mass_kg is not None and machine.model.table_mass_kg.value == 23.5
@@ -212,7 +212,7 @@ def test_a_table_made_of_the_motors_angle_is_no_second_encoder(form: str, tmp_pa
     columns["Motorwinkel [°]"] = ROUNDED[form](columns["Motorwinkel [°]"])
     columns["Tisch Lage [mm]"] = made
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    assert "no second encoder" in adopt(Request([path], out)).words
+    assert "no second encoder" in adopt([path], out).words
     machine = load_machine(out)
     assert "table_position_m" not in machine.columns
     assert machine.axis.lead_m == pytest.approx(DIAGNOSIS.lead_m, rel=1e-3)
@@ -223,7 +223,7 @@ def test_a_wild_value_does_not_hide_what_was_computed(tmp_path: Path) -> None:
     columns["Tisch Lage [mm]"] = np.round(columns["Motorwinkel [°]"] / 360.0 * LEAD_MM, 4)
     columns["Tisch Lage [mm]"][4000] = 1e6
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    adopt(Request([path], out))
+    adopt([path], out)
     assert "table_position_m" not in load_machine(out).columns
 
 
@@ -233,7 +233,7 @@ def test_a_linear_encoder_is_kept_in_whatever_digits(form: str, tmp_path: Path) 
     for name in ("Motorwinkel [°]", "Tisch Lage [mm]"):
         columns[name] = ROUNDED[form](columns[name])
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    adopt(Request([path], out))
+    adopt([path], out)
     assert "table_position_m" in load_machine(out).columns
 
 
@@ -246,7 +246,7 @@ def test_a_current_without_a_sign_gets_that_of_the_direction(tmp_path: Path) -> 
         "supply_current_A": np.abs(t["torque_command_nm"]),
     }
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
-    text = adopt(Request([path], out, known=Known(DIAGNOSIS.lead_m, 1.0))).words
+    text = adopt([path], out, known=Known(DIAGNOSIS.lead_m, 1.0)).words
     assert "has no sign" in text
     machine = load_machine(out)
     torque = read_recording(machine, path).channels["torque_command_nm"]
@@ -259,8 +259,8 @@ def test_several_axes_are_refused_with_their_list(tmp_path: Path) -> None:
     columns = industrial_edge() | {"ENC1_POS|5": truth()["time_s"][::2]}
     path = write(tmp_path / "r.csv", columns)
     with pytest.raises(TraceError, match=r"axes there are: 3, 5; .*--axis-number"):
-        adopt(Request([path], tmp_path / "m.toml"))
-    adopt(Request([path], tmp_path / "m.toml", axis_number=3, known=Known(DIAGNOSIS.lead_m)))
+        adopt([path], tmp_path / "m.toml")
+    adopt([path], tmp_path / "m.toml", axis_number=3, known=Known(DIAGNOSIS.lead_m))
     assert load_machine(tmp_path / "m.toml").axis.number == 3
 
 
@@ -269,4 +269,4 @@ def test_a_clock_that_starts_anew_is_said_aloud(tmp_path: Path) -> None:
     time_ms = columns["Zeit [ms]"]
     columns["Zeit [ms]"] = np.where(time_ms < 6000.0, time_ms, time_ms - 6000.0)
     path = write(tmp_path / "r.csv", columns)
-    assert "starts anew 1 times" in adopt(Request([path], tmp_path / "m.toml")).words
+    assert "starts anew 1 times" in adopt([path], tmp_path / "m.toml").words

@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.checks.columns.guess import Known
 from edge_service.config import load_machine
-from edge_service.offline.adopt import Request, adopt
+from edge_service.offline.adopt import adopt
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="no recordings beside the checkout")
@@ -25,7 +25,7 @@ def columns_of(path: Path) -> dict[str, dict[str, object]]:
 @pytest.mark.parametrize("name", ["normal", "lackLubrication1", "backlash1"])
 def test_cranfield_reads_as_its_makers_describe_it(name: str, tmp_path: Path) -> None:
     out = tmp_path / "m.toml"
-    text = adopt(Request([DATA / "cranfield" / f"{name}.csv"], out, known=Known(0.005, 1.0))).words
+    text = adopt([DATA / "cranfield" / f"{name}.csv"], out, known=Known(0.005, 1.0)).words
     assert "has no sign" in text and "starts anew" in text and "inertia: no" in text
     found = columns_of(out)
     assert found["table_position_m"] == {
@@ -42,7 +42,7 @@ def test_a_lack_of_lubrication_is_more_friction_and_backlash_is_not(tmp_path: Pa
     drag = {}
     for name in ("normal", "lackLubrication1", "backlash1"):
         out = tmp_path / f"{name}.toml"
-        adopt(Request([DATA / "cranfield" / f"{name}.csv"], out, known=Known(0.005, 1.0)))
+        adopt([DATA / "cranfield" / f"{name}.csv"], out, known=Known(0.005, 1.0))
         quantity = load_machine(out).model.preload_drag_nm
         assert quantity is not None
         drag[name] = quantity.value
@@ -53,7 +53,7 @@ def test_a_lack_of_lubrication_is_more_friction_and_backlash_is_not(tmp_path: Pa
 def test_emps_gives_its_published_mass_and_friction(tmp_path: Path) -> None:
     out, ratio = tmp_path / "m.toml", 0.0025 / (2.0 * math.pi)
     known = Known(0.0025, 35.15065 * ratio)
-    adopt(Request([DATA / "emps" / "emps_estimation.csv"], out, known=known))
+    adopt([DATA / "emps" / "emps_estimation.csv"], out, known=known)
     model = load_machine(out).model
     assert model.preload_drag_nm is not None
     assert model.inertia_kg_m2.value / ratio**2 == pytest.approx(95.1089, rel=0.02)
@@ -64,7 +64,7 @@ def test_emps_gives_its_published_mass_and_friction(tmp_path: Path) -> None:
 def test_dmc_60_h_gives_the_inertia_of_a_plain_regression(number: int, tmp_path: Path) -> None:
     """Against torque over the second difference of the motor's encoder, by hand."""
     path, out, lead_m = DATA / "kit_dmc60h" / "excerpt.csv", tmp_path / "m.toml", 0.016
-    adopt(Request([path], out, axis_number=number, known=Known(lead_m)))
+    adopt([path], out, axis_number=number, known=Known(lead_m))
     machine = load_machine(out)
     assert machine.axis.number == number
     with path.open() as file:
@@ -87,7 +87,7 @@ def test_the_mills_rows_are_a_tenth_of_a_second_apart(tmp_path: Path) -> None:
     path = DATA / "smart_cnc_mill" / "experiment_06.csv"
     for number, name in ((1, "X1"), (2, "Y1")):
         out = tmp_path / f"{name}.toml"
-        adopt(Request([path], out, axis_number=number, known=Known(0.01, 0.06)))
+        adopt([path], out, axis_number=number, known=Known(0.01, 0.06))
         found = columns_of(out)
         assert found["time_s"] == {"column": "#row", "scale": 0.1}
         assert found["table_position_m"] == {"column": f"{name}_ActualPosition", "scale": 0.001}

@@ -40,7 +40,7 @@ def test_setpoints_are_those_of_the_motion_to_its_very_end(
     tmp_path: Path, machine: Machine, rate_hz: float
 ) -> None:
     out = tmp_path / "setpoints.csv"
-    line = write_motion("friction", machine, out, MotionFileSettings(rate_hz=rate_hz)).as_text()
+    line = write_motion("friction", machine, out, MotionFileSettings(rate_hz=rate_hz)).words
     _, rows = rows_of(out)
     limits = motion_limits(machine)
     source = Setpoints(MOTIONS["friction"](limits, np.random.default_rng(0)), 0.04, rate_hz)
@@ -81,7 +81,7 @@ def test_what_is_left_out_is_named_in_the_file_and_in_the_answer(
 ) -> None:
     out = tmp_path / "setpoints.csv"
     slow = changed(machine, max_speed_rad_s=200.0)
-    answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).as_text()
+    answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).words
     line = "left out: friction, 3000 rpm over 1 rev: speed: asks for 1 m/s, the axis allows 0.6366"
     assert line in answer
     assert line in "\n".join(rows_of(out)[0])

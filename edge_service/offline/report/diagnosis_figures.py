@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...diagnose.result import ChannelGap, Diagnosis, ReplayedSeries, Verdict, WaterfallStep
 from ...diagnose.session.session import Session
-from .page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
+from .page import ESTIMATE, MUTED, TRUTH, as_svg
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
 LABELS = {
@@ -30,16 +29,8 @@ _PAUSE_S = 0.05
 _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
 
 
-def draw_waterfalls(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
-    """Channel -> SVG: from the model as it is down to the floor."""
-    with mpl.rc_context(STYLE):
-        return {
-            name: _waterfall(name, found.gap[name], found.waterfall.get(name, ()))
-            for name in channels
-        }
-
-
-def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[WaterfallStep]) -> str:
+def draw_waterfall(channel: str, gap: ChannelGap, steps: Sequence[WaterfallStep]) -> str:
+    """SVG: from the model as it is down to the floor."""
     label, factor = SHOWN[channel]
     names, levels = ["model as it is"], [gap.before]
     for step in steps:
@@ -56,13 +47,8 @@ def _waterfall(channel: str, gap: ChannelGap, steps: Sequence[WaterfallStep]) ->
     return _svg(figure, axes, "waterfall")
 
 
-def draw_replays(found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
-    """Channel -> SVG: the seconds with most of the gap, measured and simulated."""
-    with mpl.rc_context(STYLE):
-        return {name: _replay(name, found.series.replayed[name]) for name in channels}
-
-
-def _replay(channel: str, gap: ReplayedSeries) -> str:
+def draw_replay(channel: str, gap: ReplayedSeries) -> str:
+    """SVG: the seconds with most of the gap, measured and simulated."""
     label, factor = SHOWN[channel]
     window = _most_telling(gap)
     time_s = gap.time_s[window]
@@ -89,13 +75,8 @@ def _most_telling(gap: ReplayedSeries) -> slice:
     return slice(start, int(ends[start]))
 
 
-def draw_gaps(session: Session, found: Diagnosis, channels: Sequence[str]) -> dict[str, str]:
-    """Channel -> SVG: the gap before and after over time and over where it lives."""
-    with mpl.rc_context(STYLE):
-        return {name: _gap(name, session, found) for name in channels}
-
-
-def _gap(channel: str, session: Session, found: Diagnosis) -> str:
+def draw_gap(channel: str, session: Session, found: Diagnosis) -> str:
+    """SVG: the gap before and after over time and over where it lives."""
     rows, left = session.channels[channel], found.series.left[channel]
     best = next((p.variable for p in found.where if p.channel == channel), "motor_speed_rad_s")
     best = "motor_speed_rad_s" if best in ("time_s", "direction") else best

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 
+import matplotlib as mpl
+
 from ...diagnose.result import Diagnosis, NamedEffect, Place, Shrink, Verdict
 from ...diagnose.session.session import Session
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
-from .diagnosis_figures import LABELS, draw_gaps, draw_replays, draw_waterfalls
-from .page import rendered
+from .diagnosis_figures import LABELS, draw_gap, draw_replay, draw_waterfall
+from .page import STYLE, rendered
 from .quantities import amount, interval, percent, words
 
 VERDICTS = {
@@ -41,6 +43,16 @@ def render(
     by_reason: dict[str, list[str]] = {}
     for name, reason in found.not_judged_reasons.items():
         by_reason.setdefault(reason, []).append(name)
+    with mpl.rc_context(STYLE):
+        waterfalls = {
+            name: draw_waterfall(name, found.gap[name], found.waterfall.get(name, ()))
+            for name in (telling if accepted else ())
+        }
+        replays = {
+            name: draw_replay(name, found.series.replayed[name])
+            for name in (shown if accepted else ())
+        }
+        gaps = {name: draw_gap(name, session, found) for name in telling if session is not None}
     filters: dict[str, Callable[..., object]] = {
         "shown": interval,
         "percent": percent,
@@ -64,9 +76,9 @@ def render(
         named=sorted(found.effects, key=_weight) if accepted else found.effects[:1],
         shown=shown,
         accepted=accepted,
-        waterfalls=draw_waterfalls(found, telling if accepted else ()),
-        replays=draw_replays(found, shown if accepted else ()),
-        gaps={} if session is None else draw_gaps(session, found, telling),
+        waterfalls=waterfalls,
+        replays=replays,
+        gaps=gaps,
         channels=CHANNELS,
         labels=LABELS,
         floors=FLOORS,
