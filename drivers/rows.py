@@ -132,9 +132,4 @@ class Pace:
 
 def piece(frame: SampleFrame, start: int, end: int | None = None) -> SampleFrame:
     """Rows [start, end) of a frame."""
-    part = slice(start, end)
-    return SampleFrame(
-        frame.time_s[part],
-        {name: values[part] for name, values in frame.channels.items()},
-        {name: codes[part] for name, codes in frame.quality.items() if codes[part].any()},
-    )
+    return frame.part(slice(start, end))

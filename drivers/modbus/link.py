@@ -27,11 +27,9 @@ _REQUESTS = {
 
 
 class WrongReplyError(Exception):
-    """Bytes that are no reply to the request; the text says why."""
+    """Bytes that are no reply to the request, or an exception of the device; the text says why."""
 
-
-class RefusedError(Exception):
-    """An exception of the device; the text is its code."""
+    quality = Quality.MALFORMED
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +94,9 @@ class ModbusLink:
             async with asyncio.timeout(self._timeout_s):
                 words = await self._ask(request)
             kept = True
-        except RefusedError as error:
-            quality, problem, kept = Quality.DEVICE_EXCEPTION, f"exception {error}", True
         except WrongReplyError as error:
-            quality, problem = Quality.MALFORMED, str(error)
+            quality, problem = error.quality, str(error)
+            kept = quality is Quality.DEVICE_EXCEPTION
         except (OSError, EOFError) as error:
             quality, problem = Quality.NO_REPLY, "no reply"
             if isinstance(error, TimeoutError) and self._received:
@@ -116,7 +113,7 @@ class ModbusLink:
             stream[1].transport.abort()
 
     async def _ask(self, request: ReadRequest) -> tuple[int, ...]:
-        """The registers. Raises WrongReplyError, RefusedError, OSError and EOFError."""
+        """The registers. Raises WrongReplyError, OSError and EOFError."""
         if self._stream is None:
             raise EOFError
         reader, writer = self._stream
@@ -149,7 +146,9 @@ class ModbusLink:
         ):
             raise WrongReplyError(f"a reply that does not fit its request: {frame.hex(' ')}")
         if isinstance(reply, ExceptionResponse):
-            raise RefusedError(reply.exception_code)
+            refusal = WrongReplyError(f"exception {reply.exception_code}")
+            refusal.quality = Quality.DEVICE_EXCEPTION
+            raise refusal
         if len(reply.registers) != request.count:
             raise WrongReplyError(f"{len(reply.registers)} registers in place of {request.count}")
         return tuple(reply.registers)

@@ -15,7 +15,7 @@ from ..recordings.conditioning import (
     white_noise_rms,
 )
 from ..regression.interval_estimate import IntervalEstimate, undetermined
-from ..regression.linear import LinearFit, least_squares
+from ..regression.linear import least_squares
 
 CUTOFF_HZ = 50.0
 ORDER = 4
@@ -78,21 +78,16 @@ def regress_channel(
     design, wanted = design[::step], wanted[::step]
     names = ("factor", "lag", "direction", "stretch")[: design.shape[1]]
     fit = least_squares(names, design, wanted)
-    return ChannelRegression(fit.interval_estimate("factor", ""), _lag(fit))
+    factor, slope = fit.interval_estimate("factor", ""), fit.interval_estimate("lag", "s")
+    if not factor.determined or factor.holds(0.0):
+        return ChannelRegression(factor, undetermined("s", "the factor itself is not determined"))
+    return ChannelRegression(factor, slope.scaled(-1.0 / factor.value, "s"))
 
 
 def _moves(values: Floats) -> bool:
     """Motion beyond the noise: noise in a regressor would pull the factor to 0."""
     motion = float(np.std(values)) if np.ptp(values) > 0.0 else 0.0
     return motion > LEAST_MOTION * white_noise_rms(values)
-
-
-def _lag(fit: LinearFit) -> IntervalEstimate:
-    """Lag from the coefficient of the next derivative, - factor * lag."""
-    factor, slope = fit.interval_estimate("factor", ""), fit.interval_estimate("lag", "s")
-    if not factor.determined or factor.holds(0.0):
-        return undetermined("s", "the factor itself is not determined")
-    return slope.scaled(-1.0 / factor.value, "s")
 
 
 def _rows(

@@ -171,15 +171,10 @@ def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) 
     if not found.forbids:
         return found
     long = [frame for frame in recordings if np.ptp(frame.time_s) > 2.0 * SLACK_S]
-    first = [_rows(frame, slice(0, len(frame) // 2)) for frame in long]
-    second = [_rows(frame, slice(len(frame) // 2, None)) for frame in long]
+    first = [frame.part(slice(0, len(frame) // 2)) for frame in long]
+    second = [frame.part(slice(len(frame) // 2, None)) for frame in long]
     halves = [_judged(check, machine, half) for half in (first, second) if half]
     return replace(found, forbids=all(each.verdict is not Verdict.FITS for each in halves))
-
-
-def _rows(frame: SampleFrame, rows: slice) -> SampleFrame:
-    channels = {name: values[rows] for name, values in frame.channels.items()}
-    return SampleFrame(frame.time_s[rows], channels)
 
 
 def _judged(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:

@@ -83,7 +83,8 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
         raise ValueError(f"less than {LEAST_S:g} s")
     there = [name for name in CHANNELS if any(name in frame.channels for frame in recordings)]
     empty = [name for name in there if not _values(recordings, name).size]
-    still = [name for name in there if _stands(_values(recordings, name))]
+    spans = {name: np.ptp(_values(recordings, name)) for name in there if name not in empty}
+    still = [name for name, span in spans.items() if span == 0.0]
     moving = [name for name in (ANGLE, TABLE_POSITION, SETPOINT) if name in {*there} - {*still}]
     measured = [name for name in _STUCK if name in there]
     if measured and set(measured) <= {*still, *empty}:
@@ -148,7 +149,3 @@ def _range(recordings: Sequence[SampleFrame], channel: str) -> tuple[float, floa
     if known.size == 0:
         raise ValueError(f"{channel} in {CHANNELS[channel].unit} has no value")
     return float(known.min()), float(known.max())
-
-
-def _stands(values: Floats) -> bool:
-    return bool(values.size) and bool(np.ptp(values) == 0.0)

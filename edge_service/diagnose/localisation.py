@@ -202,7 +202,9 @@ def raised_intervals(level: Floats, weight: Floats) -> list[tuple[int, int]]:
     if first is None:
         return [(0, len(level))]
     found, open_ = [first], [(0, first[0]), (first[1], len(level))]
-    rest = _outside(level, weight, first)
+    kept = np.ones(len(level), dtype=bool)
+    kept[slice(*first)] = False
+    rest = float(level[kept] @ weight[kept]) / max(float(weight[kept].sum()), 1e-300)
     least = rest + _AS_RAISED * (_mean(level, weight, first) - rest)
     while open_ and len(found) < _MOST_INTERVALS:
         low, high = open_.pop(0)
@@ -234,12 +236,6 @@ def _raised(level: Floats, weight: Floats, low: int, high: int) -> tuple[int, in
 def _mean(level: Floats, weight: Floats, span: tuple[int, int]) -> float:
     inside = slice(*span)
     return float(level[inside] @ weight[inside]) / max(float(weight[inside].sum()), 1e-300)
-
-
-def _outside(level: Floats, weight: Floats, span: tuple[int, int]) -> float:
-    kept = np.ones(len(level), dtype=bool)
-    kept[slice(*span)] = False
-    return float(level[kept] @ weight[kept]) / max(float(weight[kept].sum()), 1e-300)
 
 
 def _merged(found: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition, Event
 from ..messages.health import Advice, AlarmKind, AxisHealth, Task
-from ..messages.trend import Crossing, Trend, TrendStatus
+from ..messages.trend import TrendStatus
 from .headline import REASONS, as_of_now, headline, is_in_doubt
 
 LIKELY_GREASE = 0.9
@@ -50,13 +50,15 @@ _PASSED = {AxisCondition.WARNING: ("warning",), AxisCondition.FAULT: ("warning",
 def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice, ...]:
     """Tasks of an axis, the most urgent first; empty if there is nothing to do."""
     tasks = list(dict.fromkeys(_tasks(health, estimate)))
+    crossings = () if health.trend is None else health.trend.crossings
+    due = next((each for each in crossings if each.limit == "fault" and each.earliest_ns), None)
     greases = (Task.REGREASE,) if Task.REGREASE in tasks else ()
     return tuple(
         Advice(
             task=task,
             text=TEXTS[task],
             now=task is not Task.PLAN_NUT,
-            due=_due(health.trend) if task is Task.PLAN_NUT else None,
+            due=due if task is Task.PLAN_NUT else None,
             together_with=greases if task in (Task.REPLACE_NUT, Task.PLAN_NUT) else (),
         )
         for task in tasks
@@ -105,11 +107,6 @@ def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
 
 def _status(estimate: PreloadEstimate | None) -> EstimateStatus | None:
     return None if estimate is None else estimate.status
-
-
-def _due(trend: Trend | None) -> Crossing | None:
-    crossings = () if trend is None else trend.crossings
-    return next((each for each in crossings if each.limit == "fault" and each.earliest_ns), None)
 
 
 def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:

@@ -161,7 +161,10 @@ class AxisAlarms:
         key = (report.component, report.axis)
         before = self._down.get(key)
         if is_down(report):
-            self._down[key] = _down_words(report)
+            part, reason = report.component, report.reason.rstrip(".")  # its own words
+            words = {"component": part.capitalize(), "reason": reason}
+            part = part.removesuffix("_process")
+            self._down[key] = told(Code.PART_DOWN, words, component=part)
         elif report.status is not ComponentStatus.STARTING:
             self._down.pop(key, None)
         return (before is None) is (key in self._down)
@@ -323,9 +326,3 @@ def _drop_words(fall: PreloadFall) -> Statement:
 def _changed_words(channel: str) -> Statement:
     words = {"watched": CHANNEL_WORDS.get(channel, channel)}
     return told(Code.AXIS_CHANGED, words, watched=channel)
-
-
-def _down_words(report: ComponentHealth) -> Statement:
-    """A part that does not work; its own words for the reason are in English alone."""
-    words = {"component": report.component.capitalize(), "reason": report.reason.rstrip(".")}
-    return told(Code.PART_DOWN, words, component=report.component.removesuffix("_process"))

@@ -22,7 +22,7 @@ from .alarm_latch import LatchSnapshot
 from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition import ConditionMonitor
-from .consistency import ConsistencyWatch, Disagreement, LearnedChannel
+from .consistency import ConsistencyWatch, LearnedChannel
 from .inputs import NS_PER_S, moved
 from .limits import AlarmSettings
 from .wear.friction import FrictionClasses, FrictionWatch
@@ -127,8 +127,14 @@ class AxisMonitor:
         self._use.add(block)
         self._friction.add(block)
         self._heard = (header.source_time_ns, block.time_s)
-        change = self._consistency.add(block)
-        noted = () if change is None else self._note_change(change, now_ns)
+        noted: tuple[Event, ...] = ()
+        if (change := self._consistency.add(block)) is not None:
+            if change.disagrees:
+                self._recording = None
+                ago_ns = round(NS_PER_S * max(block.time_s - change.since_s, 0.0))
+                self._since_ns = max(header.source_time_ns - ago_ns, 0)
+            event = consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns)
+            noted = (event, *self._look_at_alarms(now_ns))
         return (*self._condition.on_feature(header, block, now_ns), *noted)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
@@ -302,15 +308,6 @@ class AxisMonitor:
         half_width = 0.5 * (high - low)
         self._series.add(now_ns / NS_PER_S, percent, half_width, self._use.distance_m)
         return events
-
-    def _note_change(self, change: Disagreement, now_ns: int) -> tuple[Event, ...]:
-        if change.disagrees:
-            self._recording = None
-            heard_ns, heard_s = self._heard
-            ago_ns = round(NS_PER_S * max(heard_s - change.since_s, 0.0))
-            self._since_ns = max(heard_ns - ago_ns, 0)
-        event = consistency_changed(self.axis, change, self._since_ns or now_ns, now_ns)
-        return (event, *self._look_at_alarms(now_ns))
 
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
         return self._alarms.tick(self._judged(now_ns), self._trend, now_ns)

@@ -34,8 +34,12 @@ class AxisState:
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why nothing current can be said; empty if it can."""
-        reasons = (self._missing_preload(now_ns), self._missing_health(now_ns))
-        return tuple(reason for reason in reasons if reason is not None)
+        heard, health = self.health_input, None
+        if heard.header is None:
+            health = "no_health: the condition was not heard yet"
+        elif heard.is_stale(now_ns):
+            health = f"stale_health: condition not renewed for more than {heard.stale_after_s:g} s"
+        return tuple(filter(None, (self._missing_preload(now_ns), health)))
 
     def readable(self, now_ns: int) -> PreloadEstimate:
         """The estimate without what must not be read now."""
@@ -100,11 +104,3 @@ class AxisState:
         if heard.header is None:
             return "no_input: no preload estimate heard yet"
         return f"stale_input: no new preload estimate for more than {heard.stale_after_s:g} s"
-
-    def _missing_health(self, now_ns: int) -> str | None:
-        heard = self.health_input
-        if heard.header is None:
-            return "no_health: the condition was not heard yet"
-        if heard.is_stale(now_ns):
-            return f"stale_health: condition not renewed for more than {heard.stale_after_s:g} s"
-        return None

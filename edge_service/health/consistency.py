@@ -102,11 +102,8 @@ class ChannelModel:
     """Model of one channel, the stretch that is being collected, and what stretches were like."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._followed, self._unfollowed_count = (
-            name,
-            _FOLLOWED[name],
-            _UNFOLLOWED[name],
-        )
+        self._name = name
+        self._followed, self._unfollowed_count = _FOLLOWED[name], _UNFOLLOWED[name]
         self.square = 0.0
         self.gram: Floats = np.zeros((0, 0))
         self.cross: Floats = np.zeros(0)

@@ -1,7 +1,7 @@
 """Access: who asks, by a token, and whether they may."""
 
 import base64
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -26,10 +26,6 @@ class Caller(Frozen):
     name: str | None = Field(description="Null where no token is needed.")
     role: Role
     origin: str
-
-
-NoteChange = Callable[[Caller, str], None]
-"""Takes note of a change: by whom, and its method and path."""
 
 
 class Authenticator:

@@ -93,8 +93,11 @@ class Guard:
         if name_of(host).strip("[]") != own_address and name_of(host) not in self._hosts:
             words = f"this service is not configured for the host name {host!r} (http.url)"
             return HTTPStatus.BAD_REQUEST, words
-        if scope["method"] not in SAFE_METHODS and not _same_origin(headers, host):
-            words = f"a page of {headers.get('origin')!r} may not send this request"
+        origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
+        is_own = origin is None or origin.partition("://")[2] == host
+        is_own = is_own and site in ("none", "same-origin")
+        if scope["method"] not in SAFE_METHODS and not is_own:
+            words = f"a page of {origin!r} may not send this request"
             return HTTPStatus.FORBIDDEN, words
         if int(headers.get("content-length", "0")) > most:
             return HTTPStatus.REQUEST_ENTITY_TOO_LARGE, _too_long(most)
@@ -105,14 +108,6 @@ def name_of(host: str) -> str:
     """Name in a Host header, in small letters and without its port."""
     name, colon, port = host.rpartition(":")
     return (name if colon and port.isdigit() else host).lower()
-
-
-def _same_origin(headers: Headers, host: str) -> bool:
-    """A request from our own page, or from no page at all."""
-    origin = headers.get("origin")
-    site = headers.get("sec-fetch-site", "none")
-    own = origin is None or origin.partition("://")[2] == host
-    return own and site in ("none", "same-origin")
 
 
 def _too_long(most: int) -> str:

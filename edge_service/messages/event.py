@@ -120,11 +120,6 @@ def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: 
     return Statement(code=code.name.lower(), text=text, values=sent)
 
 
-def _whole_ms(time_ns: int) -> int:
-    """The time as readers of JSON get it, so that an event that comes back is the same."""
-    return time_ns // 1_000_000 * 1_000_000
-
-
 class Event(Statement):
     """One event of one axis (or of the service, with an empty axis).
 
@@ -139,7 +134,7 @@ class Event(Statement):
     axis: str
     kind: Kind
     level: AxisCondition
-    time_ns: Annotated[TimeNs, AfterValidator(_whole_ms)] = Field(alias="at")
+    time_ns: Annotated[TimeNs, AfterValidator(lambda ns: ns - ns % 1_000_000)] = Field(alias="at")
     data: dict[str, str | float | int | None] = {}
     who: str = Field("", max_length=100)
     origin: str = Field("", max_length=200)

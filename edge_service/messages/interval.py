@@ -10,7 +10,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     PlainSerializer,
-    SerializationInfo,
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
@@ -80,16 +79,14 @@ def _to_ns(value: object) -> object:
     return round(parse_moment(value) * 1000.0) * 1_000_000 if isinstance(value, str) else value
 
 
-def _to_text(time_ns: int, info: SerializationInfo) -> int | str:
-    return time_ns if info.context == EXACT else rfc3339(time_ns)
-
-
 EXACT = "exact"
 """Context of `model_dump_json` that keeps times to the ns, as integers: for what is stored."""
 TimeNs = Annotated[
     int,
     BeforeValidator(_to_ns),
-    PlainSerializer(_to_text, when_used="json"),
+    PlainSerializer(
+        lambda ns, info: ns if info.context == EXACT else rfc3339(ns), when_used="json"
+    ),
     WithJsonSchema(
         {"type": "string", "format": "date-time", "examples": ["2026-01-31T12:00:00.000Z"]}
     ),

@@ -188,11 +188,10 @@ class SampleFrame:
     def __len__(self) -> int:
         return int(self.time_s.shape[0])
 
-    def until(self, end_s: float) -> "SampleFrame":
-        """The samples before `end_s` on the axis' clock."""
-        keep = self.time_s < end_s
+    def part(self, rows: slice | Booleans | Integers) -> "SampleFrame":
+        """Some of the samples, without waveforms; quality where some is not good."""
         return SampleFrame(
-            self.time_s[keep],
-            {name: values[keep] for name, values in self.channels.items()},
-            {name: codes[keep] for name, codes in self.quality.items()},
+            self.time_s[rows],
+            {name: values[rows] for name, values in self.channels.items()},
+            {name: codes[rows] for name, codes in self.quality.items() if codes[rows].any()},
         )

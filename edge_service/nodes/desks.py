@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from ..atomic import PRIVATE, replaced_file
 from ..clock import now_ns
@@ -19,6 +19,7 @@ from ..health.store.outbox import Counts, Outbox
 from ..health.store.store import StoreFailedError
 from ..http_api.problems import RefusedError
 from ..http_api.routes.config import AxisConfiguration
+from ..messages.codec import T
 from ..messages.keys import check_part
 from ..messages.topics import FEAT, PRELOAD
 from ..models.machine import Machine
@@ -202,7 +203,6 @@ def _line_of(axis: AxisConfig) -> str:
     return "".join(f":{number}" for number in islice(found, 1))
 
 
-T = TypeVar("T")
 _READS = {"http": PRELOAD.name, "estimate": FEAT.name}
 """Topic whose payloads a component counts."""
 Action = Literal["test", "requeue", "drop"]

@@ -56,11 +56,8 @@ class Estimators:
         part.is_broken = lambda: bool(axis.problem)
         part.counters = lambda: {"resets": axis.resets}
         self.parts[name], self.axes[name] = part, axis
-        self._identities[name] = self._identity(name)
+        self._identities[name] = identity_of(self._context.machines[name], config)
         return part
-
-    def _identity(self, axis: str) -> str:
-        return identity_of(self._context.machines[axis], self._context.config.estimator)
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
@@ -106,7 +103,7 @@ class Estimators:
 
     def renew(self, axis: str) -> None:
         """Begin an axis anew, unless its estimate rests on what it rested on before."""
-        identity = self._identity(axis)
+        identity = identity_of(self._context.machines[axis], self._context.config.estimator)
         if identity != self._identities[axis]:
             self._identities[axis] = identity
             self.forget(axis)

@@ -118,8 +118,7 @@ class Monitors:
             try:
                 axis, _, command = COMMAND.decode(question)
             except CodecError:
-                reply(None)
-                return
+                axis = ""
             if axis not in self.axes or key != keys.key(axis, OUTCOME):
                 reply(None)
                 return

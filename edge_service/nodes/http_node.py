@@ -5,7 +5,6 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 
 from ..clock import CLOCK, now_ns
@@ -54,14 +53,6 @@ OWN_EVENTS = ("component_changed", "estimator_reset")
 """Kinds of events that components tell of themselves."""
 
 
-async def run(context: NodeContext) -> None:
-    """Serve the API and the page until cancelled.
-
-    Raises AddressError and ConfigError before anything is served.
-    """
-    await HttpNode(context).run()
-
-
 class HttpNode:
     """State of the service, fed from the bus, and what the page asks of it. Raises ConfigError."""
 
@@ -108,7 +99,10 @@ class HttpNode:
         context.renewals.append(self._renew)
 
     async def run(self) -> None:
-        """Serve until cancelled."""
+        """Serve the API and the page until cancelled.
+
+        Raises AddressError before anything is served.
+        """
         context, component, state = self._context, self._component, self.state
         preloads, samples = context.subscribe(PRELOAD), context.subscribe(RAW, depth=1024)
         component.readings = lambda: {"live_readers": float(len(state.readers))}
@@ -137,6 +131,10 @@ class HttpNode:
             self._recorder.follow(axis, frame)
             samples.rest(axis, SAMPLES_PERIOD_S)
 
+        def move(step_ns: int) -> None:
+            state.move(step_ns)
+            self.take(clock_changed(step_ns, now_ns()))
+
         try:
             async with component.running():
                 component.start(self._serve())
@@ -152,7 +150,7 @@ class HttpNode:
                 component.start(context.dispatcher.watch(self.take))
                 component.start(self._recorder.run())
                 self._answer_history()
-                with CLOCK.telling(self._move):
+                with CLOCK.telling(move):
                     await context.forever()
         finally:
             await self._jobs.close()
@@ -188,6 +186,11 @@ class HttpNode:
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
         desk, outputs = AxisDesk(self._context), self._outputs
+
+        def read_stroke(axis: str, preload: PreloadAnswer) -> Stroke | None:
+            profile = stroke_profile(self._context.machines[axis])
+            return None if profile is None else profile.told(preload)
+
         app = create_app(
             state,
             now_ns,
@@ -201,7 +204,7 @@ class HttpNode:
             authenticator=self._authenticator,
             note_change=self._note_change,
             configurations=AxisConfigurations(desk.read, desk.put, desk.remove),
-            read_stroke=partial(_stroke, self._context),
+            read_stroke=read_stroke,
         )
 
         def bound(host: str, port: int) -> None:
@@ -270,10 +273,6 @@ class HttpNode:
         with suppress(StoreFailedError):  # the watch of the store tells of it
             await self._context.store.run(self.state.history.flush, now_ns() / 1e9)
 
-    def _move(self, step_ns: int) -> None:
-        self.state.move(step_ns)
-        self.take(clock_changed(step_ns, now_ns()))
-
     def _answer_history(self) -> None:
         """Answer `.../{axis}/history?from=..;to=..;step=..` as HTTP does; its errors too."""
         root, at_work = self._context.config.keys.root, set[asyncio.Task[None]]()
@@ -292,8 +291,3 @@ class HttpNode:
             task.add_done_callback(at_work.discard)
 
         self._context.bus.answer(f"{root}/*/history", answer)
-
-
-def _stroke(context: NodeContext, axis: str, preload: PreloadAnswer) -> Stroke | None:
-    profile = stroke_profile(context.machines[axis])
-    return None if profile is None else profile.told(preload)

@@ -152,12 +152,11 @@ class OutputNode:
         self._sent_s = time.monotonic()
         self.sent = 0
         component.problems = lambda: list(self._problems.values())
-        component.readings = self._readings
+        component.readings = lambda: (
+            output.readings
+            | ({"age_s": time.monotonic() - self._sent_s} if output.takes_answers else {})
+        )
         component.counters = lambda: {"sent": self.sent}
-
-    def _readings(self) -> dict[str, float]:
-        age = {"age_s": time.monotonic() - self._sent_s} if self._output.takes_answers else {}
-        return self._output.readings | age
 
     async def send(self, who: str, message: Message, retry: Retry) -> bool:
         """Hand a message over; False, after a pause, if the other side is away.

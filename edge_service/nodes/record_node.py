@@ -68,7 +68,7 @@ async def record_axis(
         rows, begun_s, told = 0, float(frame.time_s[0]), 0
         end_s = math.inf if duration_s is None else begun_s + duration_s
         with TraceWriter(out, tuple(frame.channels)) as writer:
-            while frame is not None and len(frame := frame.until(end_s)):
+            while frame is not None and len(frame := frame.part(frame.time_s < end_s)):
                 writer.write(frame)
                 rows += len(frame)
                 tenths = 10.0 * (frame.time_s[-1] - begun_s) / (end_s - begun_s)

@@ -35,7 +35,7 @@ _RUNS: dict[str, Callable[[NodeContext], Coroutine[Any, Any, None]]] = {
     "downsample": downsample_node.run,
     "estimate": estimate_node.run,
     "health": health_node.run,
-    "http": http_node.run,
+    "http": lambda context: http_node.HttpNode(context).run(),
 }
 
 
@@ -164,7 +164,9 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
             process.to(ComponentStatus.OK)
             process.repeat(CLOCK_PERIOD_S, CLOCK.follow)
             process.start(_watch_loop())
-            process.start(_feed_watchdog(context, process.name))
+            key = context.config.keys.component(process.name, None, STATUS)
+            reports = context.bus.subscribe(key, STATUS, keys=(key,))
+            process.follow(reports, lambda *_: notify_systemd("WATCHDOG=1"))
             process.start(context.dispatcher.run(process.bears))
             for each in names:
                 if each in _RUNS:
@@ -253,13 +255,6 @@ async def _watch_loop() -> None:
         if held_s > HELD_UP_S:
             log.warning("The service was held up for %.1f s; is the computer overloaded?", held_s)
             await asyncio.sleep(TOLD_AGAIN_S)
-
-
-async def _feed_watchdog(context: NodeContext, component: str) -> None:
-    """Feed systemd's watchdog with each report of the process that comes back over the bus."""
-    key = context.config.keys.component(component, None, STATUS)
-    async for _ in context.bus.subscribe(key, STATUS, keys=(key,)):
-        notify_systemd("WATCHDOG=1")
 
 
 def notify_systemd(line: str) -> None:

@@ -119,12 +119,12 @@ def uniform_runs(
                 last_s = buffer[-1].time_s[-1]
                 unbroken = -CLOCK_RESET_S <= piece.time_s[0] - last_s <= LARGEST_HOLE * period_s
                 if unbroken and buffer[-1].channels.keys() == piece.channels.keys():
-                    fresh = _rows(piece, np.flatnonzero(piece.time_s > last_s))
+                    fresh = piece.part(np.flatnonzero(piece.time_s > last_s))
                 else:
                     yield from _finished(buffer, period_s, required)
                     buffer, held = [], 0
             for start in range(0, len(fresh), MAX_ROWS):
-                part = _rows(fresh, slice(start, start + MAX_ROWS))
+                part = fresh.part(slice(start, start + MAX_ROWS))
                 if held + len(part) > MAX_ROWS:
                     yield from _finished(buffer, period_s, required)
                     buffer, held = [], 0
@@ -147,23 +147,17 @@ def _clean(frame: SampleFrame, required: Sequence[str], optional: Sequence[str])
         if name in required:
             keep &= known
         channels[name] = np.where(known, frame.channels[name], np.nan)
-    return _rows(SampleFrame(frame.time_s, channels), keep)
+    return SampleFrame(frame.time_s, channels).part(keep)
 
 
 def _pieces(frame: SampleFrame, period_s: float) -> Iterator[SampleFrame]:
     """Split at gaps and at new clocks; within a piece the time strictly increases."""
     for part in clock_parts(frame.time_s):
         newer = ~(part.repeated | part.backwards)
-        clock = _rows(frame, part.rows.start + np.flatnonzero(newer))
+        clock = frame.part(part.rows.start + np.flatnonzero(newer))
         gaps = np.flatnonzero(np.diff(clock.time_s) > LARGEST_HOLE * period_s) + 1
         for edge in itertools.pairwise([0, *gaps.tolist(), len(clock)]):
-            yield _rows(clock, slice(*edge))
-
-
-def _rows(frame: SampleFrame, index: slice | np.ndarray) -> SampleFrame:
-    return SampleFrame(
-        frame.time_s[index], {name: values[index] for name, values in frame.channels.items()}
-    )
+            yield clock.part(slice(*edge))
 
 
 def _finished(

@@ -63,5 +63,5 @@ def test_quality_of_a_channel_that_is_not_there_is_refused() -> None:
 
 
 def test_cutting_a_frame_cuts_its_quality() -> None:
-    cut = FRAME.until(0.15)
+    cut = FRAME.part(FRAME.time_s < 0.15)
     np.testing.assert_array_equal(cut.quality[TORQUE], CODES[:2])

@@ -81,7 +81,11 @@ class Motion:
     def find(self) -> None:
         """Find position channels, their units, the lead, and the speeds."""
         motor = self._best(Quantity.MOTOR_POSITION)
-        table = self._best(Quantity.TABLE_POSITION) or self._plain_position(motor)
+        table = self._best(Quantity.TABLE_POSITION)
+        plain = self._best(Quantity.POSITION)  # on which side of the screw, its name does not say
+        if table is None and plain is not None:
+            link = None if motor is None else self._link(plain.name, motor.name)
+            table = plain if motor is None or (link and link.correlation > SURE) else None
         setpoint = self._best_setpoint(table or motor)
         if table is not None:
             self._table(table, setpoint)
@@ -165,14 +169,6 @@ class Motion:
         self._columns[channel] = ColumnMap(column.name, SI[unit][0])
         words = f"{column.name!r} in {unit} ({why})"
         self._found.say(channel, words, assumed=why.startswith("assumed"))
-
-    def _plain_position(self, motor: ColumnName | None) -> ColumnName | None:
-        """A position whose name does not say on which side of the screw it is measured."""
-        plain = self._best(Quantity.POSITION)
-        if plain is None or motor is None:
-            return plain
-        link = self._link(plain.name, motor.name)
-        return plain if link and link.correlation > SURE else None
 
     def _best_setpoint(self, position: ColumnName | None) -> ColumnName | None:
         moving = self._moving(Quantity.SETPOINT)

@@ -162,8 +162,13 @@ def unit_of(text: str) -> str:
 
 def column_names(names: Sequence[str]) -> list[ColumnName]:
     """Meaning of every name of a file, in its order."""
-    controller = _controller_names(names)
-    axes = _axes(names)
+    controller, axes = _controller_names(names), dict[str, str]()
+    for name in names:
+        match = _PREFIX_AXIS.search(name) or _SUFFIX_AXIS.search(_BRACKET.sub("", name))
+        if match:
+            axes[name] = match[1]
+    often = Counter(axes.values())  # a letter that only one name has is none
+    axes = {name: axis for name, axis in axes.items() if often[axis] > 1}
     return [controller.get(name) or _plain_name(name, axes.get(name, "")) for name in names]
 
 
@@ -177,17 +182,6 @@ def _controller_names(names: Sequence[str]) -> dict[str, ColumnName]:
             quantity, rank = _CONTROLLER.get(signal.short, (Quantity.OTHER, 0))
             found[name] = ColumnName(name, quantity, signal.unit or "", str(signal.axis), rank)
     return found
-
-
-def _axes(names: Sequence[str]) -> dict[str, str]:
-    """Axis of each name that spells one; a letter that only one name has is none."""
-    found = {}
-    for name in names:
-        match = _PREFIX_AXIS.search(name) or _SUFFIX_AXIS.search(_BRACKET.sub("", name))
-        if match:
-            found[name] = match[1]
-    often = Counter(found.values())
-    return {name: axis for name, axis in found.items() if often[axis] > 1}
 
 
 def _plain_name(name: str, axis: str) -> ColumnName:

@@ -47,7 +47,8 @@ def _found(
         clocks[0] if clocks else next(filter(lambda name: is_clock(values[name]), open_names), "")
     )
     found = {} if clocks or not clock else {clock: Quantity.TIME}
-    rest = [name for name in open_names if name != clock and not _jumps(values[name])]
+    rest = [name for name in open_names if name != clock]
+    rest = [name for name in rest if np.mean(np.diff(values[name]) == 0.0) <= _STEPS]
     time_s = values[clock] if clock else np.arange(len(values[open_names[0]]), dtype=np.float64)
     windows = whole_windows(time_s)
     pair = _position_and_speed(rest, values, time_s, windows)
@@ -102,28 +103,19 @@ def _later(position: str, names: list[str], values: Mapping[str, Floats], window
     latest = position
     for name in names:
         link = proportion(changes(values[name], windows), changes(values[position], windows))
-        alike = link is not None and link.correlation > 0.8 and 0.5 < link.factor < 2.0
-        if alike and _comes_after(values[name], values[latest]):
+        if link is None or link.correlation <= 0.8 or not 0.5 < link.factor < 2.0:
+            continue
+        late = lags(values[name], values[latest])
+        own, other = (np.mean(np.diff(values[each]) == 0.0) for each in (name, latest))
+        if late > 0.0 or (late == 0.0 and own < other):  # by samples, or with noise of its own
             latest = name
     return latest
-
-
-def _comes_after(one: Floats, other: Floats) -> bool:
-    """Position that follows the other: by samples, or with more noise of its own."""
-    late = lags(one, other)
-    if late:
-        return late > 0.0
-    return float(np.mean(np.diff(one) == 0.0)) < float(np.mean(np.diff(other) == 0.0))
 
 
 def _same_ends(values: Floats, position: Floats) -> bool:
     one, other = _known(values), _known(position)
     apart = max(abs(one.min() - other.min()), abs(one.max() - other.max()))
     return bool(apart < _ENDS * np.ptp(other))
-
-
-def _jumps(values: Floats) -> bool:
-    return bool(np.mean(np.diff(values) == 0.0) > _STEPS)
 
 
 def _setpoint(

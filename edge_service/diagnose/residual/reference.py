@@ -117,7 +117,12 @@ def healthy_machine(
         group = np.concatenate([np.full(len(rows.gap), k) for k, rows in enumerate(parts)])
         if len(parts) == 1:
             group = mine[0].fold[channel]
-        rows = _joined(parts)
+        names = set.intersection(*(set(rows.variables) for rows in parts))
+        variables = {name: np.concatenate([r.variables[name] for r in parts]) for name in names}
+        gap, block = (
+            np.concatenate([getattr(rows, name) for rows in parts]) for name in ("gap", "block")
+        )
+        rows = Rows(gap, variables, block)
         followed[channel], floor[channel] = _learned(rows, channel, group, runs)
     return Reference(followed, floor)
 
@@ -151,10 +156,3 @@ def _followed(rows: Rows, channel: str, ridge: float, runs: Sequence[Run]) -> _F
     )
     gram = with_ridge(columns.T @ columns, ridge * len(columns))
     return _Followed(forms, np.linalg.solve(gram, columns.T @ rows.gap).astype(np.float64))
-
-
-def _joined(parts: Sequence[Rows]) -> Rows:
-    names = set.intersection(*(set(rows.variables) for rows in parts))
-    variables = {name: np.concatenate([rows.variables[name] for rows in parts]) for name in names}
-    gap = np.concatenate([rows.gap for rows in parts])
-    return Rows(gap, variables, np.concatenate([rows.block for rows in parts]))

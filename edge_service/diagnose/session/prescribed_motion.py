@@ -116,7 +116,11 @@ class PrescribedMotionAxis:
         loads = [each.over_time(motion.time_s, motion.temperature_c) for each in variants]
         way = self._way(motion, speed, loads, number)
         offset_m = float(np.median(motion.position_m - travel))
-        plants = [_placed(each.plant, offset_m) for each in variants]
+        plants = []  # whose positions count as the table's, ahead of the travel
+        for plant in (each.plant for each in variants):
+            low_m = plant.tables.position_low_m - offset_m
+            tables = plant.tables._replace(position_low_m=low_m)
+            plants.append(plant._replace(torque_lag_s=0.0, tables=tables))
         first = float(travel[0]), float(way.speed_m_s[0]), float(way.loads.strain[0])
         state = following_state(plants[number[0]], *first, float(motion.approach[0]))
         out = np.empty((len(motion), 2))
@@ -164,12 +168,6 @@ def _command(
     cut_off = np.sign(motion.torque_nm) * np.maximum(beyond, 0.0)
     found: Floats = command + np.nan_to_num(cut_off)
     return found
-
-
-def _placed(plant: Plant, offset_m: float) -> Plant:
-    """Plant whose positions count as the table's, which is `offset_m` ahead of the travel."""
-    low_m = plant.tables.position_low_m - offset_m
-    return plant._replace(torque_lag_s=0.0, tables=plant.tables._replace(position_low_m=low_m))
 
 
 def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:

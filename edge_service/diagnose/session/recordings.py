@@ -143,7 +143,9 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     clipped = np.zeros(len(motion), dtype=np.bool_)
     if TORQUE in raw:
         limit_nm = baseline.torque_limit_nm
-        clipped = _clipped(raw[TORQUE][inside], motion.model_torque_nm, limit_nm, low_pass_of)
+        clipped = np.abs(raw[TORQUE][inside]) >= _AT_LIMIT * limit_nm
+        clipped &= np.abs(motion.model_torque_nm) > limit_nm
+        clipped = ndimage.binary_dilation(clipped, np.ones(len(low_pass_of.taps), np.bool_))
     stretch = None
     if TABLE_POSITION in raw:
         stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]
@@ -160,14 +162,6 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         low_pass=low_pass_of,
         noise=noise,
     )
-
-
-def _clipped(torque_nm: Floats, model_nm: Floats, limit_nm: float, low_pass_of: Filter) -> Booleans:
-    """Samples whose comparison a reading at the limit reaches, (n,)."""
-    at_limit = np.abs(torque_nm) >= _AT_LIMIT * limit_nm
-    at_limit &= np.abs(model_nm) > limit_nm
-    reach: Booleans = ndimage.binary_dilation(at_limit, np.ones(len(low_pass_of.taps), np.bool_))
-    return reach
 
 
 def _slow_noise_rms(values: Floats) -> float:

@@ -228,7 +228,9 @@ class Assessment:
             sure = min((confidence[each] for each in shown), default=1.0)
             shrink = validation.shrink(name, channel)
             if name == FORCE:
-                high = max(shrink.high, _shrink_by_pulses(posterior))
+                gap = posterior.problem.session.channels[TORQUE_GAP].gap
+                left = float(np.sum((gap - posterior.force_nm) ** 2)) / float(np.sum(gap**2))
+                high = max(shrink.high, 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0)
                 shrink = shrink.model_copy(update={"high": high})
             effects.append(
                 NamedEffect(
@@ -296,10 +298,3 @@ def assess_causes(posterior: Posterior) -> Assessment:
             named = named - {idle}
         else:
             posterior, named = calmer, calmer.best.material - {UNKNOWN}
-
-
-def _shrink_by_pulses(posterior: Posterior) -> float:
-    """Shrink of the torque's gap by the forces as they were; 0 where they are the lesser part."""
-    gap = posterior.problem.session.channels[TORQUE_GAP].gap
-    left = float(np.sum((gap - posterior.force_nm) ** 2)) / float(np.sum(gap**2))
-    return 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0

@@ -12,13 +12,10 @@ from pydantic import BeforeValidator, ConfigDict, Field
 from ...messages.interval import Frozen
 from ..context import AxisDep, parameter_error, part
 
-
-def _parsed(value: object) -> object:
-    """Content of TOML text. Raises ValueError."""
-    return tomllib.loads(value) if isinstance(value, str) else value
-
-
-TomlTable = Annotated[dict[str, Any], BeforeValidator(_parsed)]
+TomlTable = Annotated[
+    dict[str, Any],
+    BeforeValidator(lambda sent: tomllib.loads(sent) if isinstance(sent, str) else sent),
+]
 """An object, or the same as TOML text."""
 
 

@@ -21,7 +21,7 @@ def write_recording(path: Path, duration_s: float) -> None:
         with TraceWriter(path, tuple(CHANNELS)) as writer:
             async with aclosing(_frames(duration_s, _RECORDED_FRAME_S)) as frames:
                 async for frame in frames:
-                    writer.write(frame.until(duration_s))
+                    writer.write(frame.part(frame.time_s < duration_s))
 
     asyncio.run(record())
 
