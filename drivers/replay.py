@@ -72,8 +72,12 @@ class ReplayDriver:
     @property
     def counters(self) -> dict[str, int]:
         """Rows read, faults met and restarts of a loop, since the driver was made."""
-        reader = self._rows.reader
-        return dict(self._finished) if reader is None else _total(self._finished, reader)
+        total, reader = self._finished.copy(), self._rows.reader
+        if reader is not None:
+            total["rows"] += reader.rows_read
+            total["bad_cells"] += sum(reader.bad_cells.values())
+            total["ragged_rows"] += reader.ragged_rows
+        return total
 
     async def open(self) -> None:
         """Open the trace and check its columns; raises DriverMisconfiguredError."""
@@ -119,8 +123,7 @@ class ReplayDriver:
 
     async def close(self) -> None:
         """Close the trace, once a read that is under way has ended; safe twice."""
-        if self._rows.reader is not None:
-            self._finished = _total(self._finished, self._rows.reader)
+        self._finished = self.counters
         await self._rows.close()
 
     async def _cut_frames(self) -> AsyncGenerator[SampleFrame, None]:
@@ -152,11 +155,3 @@ class ReplayDriver:
             await self.close()
             self._finished["restarts"] += 1
             await self.open()
-
-
-def _total(finished: dict[str, int], reader: TraceReader) -> dict[str, int]:
-    return finished | {
-        "rows": finished["rows"] + reader.rows_read,
-        "bad_cells": finished["bad_cells"] + sum(reader.bad_cells.values()),
-        "ragged_rows": finished["ragged_rows"] + reader.ragged_rows,
-    }

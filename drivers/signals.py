@@ -120,3 +120,13 @@ class Scaling:
     def raw(self, value: float) -> float:
         """Raw value that a device would report for a value in SI units."""
         return (value - self.offset) / self.factor
+
+
+def scalings(signals: Sequence[SignalConfig], machine: Machine, key: str) -> dict[str, Scaling]:
+    """Those of the signals that become channels, in the channels' order. Raises as `of`."""
+    at = {signal.channel: number for number, signal in enumerate(signals)}
+    return {
+        name: Scaling.of(signals[at[name]], machine, f"{key}[{at[name]}]")
+        for name in CHANNELS
+        if name in at
+    }

@@ -149,14 +149,12 @@ class _SimulatedAxis:
 
 def _wear(config: SimulatedConfig, machine: Machine) -> Wear:
     """The scenario with the start and end that are stated."""
-    scenario = SCENARIOS[config.scenario]
-    start, end = scenario.start_percent, scenario.end_percent
-    if config.scenario == "healthy":
-        start = end = machine.fresh_preload_percent or start
-        if config.start_percent is not None:
-            end = config.start_percent
-    start = start if config.start_percent is None else config.start_percent
-    end = end if config.end_percent is None else config.end_percent
+    scenario, is_healthy = SCENARIOS[config.scenario], config.scenario == "healthy"
+    start, end = config.start_percent, config.end_percent
+    if start is None:
+        start = (is_healthy and machine.fresh_preload_percent) or scenario.start_percent
+    if end is None:
+        end = start if is_healthy else scenario.end_percent
     return scenario._replace(start_percent=start, end_percent=end)
 
 

@@ -14,6 +14,8 @@ from edge_service.cli.entry import cli, main
 from edge_service.cli.twin import benchmarks
 from edge_service.exit_status import BAD_INPUT, DONE, BadInputError
 
+from .test_cli_drivers import modbus
+
 COMMANDS = sorted(cli.commands)
 
 
@@ -38,6 +40,8 @@ FILES = {
     "effect.toml": MACHINE + '[[effects]]\nname = "nosuch"\n',
     "mm.toml": MACHINE.replace("0.02", "20.0"),
     "no.toml": "x = = 1",
+    "edge.toml": modbus(),
+    "unit.toml": modbus(more=', unit = "mm"'),
 }
 AXIS = '[[axes]]\nname = "X"\n'
 STORE, BOTH = "[store]\nfolder = 'state'\n", "certificate = 'a.toml'\nprivate_key = 'a.toml'"
@@ -58,6 +62,14 @@ CASES = (
     ("fingerprnt", "no command 'fingerprnt'; did you mean 'fingerprint'?"),
     ("check-config nowhere.toml", "no such file"),
     ("check-config no.toml", "is not valid TOML"),
+    ("stub profibus edge.toml", "no stub 'profibus'; there are modbus, "),
+    ("stub modbus edge.toml --axis Q", "no axis 'Q' with driver = 'modbus'"),
+    ("stub modbus edge.toml --fault fire", "--fault: no fault 'fire'; expected one of none, delay"),
+    ("stub modbus unit.toml", "unit: 'mm' is no unit of torque_command_nm"),
+    ("doctor", "Missing argument 'SOURCE...'"),
+    ("doctor edge.toml a.csv", "a.csv: expected one configuration, or recordings"),
+    ("doctor no.csv", "no such file"),
+    ("doctor edge.toml --axis Q", "--axis: no axis 'Q'; there are X"),
 )
 """Words of a call, and what it complains of."""
 CONFIGURATIONS = (
@@ -125,20 +137,26 @@ def test_a_mistake_in_a_configuration_names_its_place(
     assert words != "check-config" or ".toml: " in said
 
 
-def test_a_port_in_use_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        status = main(["run", "--port", str(port), "--bus", "tcp/127.0.0.1:0"])
-        assert status == 2
-        said = capsys.readouterr().err
-        assert f"127.0.0.1:{port} is in use" in said
-        assert "--port" in said
-        assert main(["run", "--port", "0", "--bus", f"tcp/127.0.0.1:{port}"]) == 2
-        said = capsys.readouterr().err
-        assert f"tcp/127.0.0.1:{port} is in use" in said
-        assert "--bus" in said
+        for call, told, option in (
+            (f"run --port {port} --bus tcp/127.0.0.1:0", f"127.0.0.1:{port} is in use", "--port"),
+            (
+                f"run --port 0 --bus tcp/127.0.0.1:{port}",
+                f"tcp/127.0.0.1:{port} is in use",
+                "--bus",
+            ),
+            ("stub modbus " + write(tmp_path, "edge.toml", modbus(port)), "is in use", "--port"),
+        ):
+            assert main(call.split()) == 2
+            said = capsys.readouterr().err
+            assert told in said
+            assert option in said
 
 
 def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> None:

@@ -6,11 +6,11 @@ from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edge_service.messages.samples import CHANNELS, Quality, SampleFrame
+from edge_service.messages.samples import Quality, SampleFrame
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..rows import FRAME_S, QualityCounts, RowBlock, Values
-from ..signals import Scaling
+from ..signals import scalings
 from .link import ModbusLink, Reply
 from .registers import ModbusConfig, ReadRequest, RegisterConfig, decode_number, plan_requests
 
@@ -58,12 +58,8 @@ class ModbusDriver:
 
     def __init__(self, config: ModbusConfig, context: DriverContext) -> None:
         self._config = config
-        self._scalings = {
-            register.channel: Scaling.of(register, context.machine, f"registers[{number}]")
-            for number, register in enumerate(config.registers)
-            if register.channel is not None
-        }
-        self._channels = tuple(name for name in CHANNELS if name in self._scalings)
+        self._scalings = scalings(config.registers, context.machine, "registers")
+        self._channels = tuple(self._scalings)
         self._link: ModbusLink | None = None
         self._beats: dict[int, tuple[float, float]] = {}  # address -> value, since when
         self._qualities = QualityCounts()

@@ -10,7 +10,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from ..base import DriverMisconfiguredError
-from ..signals import Scaling
+from ..signals import scalings
 from ..stub import Fault, FaultKind, Following, StubAxis
 from .registers import ModbusConfig, Order, Table, encode_number
 
@@ -33,12 +33,8 @@ class ModbusStub:
         self._server: ModbusTcpServer | None = None
         self._released = asyncio.Event()
         self._scalings = {
-            (axis.name, register.address, register.table): Scaling.of(
-                register, axis.context.machine, "registers"
-            )
+            axis.name: scalings(axis.config.registers, axis.context.machine, "registers")
             for axis in axes
-            for register in axis.config.registers
-            if register.channel is not None
         }
 
     async def start(self) -> str:
@@ -103,8 +99,9 @@ class ModbusStub:
                 word_order = register.word_order or config.word_order
                 if self.fault.kind is FaultKind.WORD_ORDER:
                     word_order = _OPPOSITE[word_order]
-                scaling = self._scalings.get((axis.name, register.address, register.table))
-                latest = axis.latest.get(register.channel or "")
+                channel = register.channel or ""
+                scaling = self._scalings[axis.name].get(channel)
+                latest = axis.latest.get(channel)
                 if scaling is None:
                     value = axis.samples % 30_000 if register.equals is None else register.equals
                 elif latest is not None:

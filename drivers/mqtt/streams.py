@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.samples import CHANNELS, TIME, Booleans, Floats, Quality, SampleFrame
+from edge_service.messages.samples import TIME, Booleans, Floats, Quality, SampleFrame
 from edge_service.models.machine import Machine
 from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
 from edge_service.recordings.reader import read_source
@@ -33,7 +33,7 @@ from edge_service.recordings.source import Block, Source
 
 from ..base import DriverMisconfiguredError, DriverUnavailableError
 from ..rows import RowBlock, Values
-from ..signals import Scaling
+from ..signals import scalings
 from .link import MqttSourceConfig
 
 LARGEST_COUNT = 2.0**53
@@ -300,19 +300,12 @@ class MappedStream:
         self, config: MqttSourceConfig, machine: Machine, clock: Callable[[], float] = time.time
     ) -> None:
         self._config, self._clock = config, clock
-        self._scalings = {
-            signal.channel: Scaling.of(signal, machine, f"signals[{at}]")
-            for at, signal in enumerate(config.signals)
-        }
+        self._scalings = scalings(config.signals, machine, "signals")
         self._members = {signal.channel: signal.member for signal in config.signals}
-        self.channels = tuple(name for name in CHANNELS if name in self._scalings)
+        self.channels = tuple(self._scalings)
         self._order = Order()
+        self.counters = self._order.counts
         self.readings: dict[str, float] = {}
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """Samples that came again or late, and how often the source's clock was set back."""
-        return self._order.counts
 
     def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
         """Frames of a message. Raises MessageError."""

@@ -1,7 +1,6 @@
 """Where the service listens, and the live stream over a real socket."""
 
 import asyncio
-import socket
 from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ import httpx
 import pytest
 
 from edge_service.health.store import events
-from edge_service.http_api.serve import AddressError, PortInUseError, bind, serve
+from edge_service.http_api.serve import AddressError, bind
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
 from .test_limits import served
@@ -185,13 +184,6 @@ async def test_readers_of_one_address_are_bounded_unless_it_is_loopback(scene):
         assert scene.app.state.readers_of[address] == MOST_READERS_OF_ONE
 
 
-async def test_port_in_use_is_named(scene):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(PortInUseError, match=rf"127\.0\.0\.1:{port} is in use"):
-            await serve(scene.app, "127.0.0.1", port)
-
-
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "10.0.0.1"])
 def test_only_loopback_addresses_are_allowed(host):
     with pytest.raises(AddressError, match="only loopback addresses are served without TLS"):
@@ -205,19 +197,8 @@ def test_addresses_that_make_no_sense_are_refused(host, port):
 
 
 async def test_cancelled_service_frees_its_port(scene):
-    bound = asyncio.get_running_loop().create_future()
-    task = asyncio.create_task(
-        serve(
-            scene.app,
-            "127.0.0.1",
-            0,
-            on_bound=lambda _host, port: bound.set_result(port),
-        )
-    )
-    port = await bound
-    task.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await task
+    async with served(scene) as port:
+        pass
     bind("127.0.0.1", port).close()
 
 
