@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from edge_service.messages.samples import Quality, SampleFrame
+from edge_service.recordings.reader import joined
 
 FRAME_S = 0.1
 """Axis time of a frame."""
@@ -86,13 +87,7 @@ class FrameCutter:
 
     def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
         """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
-        rows = block
-        if self._rest is not None:
-            channels = {
-                name: np.concatenate([values, block.channels[name]])
-                for name, values in self._rest.channels.items()
-            }
-            rows = SampleFrame(np.concatenate([self._rest.time_s, block.time_s]), channels)
+        rows = block if self._rest is None else joined([self._rest, block])
         with np.errstate(over="ignore", invalid="ignore"):
             number = np.floor((rows.time_s - LOOK_AHEAD_S) / self._frame_s)
         edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]

@@ -1,5 +1,6 @@
 """The `edge-service` command: gathers the commands, turns mistakes into one line."""
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from .. import __version__
 from ..exit_status import BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED, BadInputError
 from .connect import adopt, convert, doctor, init, record, replay, stub
 from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
-from .options import FLAG, error_document
+from .options import FLAG
 from .service import backup, check_config, fleet, node, restore, run, token
 from .twin import bench, reproduce, simulate
 
@@ -143,5 +144,5 @@ def _complain(*lines: str, status: int, as_json: bool) -> int:
     for line in lines:
         click.echo(f"edge-service: {line}", err=True)
     if as_json:
-        click.echo(error_document("\n".join(lines), status))
+        click.echo(json.dumps({"error": {"detail": "\n".join(lines), "exit_status": status}}))
     return status

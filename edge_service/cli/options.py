@@ -1,6 +1,5 @@
 """Commands made of functions: parameters say by annotation how they are given."""
 
-import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -119,11 +118,6 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
         return status
 
     return told
-
-
-def error_document(line: str, status: int) -> str:
-    """A mistake as the document that stands in place of the answer."""
-    return json.dumps({"error": {"detail": line, "exit_status": status}})
 
 
 Traces = Annotated[tuple[Path, ...], "TRACE..."]

@@ -32,6 +32,7 @@ from ..messages.samples import (
     Floats,
     SampleFrame,
 )
+from .reader import joined
 
 LARGEST_HOLE = 4.5
 """Samples further apart than this many periods are not bridged: up to three may be lost."""
@@ -164,11 +165,8 @@ def _finished(
     buffer: Sequence[SampleFrame], period_s: float, required: Sequence[str]
 ) -> Iterator[UniformRun]:
     """Runs from consecutive pieces, parted where a channel is stuck; on an even clock."""
-    time_s = np.concatenate([part.time_s for part in buffer])
-    channels = {
-        name: np.concatenate([part.channels[name] for part in buffer])
-        for name in buffer[0].channels
-    }
+    whole = joined(buffer)
+    time_s, channels = whole.time_s, dict(whole.channels)
     stuck = stuck_rows(time_s, channels)
     for name in [name for name, rows in stuck.items() if np.mean(rows) > MOSTLY]:
         if name not in required:

@@ -90,29 +90,22 @@ class ParquetSource(Source):
         rows = TEXT_ROWS if text else BLOCK_ROWS
         self._batches = self._parquet.iter_batches(rows, columns=names, use_threads=False)
 
-    def close(self) -> None:
-        """Close the file; safe twice."""
-        self._batches = None
-        super().close()
-
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError."""
         import pyarrow as pa
 
         try:
             batch = next(self._batches, None)
-            return None if batch is None else self._block(batch)
+            if batch is None:
+                return None
+            block = Block({}, self._number_rows(batch.num_rows))
+            for name in self.wanted:
+                block.values[name], wrong = _floats(batch.column(name))
+                if wrong is not None:
+                    block.text[name] = wrong
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
             raise self._broken(error) from None
-
-    def _block(self, batch: Any) -> Block:
-        values: dict[str, Floats] = {}
-        text: dict[str, Text] = {}
-        for name in self.wanted:
-            values[name], wrong = _floats(batch.column(name))
-            if wrong is not None:
-                text[name] = wrong
-        return Block(values, self._number_rows(batch.num_rows), text)
+        return block
 
     def _check_pages(self, largest_bytes: int) -> None:
         """Refuse a wanted column with a page that unpacks to more: Arrow takes it at its word."""

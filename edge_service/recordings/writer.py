@@ -37,7 +37,6 @@ class TraceWriter:
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
         self.path = path
         self.channels = tuple(channels)
-        self.rows_written = 0
         self._pending: list[SampleFrame] = []
         self._pending_rows = 0
         self._place = contextlib.ExitStack()
@@ -67,7 +66,6 @@ class TraceWriter:
                 )
         self._pending.append(frame)
         self._pending_rows += len(frame)
-        self.rows_written += len(frame)
         if self._pending_rows >= _ROWS_AT_ONCE:
             with self._one_line_errors():
                 self._flush()

@@ -88,6 +88,10 @@ class Reproduction:
     levels: tuple[LevelRow, ...]
     windows: tuple[WindowRow, ...]
 
+    def window(self, steps: int) -> WindowRow:
+        """The row of one window."""
+        return next(row for row in self.windows if row.window_steps == steps)
+
     def as_text(self) -> str:
         """The tables, for a terminal."""
         lines = [
@@ -143,7 +147,7 @@ def reproduce(
         "reproduction.html",
         result=result,
         own_probability=[row.probability[index] for index, row in enumerate(levels)],
-        mae_points=result.windows[WINDOWS_STEPS.index(MAE_WINDOW_STEPS)].mae_points,
+        mae_points=result.window(MAE_WINDOW_STEPS).mae_points,
         figures=drawn_figures(seed, window_steps, exponent),
         levels=LEVELS.tolist(),
         table_window_steps=TABLE_WINDOW_STEPS,

@@ -221,11 +221,8 @@ def _read_events(file: TextIO, context: EdgeContext) -> None:
     events = EdgeContext()
     for row in reader:
         events.add_event(row)
-    context.events, context.event_count, context.has_events = (
-        events.events,
-        events.event_count,
-        True,
-    )
+    context.events, context.event_count = events.events, events.event_count
+    context.has_events = True
 
 
 class EdgeRows:
@@ -362,10 +359,7 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]
 
     The time is the file's or the machine file's where they have one, and that of the count if not.
 
-    Args:
-        path: the file.
-        source: the open file.
-        columns: of the machine file; a scale of `CYCLE` is the period.
+    A scale of `CYCLE` in the machine file is the period.
 
     Raises:
         TraceError: it is one of the files beside a recording.

@@ -240,3 +240,8 @@ def _float(text: str) -> float | None:
 def _finite(text: str | None) -> float | None:
     value = _float(text or "")
     return value if value is not None and math.isfinite(value) else None
+
+
+def recognises(head: bytes, _path: Path) -> bool:
+    """Return whether a file begins as such a trace."""
+    return f"<{ROOT}".encode() in head
