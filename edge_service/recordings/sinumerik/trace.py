@@ -72,7 +72,8 @@ class SinumerikSource(Source):
         self._records, self._read_up_to = 0, ""
         self._values = 0
         self._has_root = False
-        self._xml = XmlReader(path, file, self._start, so_far=self._so_far)
+        so_far = lambda: f"; {self._records} records were read{self._read_up_to}"  # noqa: E731
+        self._xml = XmlReader(path, file, self._start, so_far=so_far)
         self._has_more = True
         while self._has_more and not self._records:
             self._has_more = self._xml.feed()
@@ -110,9 +111,6 @@ class SinumerikSource(Source):
     def read_block(self) -> Block | None:
         """The next rows, or None at the end. Raises TraceError and OSError."""
         return next(self._blocks, None)
-
-    def _so_far(self) -> str:
-        return f"; {self._records} records were read{self._read_up_to}"
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         """Take in an element."""
@@ -240,8 +238,3 @@ def _float(text: str) -> float | None:
 def _finite(text: str | None) -> float | None:
     value = _float(text or "")
     return value if value is not None and math.isfinite(value) else None
-
-
-def recognises(head: bytes, _path: Path) -> bool:
-    """Return whether a file begins as such a trace."""
-    return f"<{ROOT}".encode() in head
