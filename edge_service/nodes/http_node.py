@@ -120,9 +120,6 @@ class HttpNode:
         def take_report(_axis: str, _header: Header, report: ComponentHealth) -> None:
             state.on_component(report, now_ns())
 
-        def take_event(_axis: str, _header: Header, event: Event) -> None:
-            self.take(event)
-
         def take_event_of_service(_axis: str, _header: Header, event: Event) -> None:
             if event.kind in OWN_EVENTS:  # nothing else is theirs to tell
                 self.take(event)
@@ -142,11 +139,12 @@ class HttpNode:
                 component.follow(context.subscribe(HEALTH), take_health)
                 component.follow(context.subscribe(FEAT), state.on_feature)
                 component.follow(context.subscribe_to_components(STATUS), take_report)
-                component.follow(context.subscribe(EVENT), take_event)
+                component.follow(
+                    context.subscribe(EVENT), lambda _axis, _header, event: self.take(event)
+                )
                 component.follow(context.subscribe_to_components(EVENT), take_event_of_service)
                 component.follow(samples, take_samples)
-                component.repeat(PERIOD_S, self._renew_tokens)
-                component.repeat(PERIOD_S, self._keep_history)
+                component.repeat(PERIOD_S, self._keep)
                 component.start(context.dispatcher.watch(self.take))
                 component.start(self._recorder.run())
                 self._answer_history()
@@ -263,15 +261,13 @@ class HttpNode:
             )
         )
 
-    async def _renew_tokens(self) -> None:
-        """Let tokens that were added or revoked count within a second."""
+    async def _keep(self) -> None:
+        """Let tokens that were added or revoked count, and write what was heard."""
+        run = self._context.store.run
         with suppress(StoreFailedError):  # its owner reports it; the known ones stay valid
-            await self._context.store.run(self._authenticator.refresh, now_ns())
-
-    async def _keep_history(self) -> None:
-        """Write what was heard; what fails is tried again."""
-        with suppress(StoreFailedError):  # the watch of the store tells of it
-            await self._context.store.run(self.state.history.flush, now_ns() / 1e9)
+            await run(self._authenticator.refresh, now_ns())
+        with suppress(StoreFailedError):  # the watch of the store tells of it; it is tried again
+            await run(self.state.history.flush, now_ns() / 1e9)
 
     def _answer_history(self) -> None:
         """Answer `.../{axis}/history?from=..;to=..;step=..` as HTTP does; its errors too."""
