@@ -155,28 +155,28 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 938,
-    "checks": 3632,
-    "cli": 1347,
+    "checks": 3601,
+    "cli": 1340,
     "config": 631,
-    "diagnose": 5065,
+    "diagnose": 5046,
     "downsample": 1248,
-    "drivers": 3891,
+    "drivers": 3869,
     "estimate": 5189,
     "fingerprint": 2942,
-    "health": 4871,
-    "http_api": 2492,
-    "messages": 2071,
+    "health": 4855,
+    "http_api": 2480,
+    "messages": 2062,
     "models": 5793,
-    "nodes": 2993,
-    "offline": 5740,
+    "nodes": 2973,
+    "offline": 5604,
     "outputs": 1900,
-    "recordings": 3394,
+    "recordings": 3351,
     "regression": 1087,
     "beside the rooms": 798,
-    "tests": 48055,
+    "tests": 47955,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 388
+MOST_FILES = 387
 """Modules of the product."""
 
 
