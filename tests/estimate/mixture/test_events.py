@@ -152,12 +152,6 @@ def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
     assert late[:, 1].min() > 0.85 * FRESH
 
 
-def test_a_payload_is_no_loss() -> None:
-    answers = numbers(run(production("payload")))
-    before = answers[(answers[:, 0] > 25.0) & (answers[:, 0] < 30.0), 1].mean()
-    assert before - answers[answers[:, 0] > 30.0, 1].min() < 0.5
-
-
 def test_warm_up_is_no_wear() -> None:
     """Friction falls by a fifth: on torque alone that reads as a loss of 3.6 points."""
     seconds, share = 200.0, 0.2
