@@ -173,7 +173,7 @@ MOST_LINES = {
     "recordings": 3351,
     "regression": 1087,
     "beside the rooms": 798,
-    "tests": 47955,
+    "tests": 47949,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 387
