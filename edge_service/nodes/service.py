@@ -67,7 +67,8 @@ async def run_service(
     names = (*config.outputs, *PIPELINE) if name is None else (name,)
     try:
         bus.declare_alive(config.keys.alive)
-        kept = config.store.folder or "memory alone"
+        folder = config.store.folder
+        kept = "memory alone" if folder is None else folder.resolve()
         more = f"(version {__version__}, state in {kept}; Ctrl-C ends it)"
         context = NodeContext(config, bus, lambda url: on_http_ready(f"{url} {more}"))
         started = Event(
