@@ -167,7 +167,7 @@ MOST_LINES = {
     "http_api": 2480,
     "messages": 2062,
     "models": 5793,
-    "nodes": 2973,
+    "nodes": 2974,
     "offline": 5604,
     "outputs": 1900,
     "recordings": 3351,
