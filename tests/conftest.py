@@ -5,6 +5,9 @@ soon as the machine has other work. Lines that come every 10 s would depend on h
 """
 
 import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,3 +19,14 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 def quiet_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that a test calls in its own process say errors alone."""
     monkeypatch.setattr("edge_service.cli.terminal.PIPE_S", 3600.0)
+
+
+@pytest.fixture
+async def broker(tmp_path: Path) -> AsyncIterator[Any]:
+    """MQTT's mosquitto, for this test alone."""
+    from .drivers.mqtt.broker import Broker
+
+    made = Broker(tmp_path)
+    await made.start()
+    yield made
+    await made.stop()

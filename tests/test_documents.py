@@ -34,7 +34,7 @@ PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
 HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests" / "bench"]
 UNNAMED = ("__", "conftest", "test_same_answers")
-COMMAND = re.compile(r"edge-service ([a-z][a-z-]*)(?: ([a-z][a-z-]*))?")
+COMMAND = re.compile(r"edge-service ([a-z][a-z-]*)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl|systemctl|docker) |^# |^\s*--hash")
 """Commands of other programs."""
@@ -115,12 +115,8 @@ def test_every_block_is_whole(path: str) -> None:
 
 
 def command_of(match: re.Match[str]) -> click.Command | None:
-    """The command, or the command of a group, that a text names."""
-    name, part = match.groups()
-    found = bench if name == "bench" else cli.commands.get(name)
-    if isinstance(found, click.Group) and part in found.commands:
-        return found.commands[part]
-    return found
+    """The command that a text names."""
+    return bench if match[1] == "bench" else cli.commands.get(match[1])
 
 
 def options_of(commands: list[click.Command | None]) -> set[str]:

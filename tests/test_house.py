@@ -88,11 +88,7 @@ def imported_names(name: str, path: Path) -> Iterator[str]:
 @cache
 def graph_of_the_checkout() -> Mapping[str, set[str]]:
     """Imports of every module of the checkout."""
-    return import_graph(modules())
-
-
-def import_graph(paths: Mapping[str, Path]) -> dict[str, set[str]]:
-    graph: dict[str, set[str]] = {}
+    paths, graph = modules(), dict[str, set[str]]()
     for name, path in paths.items():
         used = imported_names(name, path)
         graph[name] = {each if each in paths else each.rpartition(".")[0] for each in used}

@@ -79,21 +79,12 @@ QUICK = {"token", "token --revoke", "motion without a name"}
 """Done before anybody wonders: they tell no progress."""
 
 
-def leaves(group: click.Group, path: str = "") -> Iterator[tuple[str, click.Command]]:
-    """Every command that can be called, with its words."""
-    for name, command in group.commands.items():
-        if isinstance(command, click.Group):
-            yield from leaves(command, f"{path}{name} ")
-        else:
-            yield f"{path}{name}", command
-
-
 def has_json(command: click.Command) -> bool:
     """Return whether a command has the flag."""
     return any("--json" in each.opts for each in command.params)
 
 
-@pytest.mark.parametrize(("name", "command"), list(leaves(cli)))
+@pytest.mark.parametrize(("name", "command"), cli.commands.items())
 def test_every_command_answers_as_json_or_says_why_not(name: str, command: click.Command) -> None:
     assert has_json(command) == (name not in WITHOUT)
     assert name in WITHOUT or name in COMMANDS
@@ -189,7 +180,7 @@ def without_unit(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:
         yield "/".join(path)
 
 
-@pytest.mark.parametrize("name", [name for name, command in leaves(cli) if has_json(command)])
+@pytest.mark.parametrize("name", [name for name, each in cli.commands.items() if has_json(each)])
 def test_a_mistake_is_a_document_too(name: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert main([*name.split(), "--json", "--no-such-option"]) == BAD_INPUT
     told = capfd.readouterr()

@@ -4,7 +4,6 @@ import ast
 import re
 from collections.abc import Iterator
 from inspect import isclass
-from pathlib import Path
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -49,15 +48,11 @@ def codes_told() -> Iterator[str]:
     """Codes with which the service begins a reason, wherever in it."""
     for room in TOLD_WITH_CODES:
         for path in (ROOT / "edge_service" / room).rglob("*.py"):
-            yield from codes_in(path)
-
-
-def codes_in(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            match = CODE.match(node.value)
-            if match and "\n" not in node.value:
-                yield match.group(1)
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    match = CODE.match(node.value)
+                    if match and "\n" not in node.value:
+                        yield match.group(1)
 
 
 def test_every_reason_has_its_line() -> None:

@@ -21,7 +21,6 @@ log = logging.getLogger(__name__)
 LISTEN_S = 10.0
 """Longest time that a probe listens."""
 MOST_TOPICS = 5
-_LONGEST_LINE = 200
 
 
 class MqttDriver:
@@ -82,7 +81,12 @@ class MqttDriver:
             try:
                 frames = self._stream.frames(decode_object(message.payload))
             except MessageError as error:
-                self._skip(str(error))
+                self._counts["malformed_messages"] += 1
+                kind = str(error).split("(", maxsplit=1)[0][:40]
+                if kind not in self._told and len(self._told) < 20:  # each kind is logged once
+                    self._told.add(kind)
+                    line = " ".join(str(error).split())[:200]
+                    log.warning("%s: a message is skipped: %s", self._config.address, line)
                 continue
             for frame in map(self._qualities.count, frames):
                 for start in range(0, len(frame), LARGEST_FRAME):
@@ -130,15 +134,6 @@ class MqttDriver:
             return MappedStream(config, machine)
         axis = ControllerAxis(machine.axis.number, machine.axis.lead_m)
         return EdgeStream(config.address, machine.columns, axis)
-
-    def _skip(self, problem: str) -> None:
-        """Count a message that says nothing; each kind of trouble is logged once."""
-        self._counts["malformed_messages"] += 1
-        kind = problem.split("(", maxsplit=1)[0][:40]
-        if kind not in self._told and len(self._told) < 20:
-            self._told.add(kind)
-            line = " ".join(problem.split())[:_LONGEST_LINE]
-            log.warning("%s: a message is skipped: %s", self._config.address, line)
 
     async def _leave(self) -> None:
         link, self._link = self._link, None

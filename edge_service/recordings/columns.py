@@ -72,7 +72,6 @@ def choose_columns(
     one known by its name, so one machine file serves recordings of several makers.
 
     Args:
-        path: the file, for messages.
         names: the columns that the file has.
         columns: channel or `time_s` -> foreign column.
         known: channel -> column that is known by its name; present in `names`.

@@ -115,24 +115,19 @@ def uniform_runs(
                 raise ValueError("time_s never increases; a recording needs a clock")
             period_s = float(np.median(forward))
         for piece in _pieces(clean, period_s):
-            fresh = piece
-            if buffer:
+            fresh, goes_on = piece, False
+            if buffer and buffer[-1].channels.keys() == piece.channels.keys():
                 last_s = buffer[-1].time_s[-1]
-                unbroken = -CLOCK_RESET_S <= piece.time_s[0] - last_s <= LARGEST_HOLE * period_s
-                if unbroken and buffer[-1].channels.keys() == piece.channels.keys():
-                    fresh = piece.part(np.flatnonzero(piece.time_s > last_s))
-                else:
-                    yield from _finished(buffer, period_s, required)
-                    buffer, held = [], 0
+                goes_on = -CLOCK_RESET_S <= piece.time_s[0] - last_s <= LARGEST_HOLE * period_s
+                fresh = piece.part(piece.time_s > last_s) if goes_on else piece
             for start in range(0, len(fresh), MAX_ROWS):
                 part = fresh.part(slice(start, start + MAX_ROWS))
-                if held + len(part) > MAX_ROWS:
+                if not goes_on or held + len(part) > MAX_ROWS:
                     yield from _finished(buffer, period_s, required)
-                    buffer, held = [], 0
+                    buffer, held, goes_on = [], 0, True
                 buffer.append(part)
                 held += len(part)
-    if buffer:
-        yield from _finished(buffer, period_s, required)
+    yield from _finished(buffer, period_s, required)
 
 
 def _clean(frame: SampleFrame, required: Sequence[str], optional: Sequence[str]) -> SampleFrame:
@@ -165,6 +160,8 @@ def _finished(
     buffer: Sequence[SampleFrame], period_s: float, required: Sequence[str]
 ) -> Iterator[UniformRun]:
     """Runs from consecutive pieces, parted where a channel is stuck; on an even clock."""
+    if not buffer:
+        return
     whole = joined(buffer)
     time_s, channels = whole.time_s, dict(whole.channels)
     stuck = stuck_rows(time_s, channels)
@@ -256,14 +253,8 @@ def low_pass(values: Floats, cutoff_hz: float, order: int, period_s: float) -> F
     return filtered
 
 
-def decimate(values: Floats, factor: int) -> Floats:
-    """Zero-phase Chebyshev low-pass, then every `factor`th row, (n,) or (n, p)."""
-    filtered: Floats = signal.decimate(values, factor, axis=0, zero_phase=True)
-    return filtered
-
-
 def anti_alias(values: Floats, factor: int) -> Floats:
-    """Zero-phase Chebyshev low-pass of `decimate` alone, (n,): all rows are kept."""
+    """Zero-phase Chebyshev low-pass of `signal.decimate` alone, (n,): all rows are kept."""
     sos = signal.cheby1(
         _DECIMATION_ORDER, _DECIMATION_RIPPLE_DB, _DECIMATION_PASS / factor, output="sos"
     )

@@ -56,7 +56,6 @@ _ZIPPED = {
     b"word/": f"a Word document: {_CSV}",
     b"mimetypeapplication/vnd.oasis": f"an OpenDocument: {_CSV}",
 }
-_TAR = 257
 _LOOKED_AT = 400
 
 
@@ -108,7 +107,7 @@ def foreign(head: bytes) -> str | None:
             return named
     if head.startswith(b"PK\x03\x04"):
         name = next((name for part, name in _ZIPPED.items() if part in head), _ZIP)
-    elif head[_TAR : _TAR + 5] == b"ustar":
+    elif head[257:262] == b"ustar":
         name = f"a tar archive: {_ARCHIVE}"
     elif is_tuning(plain) and plain.startswith(b"<"):
         name = "a servo tuning of a SINUMERIK: see `edge-service fingerprint`"

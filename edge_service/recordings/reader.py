@@ -194,7 +194,6 @@ def open_trace(
     """Open a trace file in any form of `FORMS`, told apart by content.
 
     Args:
-        path: the file.
         columns: `time_s` or channel -> foreign column with its scale to SI units. It comes before
             what is known of a controller's signals; those it may call by their short names.
         axis: which axis of a controller's recording, and what its units need.

@@ -17,7 +17,6 @@ _ROWS_AT_ONCE = 1 << 16
 CSV_SUFFIX, MCAP_SUFFIX = ".csv", ".mcap"
 TOPIC = "axis/samples"
 SCHEMA_NAME = "edge_service.Sample"
-_NS_PER_S = 1_000_000_000
 
 
 class TraceWriter:
@@ -192,7 +191,7 @@ class McapSink:
             raise TraceError(f"row {self._rows + 1} has no time; MCAP orders its messages by time")
         if self._zero_s is None:
             self._zero_s = min(time_s, 0.0)
-        log_time_ns = round((time_s - self._zero_s) * _NS_PER_S)
+        log_time_ns = round((time_s - self._zero_s) * 1e9)
         if not 0 <= log_time_ns < 1 << 64:
             raise TraceError(
                 f"row {self._rows + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "

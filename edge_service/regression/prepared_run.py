@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, signal
 
 from ..messages.samples import (
     ANGLE,
@@ -32,7 +32,6 @@ from ..recordings.conditioning import (
     CUTOFF_SHARE,
     anti_alias,
     central_difference,
-    decimate,
     low_pass,
     mean_of_held,
     uniform_runs,
@@ -130,7 +129,8 @@ class PreparedRun:
     def moving_rows(self, values: Floats) -> Floats:
         """Decimated rows of motion; rest beside it counts as zero, (n,) or (n, p) -> fewer rows."""
         rows = np.where(self.moving if values.ndim == 1 else self.moving[:, None], values, 0.0)
-        return decimate(rows, DECIMATION)[self.moving[::DECIMATION]]
+        filtered: Floats = signal.decimate(rows, DECIMATION, axis=0, zero_phase=True)
+        return filtered[self.moving[::DECIMATION]]
 
 
 def prepare(

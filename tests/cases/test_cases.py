@@ -55,10 +55,6 @@ def made(home: Path, case: str, **expected: str) -> Path:
     return home
 
 
-def test_a_right_expectation_holds(tmp_path: Path, store: Store) -> None:
-    check(made(tmp_path / "case", EMPTY, err='pattern = "{trace}"'), store, tmp_path)
-
-
 @pytest.mark.parametrize(
     "expected",
     [

@@ -43,36 +43,15 @@ def test_every_command_of_a_tour_has_an_answer(path: str) -> None:
     assert silent == []
 
 
-def carried_out(text: str, folder: Path) -> list[str]:
-    return carry_out(steps(text), folder, environment())
-
-
-SAVED = """Save this as `numbers.toml`:
-
-```toml
-one = 1
-two = 2
-```
-
-```sh
-sleep 60 &
-cat numbers.toml
-```
-
-```text
-{answer}
-```
-"""
-
-
 @pytest.mark.parametrize("answer", ["two = 3", "two = 2\none = 1", "one = 1 two = 2 three"])
 def test_what_a_tour_says_wrongly_is_found(answer: str, tmp_path: Path) -> None:
-    (wrong,) = carried_out(SAVED.format(answer=answer), tmp_path)
+    text = f"```sh\nprintf 'one = 1\\ntwo = 2'\n```\n\n```text\n{answer}\n```\n"
+    (wrong,) = carry_out(steps(text), tmp_path, environment())
     assert "was said to print" in wrong
 
 
 def test_a_command_of_a_tour_that_fails_is_found(tmp_path: Path) -> None:
-    (wrong,) = carried_out("```sh\nls missing\ntrue\n```\n", tmp_path)
+    (wrong,) = carry_out(steps("```sh\nls missing\ntrue\n```\n"), tmp_path, environment())
     assert "status 2" in wrong
     assert "missing" in wrong
 

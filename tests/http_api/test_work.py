@@ -259,15 +259,3 @@ async def test_a_key_is_passed_on_or_refused_by_name(given, make_scene):
         assert "dempotency-key" in answer.json()["errors"][0]["parameter"]
     else:
         assert (answer.status_code, sent) == (202, [KEYS[given]])
-
-
-async def test_a_key_of_another_command_is_told_from_a_command_that_makes_no_sense(make_scene):
-    async def send(_axis, _command):
-        return Outcome(accepted=False, message="this key was given to another command", reused=True)
-
-    app = create_app(make_scene().state, lambda: 1, send_command=send)
-    transport = httpx.ASGITransport(app=app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-        answer = await client.post(f"{BASE}/commands", json=NOTE, headers={"idempotency-key": "a"})
-    assert answer.status_code == 422
-    assert answer.json()["detail"] == "Idempotency-Key: this key was given to another command"

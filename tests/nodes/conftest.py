@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -94,6 +95,17 @@ async def running(
         stop.set()
         await asyncio.wait([task])
         await bus.close()
+
+
+@asynccontextmanager
+async def served(
+    config: EdgeConfig, names: tuple[str, ...] = PIPELINE
+) -> AsyncIterator[tuple[Running, httpx.AsyncClient]]:
+    """Run nodes, and a client of their page."""
+    async with running(config, names) as service:
+        address = await asyncio.wait_for(service.address, PATIENCE_S)
+        async with httpx.AsyncClient(base_url=address) as client:
+            yield service, client
 
 
 async def until(probe: Callable[[], Awaitable[Any]]) -> Any:

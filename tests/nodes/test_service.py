@@ -30,7 +30,7 @@ from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 
-from .conftest import config_of, running, until
+from .conftest import config_of, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
@@ -42,61 +42,55 @@ async def answer(client: httpx.AsyncClient, path: str) -> Any:
 
 
 async def test_the_answer_follows_the_simulated_drive() -> None:
-    async with running(config_of("simulated", HEALTHY)) as service:
-        address = await asyncio.wait_for(service.address, 20.0)
-        async with httpx.AsyncClient(base_url=address) as client:
+    async with served(config_of("simulated", HEALTHY)) as (_, client):
 
-            async def settled() -> Any:
-                preload = await answer(client, "api/v1/axes/X/preload")
-                tight = preload and preload["high"] and preload["high"] - preload["low"] < 2.0
-                return preload if tight and preload["condition"] == "NORMAL" else None
+        async def settled() -> Any:
+            preload = await answer(client, "api/v1/axes/X/preload")
+            tight = preload and preload["high"] and preload["high"] - preload["low"] < 2.0
+            return preload if tight and preload["condition"] == "NORMAL" else None
 
-            preload = await until(settled)
-            assert preload["status"] == "estimated"
-            assert preload["low"] <= TRUTH_PERCENT <= preload["high"]
-            assert abs(preload["preload_percent"] - TRUTH_PERCENT) < 0.6
-            assert preload["preload_n"] == pytest.approx(preload["preload_percent"] * 74.5)
-            assert preload["age_s"] < 2.0
-            assert (await client.get("readyz")).status_code == 200
-            assert (
-                'edge_service_preload_rating_ratio{axis="X",bound="value"}'
-                in (await client.get("metrics")).text
-            )
-            assert (await answer(client, "api/v1/axes"))["axes"][0]["axis"] == "X"
+        preload = await until(settled)
+        assert preload["status"] == "estimated"
+        assert preload["low"] <= TRUTH_PERCENT <= preload["high"]
+        assert abs(preload["preload_percent"] - TRUTH_PERCENT) < 0.6
+        assert preload["preload_n"] == pytest.approx(preload["preload_percent"] * 74.5)
+        assert preload["age_s"] < 2.0
+        assert (await client.get("readyz")).status_code == 200
+        assert (
+            'edge_service_preload_rating_ratio{axis="X",bound="value"}'
+            in (await client.get("metrics")).text
+        )
+        assert (await answer(client, "api/v1/axes"))["axes"][0]["axis"] == "X"
 
 
 async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
     config = config_of("simulated", HEALTHY)
     others: tuple[str, ...] = ("http", "health", "estimate", "downsample")
-    async with running(config, others) as service:
-        address = await asyncio.wait_for(service.address, 20.0)
-        async with httpx.AsyncClient(base_url=address) as client:
-            stop = asyncio.Event()
-            drive = asyncio.create_task(
-                run_nodes(NodeContext(config, service.bus), ("acquire",), stop)
-            )
+    async with served(config, others) as (service, client):
+        stop = asyncio.Event()
+        drive = asyncio.create_task(run_nodes(NodeContext(config, service.bus), ("acquire",), stop))
 
-            async def estimated() -> Any:
-                preload = await answer(client, "api/v1/axes/X/preload")
-                return preload if preload and preload["status"] == "estimated" else None
+        async def estimated() -> Any:
+            preload = await answer(client, "api/v1/axes/X/preload")
+            return preload if preload and preload["status"] == "estimated" else None
 
-            before = await until(estimated)
-            stop.set()
-            await drive
+        before = await until(estimated)
+        stop.set()
+        await drive
 
-            async def silent() -> Any:
-                preload = await answer(client, "api/v1/axes/X/preload")
-                return preload if preload["status"] != "estimated" else None
+        async def silent() -> Any:
+            preload = await answer(client, "api/v1/axes/X/preload")
+            return preload if preload["status"] != "estimated" else None
 
-            after = await until(silent)
-            numbers = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
-            assert [after[name] for name in numbers] == [None] * 5
-            assert after["condition"] == "UNAVAILABLE"
-            assert after["reasons"]
-            assert after["measured_at"] >= before["measured_at"]
-            ready = await client.get("readyz")
-            assert ready.status_code == 503
-            assert ready.json()["reasons"]
+        after = await until(silent)
+        numbers = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
+        assert [after[name] for name in numbers] == [None] * 5
+        assert after["condition"] == "UNAVAILABLE"
+        assert after["reasons"]
+        assert after["measured_at"] >= before["measured_at"]
+        ready = await client.get("readyz")
+        assert ready.status_code == 503
+        assert ready.json()["reasons"]
 
 
 async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:

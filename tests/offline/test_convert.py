@@ -158,15 +158,6 @@ def test_mcap_holds_every_row(tmp_path: Path) -> None:
         assert [row[name] for row in rows] == values.tolist()
 
 
-@pytest.mark.parametrize(
-    ("out", "says"),
-    [("out.xml", r"ends in '\.xml'"), ("out.txt", r"ends in '\.txt'")],
-)
-def test_places_that_cannot_be_written(tmp_path: Path, out: str, says: str) -> None:
-    with pytest.raises(TraceError, match=says):
-        _convert(tmp_path, out)
-
-
 def test_the_source_is_never_overwritten(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,motor_angle_rad\n0,1\n")

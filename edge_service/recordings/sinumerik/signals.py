@@ -189,7 +189,6 @@ def map_signals(
     """Columns of one axis.
 
     Args:
-        path: the file, for messages.
         signals: what the file holds.
         meanings: channel -> short names, the better one first.
         axis: the axis that is wanted.

@@ -8,13 +8,13 @@ from typing import IO
 from xml.parsers import expat
 
 from ..columns import TraceError
+from ..source import BYTE_ORDER_MARK
 
 CHUNK_BYTES = 1 << 18
 LONGEST_ELEMENT_BYTES = 1 << 22
 DEEPEST = 64
 ENCODINGS = {"utf-8", "us-ascii", "iso-8859-1", "iso-8859-15", "windows-1252"}
 _DECLARED = re.compile(rb"""\A\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 class XmlReader:
@@ -25,8 +25,6 @@ class XmlReader:
     than declared) are replaced.
 
     Args:
-        path: for messages.
-        file: open.
         start, end, characters: called as those of expat.
         so_far: what has been read, in words for a message of damage.
     """
@@ -42,7 +40,7 @@ class XmlReader:
     ) -> None:
         self._path, self._file, self._so_far = path, file, so_far
         self._depth = self._bytes_fed = 0
-        self._head = file.read(CHUNK_BYTES).removeprefix(_BYTE_ORDER_MARK)
+        self._head = file.read(CHUNK_BYTES).removeprefix(BYTE_ORDER_MARK)
         declared = _DECLARED.match(self._head)
         encoding = declared[1].decode().lower() if declared else "utf-8"
         if encoding not in ENCODINGS:

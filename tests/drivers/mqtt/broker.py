@@ -2,7 +2,6 @@
 
 import asyncio
 import shutil
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -50,11 +49,3 @@ class Broker:
             self._process.kill() if kill else self._process.terminate()
             await self._process.wait()
             self._process = None
-
-
-@pytest.fixture
-async def broker(tmp_path: Path) -> AsyncIterator[Broker]:
-    made = Broker(tmp_path)
-    await made.start()
-    yield made
-    await made.stop()

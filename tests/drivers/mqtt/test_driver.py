@@ -5,7 +5,7 @@ import gc
 import json
 import shutil
 import subprocess
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from contextlib import aclosing
 from pathlib import Path
 from typing import Any
@@ -27,14 +27,6 @@ from .test_edge_stream import BLOCK, ROWS, messages, recorded
 
 pytestmark = needs_broker
 PASSWD = shutil.which("mosquitto_passwd")
-
-
-@pytest.fixture
-async def broker(tmp_path: Path) -> AsyncIterator[Broker]:
-    made = Broker(tmp_path)
-    await made.start()
-    yield made
-    await made.stop()
 
 
 @pytest.fixture

@@ -29,14 +29,6 @@ pytestmark = needs_broker
 ROOT = "feeddrive/hall/mill"
 
 
-@pytest.fixture
-async def broker(tmp_path: Any) -> AsyncIterator[Broker]:
-    made = Broker(tmp_path)
-    await made.start()
-    yield made
-    await made.stop()
-
-
 @pytest.fixture(autouse=True)
 def every_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Answers need not wait for their second."""
