@@ -129,10 +129,6 @@ class DisagreementRecorder:
                 await self._on_kept(axis, name)
             self._ready.task_done()
 
-    async def written(self) -> None:
-        """Wait until all that is complete now is written by `run`."""
-        await self._ready.join()
-
     def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
         """Write a recording; one that is there stays; a full disk is logged and stops nothing."""
         path = self._folder / name

@@ -52,7 +52,7 @@ class Scene:
         for _ in range(round(seconds)):
             time_s = self.now_s + np.arange(RATE_HZ) / RATE_HZ
             self.recorder.follow("X", SampleFrame(time_s, {"torque_command_nm": time_s}))
-            await self.recorder.written()
+            await self.recorder._ready.join()
             self.now_s += 1.0
         writing.cancel()
 
