@@ -119,8 +119,12 @@ class Axis:
         self.events: list[str] = []
         self.used_s = 30.0
 
-    def hear(self, percent: float | None, seconds: float = 0.1, **more: object) -> None:
-        """An estimate, after some time."""
+    def hear(
+        self, percent: float | None, seconds: float = 0.1, times: int = 1, **more: object
+    ) -> None:
+        """An estimate, after some time; several times."""
+        for _ in range(times - 1):
+            self.hear(percent, seconds, **more)
         self.now_ns += round(seconds * NS)
         self.sequence += 1
         header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
@@ -161,8 +165,7 @@ class Axis:
 
 def _settled(percent: float = 7.0, **alarms: float) -> Axis:
     axis = Axis(**alarms)
-    for _ in range(150):
-        axis.hear(percent)
+    axis.hear(percent, times=150)
     axis.tick(0.0)
     assert axis.shown() == {}
     return axis
@@ -202,8 +205,7 @@ def test_a_sudden_drop_is_an_alarm_at_once_and_until_it_is_acknowledged():
     axis.hear(1.0)
     assert axis.shown()["sudden_drop"]
     assert "alarm_raised:sudden_drop" in axis.events
-    for _ in range(30):
-        axis.hear(1.0)
+    axis.hear(1.0, times=30)
     axis.tick(0.0)
     assert axis.shown() == {"sudden_drop": True, "preload_lost": True}
     axis.ask("acknowledge", "sudden_drop", "crash at 4 pm")
@@ -228,8 +230,7 @@ def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
     (drop,) = (a for a in axis.watch.health(axis.now_ns).alarms if a.kind == "sudden_drop")
     assert "dropped from 100 to 20 % of fresh" in drop.text
     axis.ask("acknowledge", "sudden_drop")
-    for _ in range(120):
-        axis.hear(1.4)
+    axis.hear(1.4, times=120)
     assert axis.events.count("alarm_raised:sudden_drop") == 1
 
 
@@ -240,13 +241,11 @@ def test_low_and_lost_follow_the_condition():
     axis.ask("acknowledge", "sudden_drop")
     axis.tick(0.0)
     assert axis.shown() == {"preload_low": True}
-    for _ in range(20):
-        axis.hear(1.0)
+    axis.hear(1.0, times=20)
     axis.ask("acknowledge", "sudden_drop")
     axis.tick(0.0)
     assert axis.shown() == {"preload_lost": True}  # in place of the low one
-    for _ in range(20):
-        axis.hear(7.0)
+    axis.hear(7.0, times=20)
     axis.tick(0.0)
     axis.hear(7.0, 5.5)
     axis.tick(0.0)
@@ -259,8 +258,7 @@ def test_who_acknowledges_the_loss_has_acknowledged_the_low_preload_too():
         axis.hear(percent)
     axis.tick(0.0)
     axis.ask("acknowledge", "preload_lost")
-    for _ in range(20):
-        axis.hear(7.0)
+    axis.hear(7.0, times=20)
     axis.tick(0.0)
     axis.hear(7.0, 5.5)
     axis.tick(0.0)
@@ -272,8 +270,7 @@ def test_lost_data_are_an_alarm_and_hide_the_others_causes():
     axis.tick(3.0)
     axis.tick(5.0)
     assert axis.shown() == {"data_lost": True}
-    for _ in range(30):
-        axis.hear(7.0)
+    axis.hear(7.0, times=30)
     axis.tick(0.0)
     axis.tick(1.0)
     assert axis.shown() == {"data_lost": False}
@@ -291,13 +288,11 @@ def test_a_start_without_data_is_patient():
 
 def test_a_model_that_does_not_fit_is_an_alarm():
     axis = _settled()
-    for _ in range(150):
-        axis.hear(7.0, nis=30.0)
+    axis.hear(7.0, nis=30.0, times=150)
     axis.tick(0.0)
     axis.hear(7.0, 1.0, nis=30.0)
     axis.tick(0.0)
-    for _ in range(60):
-        axis.hear(7.0, nis=30.0)
+    axis.hear(7.0, nis=30.0, times=60)
     axis.tick(0.0)
     assert axis.shown() == {"model": True}
 
@@ -356,11 +351,9 @@ def test_notes_and_new_parts_are_events_and_a_new_part_begins_anew():
 
 def test_a_rise_that_wear_cannot_make_begins_the_trend_anew():
     axis = _settled(5.0)
-    for _ in range(10):
-        axis.hear(7.0)
+    axis.hear(7.0, times=10)
     assert "preload_rose" not in axis.events  # not yet sure
-    for _ in range(20):
-        axis.hear(7.0)
+    axis.hear(7.0, times=20)
     assert axis.events.count("preload_rose") == 1
     assert axis.watch.trend_work()().since_time_ns > START_NS + 14 * NS
 
