@@ -23,7 +23,7 @@ MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sb
 _PATIENCE_S = 120.0
 _KEPT_UP = 0.97
 """Share of the samples that are due which a service that keeps up has read at least."""
-_SERVICE = """\
+SERVICE = """\
 [bus]
 endpoint = "tcp/127.0.0.1:0"
 [http]
@@ -57,7 +57,7 @@ class Paced:
 def service(folder: Path, kernels: Path, recording: Path, axes: int) -> ServiceProcess:
     """The service with all its nodes, that follows recordings in real time."""
     tables = [_AXIS.format(number=k, recording=recording) for k in range(1, axes + 1)]
-    (folder / "edge.toml").write_text(_SERVICE + "".join(tables), "utf-8")
+    (folder / "edge.toml").write_text(SERVICE + "".join(tables), "utf-8")
     return ServiceProcess(["run", "edge.toml"], folder, kernels)
 
 

@@ -12,20 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..table import BenchError, Figure
+from .paced import SERVICE
 from .process_meter import ServiceProcess, cpu_s, usage_of
 
 AXES, READERS = 8, 5
 _PERIOD_S, _PATIENCE_S, _TIMEOUT_S = 5.0, 120.0, 10.0
 _WARM_UP_SHARE = 0.25
 _CHECKOUT = Path(__file__).parents[3]
-_SERVICE = """\
-[bus]
-endpoint = "tcp/127.0.0.1:0"
-[http]
-port = 0
-[store]
-folder = "{folder}"
-"""
 _AXIS = """
 [[axes]]
 name = "A{number}"
@@ -41,7 +34,8 @@ def soak(folder: Path, kernels: Path, minutes: float) -> list[Figure]:
     """Run a service for a while, and see what grows."""
     machine = _CHECKOUT / "deploy" / "commissioned.toml"
     axes = [_AXIS.format(number=k, machine=machine) for k in range(1, AXES + 1)]
-    (folder / "edge.toml").write_text(_SERVICE.format(folder=folder / "history") + "".join(axes))
+    store = f'[store]\nfolder = "{folder / "history"}"\n'
+    (folder / "edge.toml").write_text(SERVICE + store + "".join(axes))
     looks: list[tuple[float, ...]] = []
     with ServiceProcess(["run", "edge.toml"], folder, kernels) as service:
         address = service.wait_for_address(_PATIENCE_S)
