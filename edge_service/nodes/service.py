@@ -69,8 +69,8 @@ async def run_service(
         bus.declare_alive(config.keys.alive)
         folder = config.store.folder
         kept = "memory alone" if folder is None else folder.resolve()
-        more = f"(version {__version__}, state in {kept}; Ctrl-C ends it)"
-        context = NodeContext(config, bus, lambda url: on_http_ready(f"{url} {more}"))
+        more = f"edge-service: version {__version__}, state in {kept}; Ctrl-C ends it"
+        context = NodeContext(config, bus, lambda url: on_http_ready(f"{url}\n{more}"))
         started = Event(
             axis="",
             kind="service_started",

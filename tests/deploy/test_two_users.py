@@ -116,7 +116,7 @@ async def test_loopback_lets_in_another_user_until_there_is_a_token(folder: Path
     async def another(secret: str = "") -> object:
         return await asyncio.to_thread(as_another, lambda: asked(secret))
 
-    assert await another() == [200, 200, 422]
+    assert await another() == [200, 200, 415]
     viewer = tokens.add("screen", "viewer", 1)
     authenticator.refresh(1)
     assert await another() == [200, 401, 401]

@@ -12,6 +12,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -195,7 +196,8 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
         sys.executable, "-c", code, stderr=asyncio.subprocess.DEVNULL
     )
     try:
-        feed = Feed(Running(bus, asyncio.Future(), asyncio.current_task()), config)  # type: ignore[arg-type]
+        here: Any = SimpleNamespace(bus=bus)
+        feed = Feed(Running(here, asyncio.Future(), asyncio.current_task()), config)  # type: ignore[arg-type]
         await feed.ready()
         begin_ns = time.time_ns() - 20 * NS
         await feed.send(blocks()[:60], begin_ns)
