@@ -1,4 +1,4 @@
-"""Who may do what on the bus: every key by foreign sessions of every kind, and Zenoh's own file."""
+"""Rights on the bus: every key by foreign sessions of every kind, and Zenoh's own file."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""What an installation leaves out of its packages is loaded by no part of the program."""
+"""No part of the program loads modules that an installation leaves out of its packages."""
 
 import os
 import shutil

@@ -77,7 +77,7 @@ TIES = [
     ("warmup", "external_force"),
     ("thermal_growth", "external_force"),
 ]
-"""What one motion or another leaves tied: constant load and force, gain and a common scale of the
+"""Effects that some motion leaves tied: constant load and force, gain and a common scale of the
 parameters, wobble and eccentricity, pitch and growth, skew and wind-up, the shapes of friction."""
 
 

@@ -8,7 +8,7 @@ HERE = Path(__file__).parent
 KNOWN_LIMITS = {
     "test_stop.py": "another nut after a night is recognised only in part",
 }
-"""What the estimator does not do yet (its README, Limits), by the file of its cases."""
+"""Cases that the estimator does not solve yet (its README, Limits), by their file."""
 LIMITED_CASES = (
     "test_what_the_model_does_not_know_is_not_taken_for_a_loss[backlash",
     "test_what_is_there_from_the_first_sample_is_no_loss[torque_gain_error",

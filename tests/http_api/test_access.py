@@ -1,4 +1,4 @@
-"""Who is let in: every route by every role, hosts, origins, and tokens that come and go."""
+"""Admission to the API: every route by every role, hosts, origins, and tokens that come and go."""
 
 import asyncio
 import base64

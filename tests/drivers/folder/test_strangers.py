@@ -1,4 +1,4 @@
-"""What strangers leave in the folder: told once each, and no harm to the traces of others."""
+"""Foreign files in the folder: each told once, and no harm to the traces beside them."""
 
 import os
 from pathlib import Path

@@ -31,7 +31,7 @@ PASSWD = shutil.which("mosquitto_passwd")
 
 @pytest.fixture
 def collected() -> Iterator[None]:
-    """What a test leaves is collected with it."""
+    """Collect the garbage of a test with it."""
     yield
     gc.collect()
 

@@ -121,7 +121,7 @@ def damaged(content: bytes, rng: random.Random) -> bytes:
 
 
 def check_true(store: Store, known: int) -> None:
-    """What is served was written, and the store works on; the damage of a row or file is said."""
+    """Check that only written rows are served, that the store works on, and that damage is told."""
     log = EventLog(store)
     notes = [each.event for each in log.after(0, 10**6)]
     told = [event(number) for number in range(known)]
