@@ -123,14 +123,14 @@ def robust_regression(
         covariance = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
         value = covariance @ (scaled.T @ (root * wanted))
         residual = wanted - columns @ value
-        noise = _noise_of(residual, phases)
+        noise = noise_of(residual, phases)
         z = np.abs(residual) / np.sqrt(noise.variance(steady_s, speed))
         trust = np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
     return RegressionFit(value, covariance, residual, noise)
 
 
-def _noise_of(residual: Floats, phases: SteadyPhases) -> Noise:
-    """Most likely noise: its growth at slow motion, then its level."""
+def noise_of(residual: Floats, phases: SteadyPhases) -> Noise:
+    """Most likely noise of a residual, (n,): its growth at slow motion, then its level."""
     energy = residual**2 * phases.steady_s
     energy = np.minimum(energy, 25.0 * max(float(np.median(energy)) / 0.455, 1e-40))
     found = []
@@ -151,6 +151,17 @@ def _lasting(residual: Floats, phases: SteadyPhases, slow_rad_s: float) -> float
     _, index = np.unique(np.floor(phases.time_s) + 1e7 * phases.run, return_inverse=True)
     sums, lengths = np.bincount(index, clipped), np.bincount(index, weight)
     return float(np.sum(sums**2) / np.sum(lengths))
+
+
+def place_columns(phases: SteadyPhases) -> Floats:
+    """Torques of the place alone (cable chains, counterweights): parabolas a recording, (n, q)."""
+    runs = np.unique(phases.run, return_inverse=True)[1]
+    mine = (runs[:, None] == np.arange(runs.max() + 1)).astype(np.float64)
+    away = phases.angle_rad[:, None] * mine
+    away -= mine * (away.sum(axis=0) / mine.sum(axis=0))
+    away /= max(float(np.abs(away).max()), 1.0)
+    columns = np.hstack([mine[:, 1:], away, away**2])
+    return np.asarray(columns - columns.mean(axis=0))
 
 
 def observed_limits(recordings: Sequence[Sequence[FeatureBlock]]) -> SteadyLimits:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
-from .phases import SteadyPhases, robust_regression
+from .phases import SteadyPhases, place_columns, robust_regression
 
 LEAST_PHASES = 20
 """Least number of phases between two others for a lag."""
@@ -72,16 +72,19 @@ def wide_inertia(
     wide it does not. Both are the same divided second difference, of the angle and of the torque
     integrated twice, so both give the same inertia of a true axis (thesis, eq. 4.3.4).
     """
-    runs = [run for blocks in recordings for run in _unbroken(blocks)]
-    found = [_windows(k, run, intervals) for k, run in enumerate(runs) if len(run) >= 2 * intervals]
+    runs = [(k, run) for k, blocks in enumerate(recordings) for run in _unbroken(blocks)]
+    found = [_windows(k, run, intervals) for k, run in runs if len(run) >= 2 * intervals]
     if not found:
         return None
     rows = SteadyPhases(*np.concatenate(found, axis=1))
     if len(rows) < LEAST_WINDOWS:
         return None
     motion = [rows.acceleration_rad_s2, rows.speed_rad_s, rows.direction]
-    columns = np.column_stack([*motion, np.ones(len(rows))])
-    fit = robust_regression(columns, rows.torque_nm, rows, np.full(columns.shape[1], np.inf))
+    place = place_columns(rows)
+    columns = np.column_stack([*motion, np.ones(len(rows)), place])
+    level = float(np.median(np.abs(rows.torque_nm)))
+    sigma = np.array([np.inf] * 4 + [0.5 * level] * place.shape[1])
+    fit = robust_regression(columns, rows.torque_nm, rows, sigma)
     half_width_s = 0.5 * float(np.median(rows.steady_s))
     return WideInertia(half_width_s, float(fit.value[0]), float(fit.sigma[0]))
 
@@ -122,4 +125,4 @@ def _windows(number: int, run: Sequence[FeatureBlock], intervals: int) -> Floats
     _, acceleration, torque, speed, direction = (2.0 * (goes - came) / span_s[:, None]).T
     unknown = np.full(len(here), np.nan)
     steady = (np.full(len(here), float(number)), here[:, 0], span_s, direction)
-    return np.array([*steady, torque, acceleration, speed, unknown, unknown])
+    return np.array([*steady, torque, acceleration, speed, here[:, 1], unknown])

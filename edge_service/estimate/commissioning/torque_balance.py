@@ -14,6 +14,8 @@ from .phases import (
     Noise,
     RegressionFit,
     SteadyPhases,
+    noise_of,
+    place_columns,
     require_motion,
     robust_regression,
 )
@@ -69,6 +71,8 @@ def fit_torque_balance(
             f"(inertia {v[0]:.3g} kg m2, friction {v[3]:.3g} N m): check signs and units"
         )
     significant = v[5] > 2.0 * s[5]
+    odd = 6 + 2 * harmonics
+    of_place_nm = place_columns(phases) @ v[odd:]
     weights = phases.steady_s
     around = phases.torque_nm - np.average(phases.torque_nm, weights=weights)
     whole, left = (np.average(each**2, weights=weights) for each in (around, fit.residual))
@@ -83,8 +87,8 @@ def fit_torque_balance(
         offset_nm=float(v[4]),
         stribeck_nm=float(v[5]) if significant else 0.0,
         stribeck_speed_rad_s=speed,
-        harmonics_nm=v[6:].reshape(-1, 2),
-        noise=fit.noise,
+        harmonics_nm=v[6:odd].reshape(-1, 2),
+        noise=noise_of(fit.residual + of_place_nm, phases),  # the estimator has no such torque
         unexplained=float(np.sqrt(left / whole)) if whole > 0.0 else 1.0,
         move_scatter_nm=move_scatter_nm(phases, fit.residual),
         motion_s=float(phases.steady_s.sum()),
@@ -126,7 +130,8 @@ def _torque_columns(
         phase = 2.0 * np.pi * k * phases.table_m / stroke_m
         columns += [s * np.cos(phase), s * np.sin(phase)]
         sigma += [0.1 * level, 0.1 * level]
-    return np.column_stack(columns), np.array(sigma)
+    place = place_columns(phases)
+    return np.column_stack([*columns, place]), np.array(sigma + place.shape[1] * [0.5 * level])
 
 
 def move_scatter_nm(phases: SteadyPhases, residual_nm: Floats) -> float:
@@ -135,27 +140,23 @@ def move_scatter_nm(phases: SteadyPhases, residual_nm: Floats) -> float:
     A healthy axis that cuts nothing has the same friction in all moves. A force that acts in some
     of them bends friction, viscous friction and Stribeck excess of the common fit until little is
     left over; inside one move it cannot, where only speed and acceleration change. By regression
-    within groups (Mundlak 1978) of what the common fit leaves of the torque, (n,).
+    within groups (Mundlak 1978) of what the common fit leaves of the torque, (n,): on speed alone,
+    for a start and its stop leave nothing of an acceleration, and noisy ones bend the slope.
     """
     begins = np.abs(np.diff(phases.time_s)) > PAUSE_S
     begins |= (np.diff(phases.direction) != 0.0) | (np.diff(phases.run) != 0.0)
     move, weight = np.concatenate([[0], np.cumsum(begins)]), phases.steady_s
-    steady_s = np.bincount(move, weight)
-    motion = np.column_stack([phases.acceleration_rad_s2, phases.speed_rad_s])
-    mean = np.column_stack([_means(column, move, weight) for column in motion.T])
-    level = _means(residual_nm, move, weight)
-    root = np.sqrt(weight)[:, None]
-    design = (motion - mean[move]) * root
-    left = (residual_nm - level[move]) * root[:, 0]
-    covariance = np.linalg.pinv(design.T @ design, hermitian=True)
-    change = covariance @ (design.T @ left)
-    variance = np.sum((left - design @ change) ** 2) / max(len(move) - len(level), 1)
-    doubt = variance * (1.0 / steady_s + np.einsum("ij,jk,ik->i", mean, covariance, mean))
-    judged = (steady_s >= SHORTEST_S) & np.isfinite(doubt)
+    steady_s, speed = np.bincount(move, weight), phases.speed_rad_s
+    mean, level = (_means(each, move, weight) for each in (speed, residual_nm))
+    inside, left = speed - mean[move], residual_nm - level[move]
+    moment = float(np.sum(weight * inside**2)) or np.inf
+    slope = float(np.sum(weight * inside * left)) / moment
+    variance = np.sum(weight * (left - slope * inside) ** 2) / max(len(move) - len(level), 1)
+    doubt = variance * (1.0 / steady_s + mean**2 / moment)
+    judged = steady_s >= SHORTEST_S
     if judged.sum() < 3:
         return 0.0
-    direction = _means(phases.direction, move, weight)
-    friction = (direction * (level - mean @ change))[judged]
+    friction = (_means(phases.direction, move, weight) * (level - slope * mean))[judged]
     spread = np.var(friction) - np.mean(doubt[judged])
     return float(np.sqrt(max(spread, 0.0)))
 

@@ -16,6 +16,7 @@ class PlainAxis:
     Attributes:
         screw_nm: the fresh screw's own drag, beside which are guides and bearings.
         hanging_nm: torque that holds the table, whichever way it moves.
+        chain_nm: by which that torque grows from one end of the stroke to the other.
         quantum_nm: step of the torque channel; 0 for none.
         late_s: by which the torque channel lags.
         one_encoder: whether the table has none.
@@ -29,6 +30,7 @@ class PlainAxis:
     bearing_nm: float = 0.05
     guide_n: float = 60.0
     hanging_nm: float = 0.0
+    chain_nm: float = 0.0
     stiffness_n_per_m: float = 3e7
     nut_n_per_m: float = 1e8
     stroke_m: float = 0.8
@@ -81,6 +83,7 @@ class PlainAxis:
         torque = self.inertia_kg_m2 * acceleration + self.viscous_nm_s * mean
         torque += self.coulomb_nm * np.sign(mean) + self.hanging_nm
         travel = np.concatenate([[0.0], np.cumsum(mean[:-1]) * step_s])
+        torque += self.chain_nm * self.ratio_m * travel / self.stroke_m
         return self._sampled(torque, travel, np.append(0.0, acceleration[:-1]), np.sign(mean))
 
     def _move(self, share: float, way: float) -> Floats:

@@ -88,6 +88,13 @@ def test_axes_of_any_size_are_recovered(axis: PlainAxis) -> None:
     assert stiffness == pytest.approx(axis.stiffness_n_per_m, rel=0.02)
 
 
+def test_a_counterweight_that_grows_along_the_stroke_is_no_process_force() -> None:
+    axis = replace(BENCH, hanging_nm=2.0, chain_nm=-0.3)
+    taught = learned(axis).commissioned
+    assert taught is not None
+    assert taught.coulomb_nm == pytest.approx(axis.coulomb_nm, rel=0.01)
+
+
 def test_limits_come_down_with_the_motion_and_are_kept() -> None:
     slow, fast = learned(SLOW).commissioned, learned(BENCH).commissioned
     assert slow is not None and fast is not None
