@@ -34,6 +34,10 @@ OTHER_FACTOR = 10.0
 """Friction over the screw's own beyond which, without a guide that shows it, a unit is another."""
 WORN_SHARE = 0.7
 """Share of the fresh screw's drag: a healthy screw, run in and cold, has more."""
+SEALS_N = 200.0
+"""Carriages with double seals and scrapers (catalogues: 5 to 50 N each), strips of light axes."""
+BEARING_NM_PER_M = 11.0
+"""Sealed thrust bearings by the screw's diameter (INA ZKLF: 0.015 N m a mm of bore, 3/4 of it)."""
 NUT_SHARES = (0.03, 1.0)
 """Nut's share of the series compliance: screw, bearings and coupling are softer than nothing."""
 
@@ -152,12 +156,22 @@ def require_fresh_screw(
             f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
             "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
         )
-    if left_nm - SIGMAS * sigma > OTHER_FACTOR * screw.value > 0.0:
+    most_nm = machine.transmission_ratio_m_per_rad * _most_other_n(machine)
+    if screw.value and left_nm - SIGMAS * sigma > max(OTHER_FACTOR * screw.value, most_nm):
         raise CommissioningError(
             f"{whole}, over {OTHER_FACTOR:.0f} times the fresh screw's own {screw.value:.3g} "
             "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
             f"of columns.{TORQUE}"
         )
+
+
+def _most_other_n(machine: Machine) -> float:
+    """Force with which a healthy axis' weight, seals and bearings can hold it back, N."""
+    mass = machine.model.table_mass_kg or Quantity(value=0.0)
+    weight_n = gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance)
+    bearing_nm = BEARING_NM_PER_M * (machine.axis.screw_diameter_m or 0.0)
+    bearing_nm = max(bearing_nm, machine.model.bearing_drag_nm.value)
+    return max(weight_n, SEALS_N) + bearing_nm / machine.transmission_ratio_m_per_rad
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:
@@ -182,18 +196,18 @@ def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None
 
 
 def require_light_guides(torque: TorqueBalance, machine: Machine) -> None:
-    """Require guides that hold back less than the table weighs, unless the file states more.
+    """Require friction that weight, seals and bearings explain, unless the file states the guides'.
 
     Raises:
         CommissioningError: another force brakes the axis all the time, or the mass is another.
     """
-    mass = machine.model.table_mass_kg
-    if mass is None or machine.model.guide_force_n.value:
+    if machine.model.table_mass_kg is None or machine.model.guide_force_n.value:
         return
+    most_n = _most_other_n(machine)
     force_n = other_drag_nm(machine, torque) / machine.transmission_ratio_m_per_rad
-    if force_n > gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance):
+    if force_n > most_n:
         raise CommissioningError(
-            f"friction beside the screw's is {force_n:.3g} N, more than the table weighs: needs "
-            "recordings without process forces, the guides' own in model.guide_force_n, or the "
-            "right model.table_mass_kg"
+            f"friction beside the screw's is {force_n:.3g} N, more than the table weighs and than "
+            f"seals and bearings hold back ({most_n:.3g} N): needs recordings without process "
+            "forces, the guides' own in model.guide_force_n, or the right model.table_mass_kg"
         )

@@ -95,6 +95,16 @@ def test_a_counterweight_that_grows_along_the_stroke_is_no_process_force() -> No
     assert taught.coulomb_nm == pytest.approx(axis.coulomb_nm, rel=0.01)
 
 
+def test_seals_and_bearings_of_a_light_table_may_hold_back_more_than_it_weighs() -> None:
+    light = replace(SMALL, lead_m=0.01, table_kg=5.0, screw_nm=0.1, bearing_nm=0.1, guide_n=120.0)
+    assert learned(light).model.guide_force_n.value == pytest.approx(light.guide_n, rel=0.02)
+    thin = replace(light, table_kg=2.0, screw_nm=0.02, one_encoder=True)
+    nominal = thin.machine()
+    model = nominal.model.model_copy(update={"table_mass_kg": None})
+    taught = commissioned([cut(thin)], nominal.model_copy(update={"model": model})).commissioned
+    assert taught is not None and taught.coulomb_nm > 10.0 * thin.screw_nm
+
+
 def test_limits_come_down_with_the_motion_and_are_kept() -> None:
     slow, fast = learned(SLOW).commissioned, learned(BENCH).commissioned
     assert slow is not None and fast is not None
