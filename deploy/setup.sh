@@ -52,10 +52,10 @@ step() { echo "setup: [$1] $2" >&2; }
 
 compile_kernels() {
   .venv/bin/python -c 'from pathlib import Path
-from edge_service.config import load_machine
+from edge_service.config import EstimatorConfig, load_machine
 from edge_service.nodes.stages import warm_up
-warm_up()
-warm_up(machines=[load_machine(Path("deploy/commissioned.toml"))])'
+machines = (load_machine(Path(f"deploy/{name}.toml")) for name in ("machine", "commissioned"))
+warm_up(EstimatorConfig(), machines)'
   .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
 }
 

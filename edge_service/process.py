@@ -21,18 +21,24 @@ ENVIRONMENT = {
 }
 
 
-async def started(*words: str, **streams: Any) -> asyncio.subprocess.Process:
+async def started(
+    *words: str, program: tuple[str, ...] = (), nice: int | None = None, **streams: Any
+) -> asyncio.subprocess.Process:
     """Process of `edge-service WORDS...`, first to go where memory runs short. Raises OSError."""
     process = await asyncio.create_subprocess_exec(
-        *(*PROGRAM, *words),
+        *(*(program or PROGRAM), *words),
         stdin=asyncio.subprocess.DEVNULL,
         start_new_session=True,
         env=os.environ | ENVIRONMENT,
         **streams,
     )
     with suppress(OSError):  # it has ended already, or this system knows no such thing
-        os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
-        _let_go_first(process.pid)
+        os.setpriority(os.PRIO_PROCESS, process.pid, NICE if nice is None else nice)
+        handle = os.open(f"/proc/{process.pid}/oom_score_adj", os.O_WRONLY)
+        try:
+            os.write(handle, b"1000")
+        finally:
+            os.close(handle)
     return process
 
 
@@ -52,10 +58,10 @@ async def end(process: asyncio.subprocess.Process) -> None:
     await process.wait()
 
 
-async def finished(*words: str, limit_s: float) -> tuple[int, str]:
+async def finished(*words: str, limit_s: float, **more: Any) -> tuple[int, str]:
     """Exit status of `edge-service WORDS...` and the last line it said. OSError, TimeoutError."""
     process = await started(
-        *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+        *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, **more
     )
     try:
         async with asyncio.timeout(limit_s):
@@ -63,14 +69,6 @@ async def finished(*words: str, limit_s: float) -> tuple[int, str]:
     finally:
         await end(process)
     return process.returncode or 0, said.decode(errors="replace").strip().rpartition("\n")[2]
-
-
-def _let_go_first(pid: int) -> None:
-    handle = os.open(f"/proc/{pid}/oom_score_adj", os.O_WRONLY)
-    try:
-        os.write(handle, b"1000")
-    finally:
-        os.close(handle)
 
 
 def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:

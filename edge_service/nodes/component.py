@@ -233,11 +233,7 @@ class Component:
 
 
 def said(error: BaseException) -> str:
-    """Kind, text and place of an error that nobody foresaw, in one line.
-
-    >>> said(ValueError("no number"))
-    'ValueError: no number'
-    """
+    """Kind, text and place of an error that nobody foresaw, in one line."""
     text = " ".join(str(error).split())[:200]
     frames = traceback.extract_tb(error.__traceback__)
     place = f" at {frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno}" if frames else ""

@@ -18,7 +18,7 @@ from ..messages.codec import Header, T, Topic
 from ..messages.event import AxisCondition, Event
 from ..models.machine import Machine
 from ..outputs.base import Output
-from .stages import load_machines
+from .stages import load_machines, prepare
 
 PATIENCE_S = 2.0
 """So long the disk may hold back what is to be told; then monitoring goes on without it."""
@@ -64,6 +64,11 @@ class NodeContext:
     def machines(self) -> dict[str, Machine]:
         """Machine of each axis, by the axis' name. Raises ConfigError."""
         return load_machines(self.config)
+
+    @cached_property
+    def prepared(self) -> asyncio.Future[None]:
+        """Done once the kernels are compiled; that begins when it is first asked for."""
+        return asyncio.ensure_future(prepare(self.config, tuple(self.machines.values())))
 
     def renew(self, axis: AxisConfig, machine: Machine) -> None:
         """Let an axis begin, or begin anew, by its table and machine file, in every node."""

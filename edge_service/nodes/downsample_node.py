@@ -14,14 +14,9 @@ from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame, Waveform
 from ..messages.topics import FEAT, RAW, WAVE
 from ..models.machine import Machine
-from ..threads import Threads
 from .component import Component
 from .context import NodeContext
-from .stages import make_downsampler, warm_up_downsampling
-
-PREPARING = (
-    "the downsampling is being prepared; after an installation or upgrade that takes a minute"
-)
+from .stages import PREPARING, make_downsampler
 
 
 class AxisDownsampling:
@@ -88,9 +83,7 @@ async def run(context: NodeContext) -> None:
     async with component.running():
         component.follow(waves, take_wave)
         component.to(ComponentStatus.STARTING, PREPARING)
-        machines = tuple(context.machines.values())
-        work = Threads("downsample")
-        await work.run(warm_up_downsampling, machines)
+        await context.prepared
         component.follow(samples, take)
         component.to(ComponentStatus.OK)
         await context.forever()

@@ -15,10 +15,9 @@ from ..threads import Threads
 from .component import Component
 from .context import NodeContext
 from .estimated_axis import EstimatedAxis, Kept, StateError, identity_of
-from .stages import make_estimator, warm_up
+from .stages import PREPARING, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
-PREPARING = "the estimator is being prepared; after an installation or upgrade that takes a minute"
 PART_REPLACED = "part_replaced"
 STATE = "estimate"
 """Name of the states in the store."""
@@ -159,7 +158,7 @@ async def run(context: NodeContext) -> None:
         for part in parts:
             part.to(ComponentStatus.STARTING, PREPARING)
         later |= {axis: component.start(live(part)) for axis, part in estimators.parts.items()}
-        await work.run(warm_up, context.config.estimator, tuple(context.machines.values()))
+        await context.prepared
         await component.from_store(estimators.load)
         for part in parts:
             part.to(ComponentStatus.OK)

@@ -27,7 +27,6 @@ from ..http_api.serve import serve
 from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
 from ..messages.command import Command, Outcome
-from ..messages.estimate import PreloadEstimate
 from ..messages.event import AxisCondition, Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
@@ -111,9 +110,6 @@ class HttpNode:
         )
         component.problems = lambda: [context.store.problem] if context.store.problem else []
 
-        def take_preload(axis: str, header: Header, estimate: PreloadEstimate) -> None:
-            state.on_preload(axis, header, estimate, now_ns())
-
         def take_health(_axis: str, header: Header, health: AxisHealth) -> None:
             state.on_health(header, health, now_ns())
 
@@ -135,7 +131,10 @@ class HttpNode:
         try:
             async with component.running():
                 component.start(self._serve())
-                component.follow(preloads, take_preload)
+                component.follow(
+                    preloads,
+                    lambda axis, header, each: state.on_preload(axis, header, each, now_ns()),
+                )
                 component.follow(context.subscribe(HEALTH), take_health)
                 component.follow(context.subscribe(FEAT), state.on_feature)
                 component.follow(context.subscribe_to_components(STATUS), take_report)

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Coroutine, Iterable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 from ..clock import now_ns
@@ -41,7 +42,7 @@ log = logging.getLogger(__name__)
 SHOW_PERIOD_S = 0.5
 TAKE_S = 30.0
 """Longest time in which an output takes a message."""
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
+new_retry = partial(Retry, 1.0, 60.0)
 MOST_TOGETHER = 100
 """Events that are handed over together, at most."""
 MOST_BROKEN = 5
@@ -131,11 +132,6 @@ async def run(context: NodeContext, name: str) -> None:
                 await component.again(life, new_retry(), OutputUnavailableError)
             component.to(ComponentStatus.OK)  # it is asked, as metrics are
             await context.forever()
-
-
-def new_retry() -> Retry:
-    """Pauses after which an output is tried again."""
-    return Retry(FIRST_PAUSE_S, LONGEST_PAUSE_S)
 
 
 class OutputNode:

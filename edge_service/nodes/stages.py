@@ -1,25 +1,30 @@
 """The pure stages of one axis as the configuration asks for them."""
 
+import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
+import numba
 import numpy as np
 
 from ..checks.live.channel_limits import channel_limits
-from ..config import (
-    DEFAULT_MACHINE,
-    ConfigError,
-    EdgeConfig,
-    EstimatorConfig,
-    load_machine,
-)
+from ..config import ConfigError, EdgeConfig, EstimatorConfig, load_config, load_machine
 from ..downsample import Downsampler, DownsampleSettings
 from ..estimate import interface
 from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
+from ..process import finished
+from ..threads import Threads
+from .estimated_axis import identity_of
 
+PREPARING = (
+    "numeric kernels are being compiled; after an installation or upgrade that takes a minute"
+)
+_LONGEST_S = 1800.0
 _WARM_RAD_S = 10.0
 
 
@@ -51,38 +56,37 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
         raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 
 
-def warm_up_downsampling(machines: Iterable[Machine]) -> None:
-    """Compile what parts samples into intervals, with and without a linear encoder."""
+async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
+    """Compile the kernels before the first sample: a minute on a new installation.
+
+    That is done in a process that ends, once for each machine file: a compiler holds 300 MB for as
+    long as its process lives. Where it fails, or nothing can be kept, it is done here.
+    """
+    folder = getattr(numba.config, "CACHE_DIR", "")
+    marks = [Path(folder) / identity_of(each, config.estimator) for each in machines]
+    if folder and config.file and not all(each.exists() for each in marks):
+        with suppress(OSError, TimeoutError):
+            words = (sys.executable, "-m", __name__, str(config.file))
+            status, _ = await finished(program=words, nice=0, limit_s=_LONGEST_S)
+            for each in () if status else marks:
+                each.touch()
+    await Threads("kernels").run(warm_up, config.estimator, machines)
+
+
+def warm_up(estimator: EstimatorConfig, machines: Iterable[Machine]) -> None:
+    """Let every kernel run, with and without a linear encoder, until the estimators answer."""
     for machine in machines:
-        steady = _steady(machine)
+        steady, warm = _steady(machine), make_estimator(estimator, machine)
         table_m = steady.channels[ANGLE] * machine.axis.lead_m / (2.0 * np.pi)
         both = replace(steady, channels={**steady.channels, TABLE_POSITION: table_m})
-        for frame in (steady, both):
-            make_downsampler(machine).push(frame)
-
-
-def warm_up(estimator: EstimatorConfig | None = None, machines: Iterable[Machine] = ()) -> None:
-    """Compile the kernels before the first sample: it takes seconds on a new installation.
-
-    The motion lasts until the estimators answer: answers are compiled as well.
-
-    Args:
-        machines: whose estimators run; the default one's unless given.
-    """
-    estimator = estimator or EstimatorConfig()
-    for machine in tuple(machines) or (load_machine(DEFAULT_MACHINE),):
-        warm = make_estimator(estimator, machine)
-        for block in make_downsampler(machine).push(_steady(machine)):
+        make_downsampler(machine).push(both)
+        for block in make_downsampler(machine).push(steady):
             warm.update(block)
             warm.estimate()
 
 
 def _steady(machine: Machine) -> SampleFrame:
-    """Two seconds of motion at one speed.
-
-    A commissioned axis gets the friction that it expects: another torque would mean a process
-    force.
-    """
+    """Two seconds at one speed, against the friction that is expected: more would be a force."""
     time_s, commissioned = np.arange(2000, dtype=np.float64) / 1e3, machine.commissioned
     friction_nm = 0.1
     if commissioned is not None:
@@ -90,3 +94,8 @@ def _steady(machine: Machine) -> SampleFrame:
         friction_nm = commissioned.coulomb_nm + _WARM_RAD_S * viscous_nm_s_per_rad
     torque_nm = friction_nm * (1.0 + 0.01 * np.sin(time_s))
     return SampleFrame(time_s, {TORQUE: torque_nm, ANGLE: _WARM_RAD_S * time_s})
+
+
+if __name__ == "__main__":
+    chosen = load_config(Path(sys.argv[1]))
+    warm_up(chosen.estimator, load_machines(chosen).values())

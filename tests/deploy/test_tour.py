@@ -50,12 +50,6 @@ def test_what_a_tour_says_wrongly_is_found(answer: str, tmp_path: Path) -> None:
     assert "was said to print" in wrong
 
 
-def test_a_command_of_a_tour_that_fails_is_found(tmp_path: Path) -> None:
-    (wrong,) = carry_out(steps("```sh\nls missing\ntrue\n```\n"), tmp_path, environment())
-    assert "status 2" in wrong
-    assert "missing" in wrong
-
-
 def test_the_worked_example_follows_from_its_data_sheet() -> None:
     """By the formulas that the guide states beside it, and by the figures of its table."""
     machine = Machine.model_validate(tomllib.loads(block(TOURS[0], "toml", "lead_m")))

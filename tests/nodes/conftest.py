@@ -18,6 +18,7 @@ from edge_service.config import (
     AxisConfig,
     BusConfig,
     EdgeConfig,
+    EstimatorConfig,
     HttpConfig,
     load_machine,
 )
@@ -27,7 +28,7 @@ from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limi
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import EstimatedAxis
 from edge_service.nodes.service import PIPELINE, run_nodes
-from edge_service.nodes.stages import warm_up, warm_up_downsampling
+from edge_service.nodes.stages import warm_up
 from edge_service.recordings.writer import TraceWriter
 
 PATIENCE_S = 60.0
@@ -39,6 +40,12 @@ def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConf
     axis = AxisConfig(name="X", machine=DEFAULT_MACHINE, driver=driver, settings=settings)
     places = {"bus": BusConfig(endpoint="tcp/127.0.0.1:0"), "http": HttpConfig(port=0)}
     return EdgeConfig.model_validate(places | {"axes": (axis,)} | changes)
+
+
+def two_axes(**changes: object) -> EdgeConfig:
+    config = config_of("simulated", {"scenario": "healthy"}, **changes)
+    axis = config.axes[0]
+    return config.model_copy(update={"axes": (axis, axis.model_copy(update={"name": "Y"}))})
 
 
 def estimated(make: Callable[[], PreloadEstimator]) -> EstimatedAxis:
@@ -64,9 +71,8 @@ class Running:
 @cache
 def warm() -> None:
     """Compile the kernels, which may take longer than anybody here waits."""
-    machines = (load_machine(DEFAULT_MACHINE),)
-    warm_up_downsampling(machines)
-    warm_up(None, machines)
+    names = ("machine.toml", "commissioned.toml")
+    warm_up(EstimatorConfig(), (load_machine(DEFAULT_MACHINE.with_name(each)) for each in names))
 
 
 @asynccontextmanager

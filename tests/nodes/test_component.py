@@ -25,15 +25,9 @@ from edge_service.outputs.mqtt import MqttOutput
 from edge_service.retry import Retry
 
 from ..messages.examples import PAYLOADS
-from .conftest import PATIENCE_S, Running, config_of, running, until
+from .conftest import PATIENCE_S, Running, config_of, running, two_axes, until
 
 AT_ONCE = Retry(0.0, 0.0)
-
-
-def two_axes(**changes: object) -> EdgeConfig:
-    config = config_of("simulated", {"scenario": "healthy"}, **changes)
-    axis = config.axes[0]
-    return config.model_copy(update={"axes": (axis, axis.model_copy(update={"name": "Y"}))})
 
 
 async def reported(

@@ -103,12 +103,6 @@ def one_piece(given: Sequence[FeatureBlock]) -> list[str]:
     return told
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> None:
-    """Nobody waits for a node that compiles."""
-    one_piece(blocks()[:20])
-
-
 class Feed:
     """Sends intervals to an estimate node and hears its answers."""
 

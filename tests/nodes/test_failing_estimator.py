@@ -14,11 +14,11 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.topics import FEAT, PRELOAD, STATUS
-from edge_service.nodes import estimate_node
+from edge_service.nodes import estimate_node, stages
 from edge_service.nodes.estimated_axis import MOST_BLAMED, SOUND_PERIOD, EstimatedAxis
 
 from ..messages.examples import PAYLOADS
-from .conftest import PATIENCE_S, config_of, running
+from .conftest import PATIENCE_S, running, two_axes
 
 PERIOD_S = 0.1
 Raises = Callable[[int, int], bool]
@@ -191,10 +191,8 @@ def test_whatever_raises_when_no_number_comes_from_a_state_left_half_made(seed: 
 async def test_an_axis_that_fails_says_so_and_the_other_is_undisturbed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    config = config_of("simulated", {})
-    axis = config.axes[0]
-    config = config.model_copy(update={"axes": (axis, axis.model_copy(update={"name": "Y"}))})
-    monkeypatch.setattr(estimate_node, "warm_up", lambda *_args: None)
+    config = two_axes()
+    monkeypatch.setattr(stages, "warm_up", lambda *_args: None)
     names = iter(("X", "Y"))
 
     def make(*_args: Any) -> PreloadEstimator:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.config import load_machine
+from edge_service.config import EstimatorConfig, load_machine
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.nodes import stages
@@ -25,7 +25,7 @@ def test_the_estimators_have_answered(name: str, monkeypatch: pytest.MonkeyPatch
         return warmed[-1]
 
     monkeypatch.setattr(stages, "make_estimator", noted)
-    stages.warm_up(machines=[load_machine(ROOT / "deploy" / f"{name}.toml")])
+    stages.warm_up(EstimatorConfig(), [load_machine(ROOT / "deploy" / f"{name}.toml")])
     (estimator,) = warmed
     assert estimator.estimate().status is EstimateStatus.ESTIMATED
 
@@ -47,7 +47,6 @@ async def produced():
     return [await anext(frames) for _ in range(120)]
 
 frames = asyncio.run(produced())
-stages.warm_up_downsampling([machine])
 stages.warm_up(EstimatorConfig(), [machine])
 downsampler, estimator = (
     stages.make_downsampler(machine), stages.make_estimator(EstimatorConfig(), machine)
