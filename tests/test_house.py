@@ -163,12 +163,12 @@ MOST_LINES = {
     "http_api": 2480,
     "messages": 2062,
     "models": 5793,
-    "nodes": 2970,
+    "nodes": 2967,
     "offline": 5604,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,
-    "beside the rooms": 798,
+    "beside the rooms": 796,
     "tests": 47870,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
