@@ -1,20 +1,21 @@
 """Recordings of a healthy, cold axis in, a commissioned machine file out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import tomlkit
 
 from ..atomic import replaced_file
 from ..command_answer import Answer
-from ..config import ConfigError, load_machine
+from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
 from ..estimate.commissioning.shares import doubt_of_fresh_screw
 from ..messages.features import FeatureBlock
+from ..messages.interval import Interval, printed
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
-from ..nodes.stages import make_downsampler
+from ..nodes.stages import make_downsampler, make_estimator
 from .examination import require_sound
 from .recordings import Progress, open_recording, reported, silent
 from .report.quantities import tolerated
@@ -26,6 +27,11 @@ _IDENTIFIED = (
     "bearing_drag_nm",
     "table_mass_kg",
 )
+
+READ_BACK = 6000
+"""Blocks, of all recordings alike, that the estimator reads back: some 10 s of computing."""
+SELDOM = 0.05
+"""Share of its answers that an interval of 95 % may miss."""
 
 
 def commission_to_file(
@@ -73,13 +79,42 @@ def commission_to_file(
         machine = _learning(machine, assumed_fresh=True)
     if interval_s is not None:
         machine = _learning(machine, interval_s=interval_s)
+    progress("reading the recordings back")
+    unlike = _not_as_fresh(machine, traces, recordings)
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    return _learned(out, machine, None if doubt is None else doubt.words)
+    return _learned(out, machine, None if doubt is None else doubt.words, unlike)
+
+
+def _not_as_fresh(
+    machine: Machine, traces: Sequence[Path], recordings: Sequence[Sequence[FeatureBlock]]
+) -> dict[str, Interval]:
+    """Worst reading, percent of the fresh preload, of each recording that is not read as fresh.
+
+    What an axis was learned from must read as fresh: tomorrow's estimates have the same error.
+    """
+    unlike: dict[str, Interval] = {}
+    fresh = machine.fresh_preload_percent
+    if fresh is None or machine.missing_for_percent() is not None:
+        return unlike
+    for trace, blocks in zip(traces, recordings, strict=True):
+        estimator = make_estimator(EstimatorConfig(), machine)
+        seen = []
+        for block in blocks[: READ_BACK // len(recordings)]:
+            estimator.update(block)
+            now = estimator.estimate()
+            if now.preload_percent is not None and now.low is not None and now.high is not None:
+                reading = Interval(value=now.preload_percent, low=now.low, high=now.high)
+                seen.append(reading.times(100.0 / fresh))
+        missed = [each for each in seen if not each.low <= 100.0 <= each.high]
+        if len(missed) > SELDOM * len(seen):
+            worst = max(missed, key=lambda each: max(each.low - 100.0, 100.0 - each.high))
+            unlike[str(trace)] = worst
+    return unlike
 
 
 def _learning(machine: Machine, **more: float | bool) -> Machine:
@@ -123,7 +158,9 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
         document["effects"] = effects
 
 
-def _learned(out: Path, machine: Machine, doubt: str | None) -> Answer:
+def _learned(
+    out: Path, machine: Machine, doubt: str | None, unlike: Mapping[str, Interval]
+) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
     guides_n, bearings_nm = model.guide_force_n.value, model.bearing_drag_nm.value
@@ -162,6 +199,12 @@ def _learned(out: Path, machine: Machine, doubt: str | None) -> Answer:
             )
     if doubt is not None:
         lines.append(f"  the screw is assumed to be fresh: {doubt}")
+    for name, read in unlike.items():
+        value, low, high = printed(read.value, read.low, read.high)
+        lines.append(
+            f"  {name} reads as {value} % of the fresh preload ({low} to {high}): another state of "
+            "the axis, or a model that does not fit; commission without it, or expect that error"
+        )
     document = {
         "out": str(out),
         "motion_s": learned.motion_s,
@@ -172,5 +215,6 @@ def _learned(out: Path, machine: Machine, doubt: str | None) -> Answer:
         "bearing_drag_nm": bearings_nm,
         "stretch": stretch,
         "assumed_fresh_because": doubt,
+        "not_as_fresh_percent": unlike,
     }
     return Answer("\n".join(lines), document)

@@ -9,6 +9,8 @@ from edge_service.cli.entry import main
 from edge_service.config import load_machine
 from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.commissioning.shares import Doubt, doubt_of_fresh_screw
+from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
+from edge_service.messages.estimate import PreloadEstimate
 from edge_service.recordings.writer import TraceWriter
 
 from .plain_axis import PlainAxis
@@ -79,10 +81,9 @@ def test_an_assumption_is_handed_on() -> None:
     assert found is not None and "assumption" in found.words and not found.contradicts
 
 
-def test_what_was_assumed_stays_in_the_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    frame, trace, nominal = ONE.frame(), tmp_path / "t.parquet", tmp_path / "m.toml"
+def commission(folder: Path) -> Path:
+    """Machine file that the command writes for an axis with one encoder."""
+    frame, trace, nominal = ONE.frame(), folder / "t.parquet", folder / "m.toml"
     with TraceWriter(trace, tuple(frame.channels)) as writer:
         writer.write(frame)
     nominal.write_text(
@@ -90,9 +91,32 @@ def test_what_was_assumed_stays_in_the_file(
         f"[model]\ninertia_kg_m2 = {ONE.inertia_kg_m2}\npreload_n = 500.0\n"
         f"preload_drag_nm = {ONE.screw_nm}\n"
     )
-    out = tmp_path / "out.toml"
+    out = folder / "out.toml"
     command = ["commission", "--machine", str(nominal), str(trace), "--out", str(out)]
     assert main(command) == 0
-    assert "the screw is assumed to be fresh" in capsys.readouterr().out
-    learned = load_machine(out).commissioned
+    return out
+
+
+def test_what_was_assumed_stays_in_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    learned = load_machine(commission(tmp_path)).commissioned
     assert learned is not None and learned.assumed_fresh
+    said = capsys.readouterr().out
+    assert "the screw is assumed to be fresh" in said
+    assert "reads as" not in said
+
+
+def test_a_recording_that_does_not_read_as_fresh_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimate = MixturePreloadEstimator.estimate
+
+    def low(estimator: MixturePreloadEstimator) -> PreloadEstimate:
+        percent = 0.9 * 100.0 * 500.0 / 7450.0
+        numbers = {"preload_percent": percent, "low": percent - 0.5, "high": percent + 0.5}
+        return estimate(estimator).model_copy(update=numbers)
+
+    monkeypatch.setattr(MixturePreloadEstimator, "estimate", low)
+    commission(tmp_path)
+    assert "t.parquet reads as 90 % of the fresh preload (82 to 98)" in capsys.readouterr().out
