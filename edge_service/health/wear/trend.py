@@ -12,27 +12,23 @@ from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
 from ..headline import span
 from ..inputs import NS_PER_S
-from .wear_laws import TrendDraws, draw_trends
+from .wear_laws import WearProjection, project_wear
 
-MOST_POINTS = 400
+_MOST_STEPS = 400
+MOST_POINTS = 64
+"""Of the trend, so that its work stays small."""
 _COLUMNS = 5
 _LONGEST_STEP_S = 1e9
-_SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
-_SEED = 20260131
-_BLOCKS = 8
-_SLOWEST_M_S = 1e-9
-_WAY_WEARS = float(np.log(4.0))
-"""Log odds of wear by the way against wear by the hour, before anything is seen (convention)."""
-MEMORY_S = 600.0
-"""Assumption: an estimator that erred errs anew after so long; a faster change may be its own."""
 _WIDE = 2.0
 """Estimates with intervals wider than this many times the middle one only begin to know."""
 LEVEL = 0.9
 """Of every interval and band."""
 CERTAIN = 0.95
 """Probability of a fall (or rise) from which it is called one."""
-_HORIZON = 20.0
-"""A limit further away than this many times the history's length has no date."""
+_HORIZON = 4.0
+"""A limit that is likely further away than this many times the history's length has no date."""
+_OPEN = 20.0
+"""A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
 _OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
@@ -81,7 +77,7 @@ class PreloadHistory:
         row[1] += 1.0
         for column, value in ((2, percent), (3, half_width), (4, distance_m)):
             row[column] += (value - row[column]) / row[1]
-        if len(self._rows) > MOST_POINTS:
+        if len(self._rows) > _MOST_STEPS:
             rows = self._table()
             rows[:, 0] //= 2.0
             self._rows = _joined(rows)
@@ -115,7 +111,14 @@ class PreloadHistory:
         rows = self._table()
         if len(rows) > 2 and rows[-1, 1] < 0.5 * np.median(rows[:, 1]):
             rows = rows[:-1]
-        return (rows[:, 0] + 0.5) * self._step_s, rows[:, 2], rows[:, 3], rows[:, 4]
+        if not rows.size:
+            return rows[:, 0], rows[:, 2], rows[:, 3], rows[:, 4]
+        part = rows[:, 0] - rows[0, 0]
+        while np.unique(part).size > MOST_POINTS:
+            part //= 2.0
+        rows[:, 0] = (rows[:, 0] + 0.5) * self._step_s
+        time_s, _, percent, half_width, distance_m = _means(rows, part).T
+        return time_s, percent, half_width, distance_m
 
     def snapshot(self) -> PreloadSteps:
         """State that outlives the process."""
@@ -135,69 +138,27 @@ class PreloadHistory:
 
 
 def _joined(rows: Floats) -> list[list[float]]:
-    """Rows by step, those of one step as one: the means of their counts."""
-    number, first = np.unique(rows[:, 0], return_index=True)
-    if not rows.size:
-        return []
-    count = np.add.reduceat(rows[:, 1], first)
-    means = np.add.reduceat(rows[:, 2:] * rows[:, 1:2], first, axis=0) / count[:, None]
-    joined: list[list[float]] = np.column_stack([number, count, means]).tolist()
+    """Rows by step, those of one step as one."""
+    joined: list[list[float]] = _means(rows, rows[:, 0]).tolist() if rows.size else []
     return joined
 
 
-@dataclass(frozen=True, slots=True)
-class WearProjection:
-    """Draws of a trend, with what turns its s into time.
-
-    Attributes:
-        draws: equally likely courses.
-        basis: `time` or `distance`.
-        s_per_s: future progress of s per second of each draw, (n,).
-    """
-
-    draws: TrendDraws
-    basis: str
-    s_per_s: Floats
-
-    def seconds_to(self, limit_percent: float) -> Floats:
-        """Time that each course needs to reach the limit, s, (n,); inf if it never does."""
-        return self.draws.way_to(limit_percent) / self.s_per_s
+def _means(rows: Floats, part: Floats) -> Floats:
+    """Counts and means, weighted by the counts, of the rows in each part, rising, (n, 5)."""
+    first = np.flatnonzero(np.diff(part, prepend=-math.inf))
+    count = np.add.reduceat(rows[:, 1], first)
+    means = np.add.reduceat(rows * rows[:, 1:2], first, axis=0) / count[:, None]
+    means[:, 1] = count
+    return np.asarray(means)
 
 
-def project_wear(
-    time_s: Floats, distance_m: Floats, percent: Floats, sigma_level: float
-) -> WearProjection | None:
-    """Wear against distance, unless time explains it clearly better; None if too early.
-
-    Args:
-        time_s, distance_m, percent: The history; the distance may be NaN or not grow, then time
-            alone counts, (n,).
-        sigma_level: Standard deviation of an error common to all points, percent.
-    """
-    rng = np.random.default_rng(_SEED)
-    by_time = draw_trends(time_s, percent, sigma_level, rng, MEMORY_S)
-    if by_time is None:
-        return None
-    if np.all(np.isfinite(distance_m)) and np.all(np.diff(distance_m) >= 0.0):
-        memory_m = MEMORY_S * float(np.ptp(distance_m)) / float(np.ptp(time_s))
-        by_distance = draw_trends(distance_m, percent, sigma_level, rng, memory_m)
-        if by_distance is not None and by_distance.evidence + _WAY_WEARS > by_time.evidence:
-            speed_m_s = _future_speed(time_s, distance_m, by_distance.slope.size, rng)
-            return WearProjection(by_distance, "distance", speed_m_s)
-    return WearProjection(by_time, "time", np.ones(by_time.slope.size))
-
-
-def _future_speed(
-    time_s: Floats, distance_m: Floats, count: int, rng: np.random.Generator
-) -> Floats:
-    """Distance per second in future, m/s: that of the newest quarter, and as changeable as ever."""
-    index = np.unique(np.linspace(0, time_s.size - 1, _BLOCKS + 1).round().astype(int))
-    speed = np.maximum(np.diff(distance_m[index]) / np.diff(time_s[index]), _SLOWEST_M_S)
-    recent = float(speed[-max(speed.size // 4, 1) :].mean())
-    change = np.diff(np.log(speed))
-    spread = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
-    speeds_m_s: Floats = recent * np.exp(spread * rng.standard_normal(count))
-    return speeds_m_s
+def sure_points(*points: Floats) -> tuple[Floats, ...]:
+    """Times, preloads, half widths and distances, (n,) each, without those that begin to know."""
+    half_width_percent = points[2]
+    if not half_width_percent.size:
+        return points
+    sure = half_width_percent <= _WIDE * np.median(half_width_percent)
+    return tuple(each[sure] for each in points)
 
 
 def preload_trend(
@@ -216,27 +177,25 @@ def preload_trend(
         limits_percent: Limits by name, percent of the dynamic load rating.
         fresh_percent: Preload of the fresh screw, percent of the same.
     """
-    if time_s.size:
-        sure = half_width_percent <= _WIDE * np.median(half_width_percent)
-        time_s, percent, distance_m = time_s[sure], percent[sure], distance_m[sure]
-        half_width_percent = half_width_percent[sure]
+    time_s, percent, half_width_percent, distance_m = sure_points(
+        time_s, percent, half_width_percent, distance_m
+    )
     since_ns = round(float(time_s[0]) * NS_PER_S) if time_s.size else None
-    doubt = max(np.median(half_width_percent), half_width_percent[-1]) if time_s.size else 0.0
-    future = project_wear(time_s, distance_m, percent, float(doubt) * _SIGMA_OF_HALF_WIDTH)
+    future = project_wear(time_s, percent, half_width_percent, distance_m)
     if future is None:
         reason = "Too little history for a trend."
         return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
-    draws, now_s = future.draws, float(time_s[-1])
+    now_s = float(time_s[-1])
     status = TrendStatus.STEADY
-    if np.mean(draws.slope < 0.0) >= CERTAIN:
+    if np.mean(future.slope < 0.0) >= CERTAIN:
         status = TrendStatus.FALLING
-    elif np.mean(draws.slope > 0.0) >= CERTAIN:
+    elif np.mean(future.slope > 0.0) >= CERTAIN:
         status = TrendStatus.RISING
     crossings: list[Crossing] = []
     for name, limit in limits_percent.items() if status is TrendStatus.FALLING else ():
-        if limit < float(np.median(draws.level_percent)):
-            crossings.append(_crossing(name, limit, future, now_s, now_s - float(time_s[0])))
-    low, middle, high = _quantiles(draws.slope * future.s_per_s * 3600.0)
+        found = _crossing(name, limit, future, now_s, now_s - float(time_s[0]))
+        crossings += [] if found is None else [found]
+    low, middle, high = _quantiles(future.slope * future.age_per_s * 3600.0)
     rate = Interval(value=middle, low=low, high=high)
     ends = max(round(_ENDS * percent.size), 1)
     change = float(np.mean(percent[-ends:]) - np.mean(percent[:ends]))
@@ -286,16 +245,17 @@ def _quantiles(draws: Floats) -> tuple[float, float, float]:
 
 def _crossing(
     name: str, limit_percent: float, future: WearProjection, now_s: float, span_s: float
-) -> Crossing:
-    """Dates of a limit; None for those beyond the horizon."""
-    earliest_ns, likely_ns, latest_ns = (
-        round((now_s + each) * NS_PER_S) if each <= _HORIZON * span_s else None
-        for each in _quantiles(future.seconds_to(limit_percent))
-    )
+) -> Crossing | None:
+    """Dates of a limit; None where it lies behind, or further ahead than can be told."""
+    if np.mean(future.level_percent < limit_percent) >= CERTAIN:
+        return None
+    earliest_s, likely_s, latest_s = _quantiles(future.seconds_to(limit_percent))
+    if likely_s > _HORIZON * span_s:
+        return None
     return Crossing(
         limit=name,
         limit_percent=limit_percent,
-        earliest_ns=earliest_ns,
-        likely_ns=likely_ns,
-        latest_ns=latest_ns,
+        earliest_ns=round((now_s + earliest_s) * NS_PER_S),
+        likely_ns=round((now_s + likely_s) * NS_PER_S),
+        latest_ns=round((now_s + latest_s) * NS_PER_S) if latest_s <= _OPEN * span_s else None,
     )

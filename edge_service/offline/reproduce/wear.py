@@ -178,7 +178,7 @@ def _line(stage: Stage, crossings_h: Mapping[float, float]) -> str:
     cells = []
     for limit, came_h in crossings_h.items():
         date = stage.dates.get(limit)
-        if date is None:
+        if date is None or stage.time_h >= came_h:
             cells.append("passed" if stage.time_h >= came_h else "no date yet")
             continue
         latest = f"{date.latest_h:.0f}" if math.isfinite(date.latest_h) else "open"

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..life.bench import life_table, live, shapes
 from ..table import BenchError, Progress, Table, in_processes
+from .dates import LAWS, ask_healthy, ask_of_a_law, dates_table
 from .healthy.false_conditions import healthy_table, shifts
 from .healthy.production_cases import PLANTS, SHIFT_S
 from .losses import losses_table, lost
@@ -21,7 +22,6 @@ from .plants.second_plant import BESIDE, has_second_plant, plant_table, run_seco
 from .plants.spoiled import hostile
 from .plants.thesis import thesis_runs
 from .rows import table_of
-from .trend_coverage import Coverage, coverage, trend_table
 from .wear_rates import rate_session, rate_table
 
 PROCESSES = 2
@@ -31,7 +31,7 @@ _TABLES: Mapping[str, Callable[[Any], Table]] = {
     "rates": rate_table,
     "healthy": healthy_table,
     "losses": losses_table,
-    "trend": trend_table,
+    "dates": dates_table,
     "second-plant": plant_table,
 }
 _FOREIGN_ERRORS = (
@@ -84,7 +84,7 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
     runs = 1 if quick else 2
     for first in range(0, 1 if quick else 8, runs):
         yield Task("thesis", f"thesis' simulations {first}", partial(thesis_runs, first, runs))
-    yield Task("trend", "screws of six laws", partial(_trend, 50 if quick else 400))
+    yield from _dates(quick, axes)
     shift_s = 60.0 if quick else SHIFT_S
     for axis in axes:
         for plant in ("foreign", "own"):
@@ -100,8 +100,13 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
             yield Task("losses", f"losses {plant} {axis}", partial(lost, plant, axis, shift_s))
 
 
-def _trend(lives: int) -> Iterator[Coverage]:
-    yield coverage(lives)
+def _dates(quick: bool, axes: range) -> Iterator[Task]:
+    lives = [1000 * axis + each for axis in axes for each in range(3 if quick else 20)]
+    for readings in (False, True):
+        for law in LAWS:
+            asked = partial(ask_of_a_law, law, lives, readings=readings)
+            yield Task("dates", f"dates, {law}", asked)
+    yield Task("dates", "dates, healthy", partial(ask_healthy, lives))
 
 
 def run_estimator_bench(
