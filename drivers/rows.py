@@ -94,8 +94,8 @@ class FrameCutter:
         for start, end in pairwise(edges):
             cuts = range(start, end, LARGEST_FRAME)
             for cut in cuts[:-1] if end == len(rows) else cuts:
-                yield piece(rows, cut, min(cut + LARGEST_FRAME, end))
-        self._rest = piece(rows, cuts[-1])
+                yield rows.part(slice(cut, min(cut + LARGEST_FRAME, end)))
+        self._rest = rows.part(slice(cuts[-1], None))
 
     def rest(self) -> SampleFrame | None:
         """The rows kept at the end."""
@@ -123,8 +123,3 @@ class Pace:
         if wait_s < -GREATEST_LAG_S:
             self._start_s -= wait_s
         return max(wait_s, 0.0)
-
-
-def piece(frame: SampleFrame, start: int, end: int | None = None) -> SampleFrame:
-    """Rows [start, end) of a frame."""
-    return frame.part(slice(start, end))

@@ -21,7 +21,7 @@ from edge_service.recordings.columns import TraceError
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..recorded import RecordedRows
-from ..rows import FRAME_S, FrameCutter, piece
+from ..rows import FRAME_S, FrameCutter
 
 log = logging.getLogger(__name__)
 SETTLE_S = 2.0
@@ -341,7 +341,7 @@ class FolderDriver:
             bad = sum(reader.bad_cells.values())
             skip, skipped = max(skip - len(block), 0), min(skip, len(block))
             if skipped < len(block):
-                for frame in cutter.cut(piece(block, skipped)):
+                for frame in cutter.cut(block.part(slice(skipped, None))):
                     await self._sleep(0.0)  # the event loop must get its turn between two reads
                     yield frame
         rest = cutter.rest()

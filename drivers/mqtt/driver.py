@@ -13,7 +13,7 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..rows import LARGEST_FRAME, QualityCounts, piece
+from ..rows import LARGEST_FRAME, QualityCounts
 from .link import MqttLink, MqttSourceConfig
 from .streams import EdgeStream, MappedStream, MessageError, decode_object
 
@@ -90,7 +90,7 @@ class MqttDriver:
                 continue
             for frame in map(self._qualities.count, frames):
                 for start in range(0, len(frame), LARGEST_FRAME):
-                    yield piece(frame, start, start + LARGEST_FRAME)
+                    yield frame.part(slice(start, start + LARGEST_FRAME))
 
     async def probe(self) -> Probe:
         """Listen until two samples are heard. Raises like `open`, and says what came instead."""

@@ -98,7 +98,7 @@ class ServiceProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "edge_service", *arguments],
                 cwd=folder,
-                env=os.environ | {"NUMBA_CACHE_DIR": str(kernel_cache)},
+                env=os.environ | {"NUMBA_CACHE_DIR": str(kernel_cache), "MALLOC_ARENA_MAX": "2"},
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=errors,
