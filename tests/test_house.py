@@ -156,7 +156,7 @@ MOST_LINES = {
     "config": 631,
     "diagnose": 5046,
     "downsample": 1248,
-    "drivers": 3864,
+    "drivers": 3859,
     "estimate": 5218,
     "fingerprint": 2942,
     "health": 4873,
