@@ -17,14 +17,13 @@ from ..estimate.interface import PreloadEstimator, UnsuitableMachineError
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
-from ..process import finished
+from ..process import end_with_parent, finished
 from ..threads import Threads
 from .estimated_axis import identity_of
 
 PREPARING = (
     "numeric kernels are being compiled; after an installation or upgrade that takes a minute"
 )
-_LONGEST_S = 1800.0
 _WARM_RAD_S = 10.0
 
 
@@ -67,7 +66,7 @@ async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
     if folder and config.file and not all(each.exists() for each in marks):
         with suppress(OSError, TimeoutError):
             words = (sys.executable, "-m", __name__, str(config.file))
-            status, _ = await finished(program=words, nice=0, limit_s=_LONGEST_S)
+            status, _ = await finished(program=words, nice=0, limit_s=1800.0)
             for each in () if status else marks:
                 each.touch()
     await Threads("kernels").run(warm_up, config.estimator, machines)
@@ -97,5 +96,6 @@ def _steady(machine: Machine) -> SampleFrame:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     chosen = load_config(Path(sys.argv[1]))
     warm_up(chosen.estimator, load_machines(chosen).values())
