@@ -74,8 +74,8 @@ def require_identified(
     if share > MOVE_SCATTER:
         raise CommissioningError(
             f"friction differs from move to move by {100.0 * share:.2g} % (expected less than "
-            f"{100.0 * MOVE_SCATTER:.0f}): needs recordings without process forces, such as the "
-            "same program without a workpiece"
+            f"{100.0 * MOVE_SCATTER:.0f}): needs recordings of one cold day, without "
+            "process forces, such as the same program without a workpiece"
         )
     for name, value, sigma, motion in (
         ("inertia", torque.inertia_kg_m2, torque.inertia_sigma, "acceleration"),
