@@ -80,7 +80,7 @@ class PreloadHistory:
         if len(self._rows) > _MOST_STEPS:
             rows = self._table()
             rows[:, 0] //= 2.0
-            self._rows = _joined(rows)
+            self._rows = _means(rows, rows[:, 0]).tolist()
             self._step_s *= 2.0
 
     def move(self, step_s: float, since_s: float = -math.inf) -> None:
@@ -92,7 +92,7 @@ class PreloadHistory:
         rows = self._table()
         rows[(rows[:, 0] + 1.0) * self._step_s > since_s, 0] += step_s / self._step_s
         rows[:, 0] = np.maximum.accumulate(rows[:, 0])
-        self._rows = _joined(rows)
+        self._rows = _means(rows, rows[:, 0]).tolist()
 
     def newest(self) -> float | None:
         """Preload of the newest step, percent; None if there is none."""
@@ -111,9 +111,7 @@ class PreloadHistory:
         rows = self._table()
         if len(rows) > 2 and rows[-1, 1] < 0.5 * np.median(rows[:, 1]):
             rows = rows[:-1]
-        if not rows.size:
-            return rows[:, 0], rows[:, 2], rows[:, 3], rows[:, 4]
-        part = rows[:, 0] - rows[0, 0]
+        part = rows[:, 0] - rows[:1, 0]
         while np.unique(part).size > MOST_POINTS:
             part //= 2.0
         rows[:, 0] = (rows[:, 0] + 0.5) * self._step_s
@@ -135,12 +133,6 @@ class PreloadHistory:
 
     def _table(self) -> Floats:
         return np.array(self._rows, np.float64).reshape(-1, _COLUMNS)
-
-
-def _joined(rows: Floats) -> list[list[float]]:
-    """Rows by step, those of one step as one."""
-    joined: list[list[float]] = _means(rows, rows[:, 0]).tolist() if rows.size else []
-    return joined
 
 
 def _means(rows: Floats, part: Floats) -> Floats:

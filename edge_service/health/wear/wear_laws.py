@@ -16,9 +16,9 @@ wanders, the more the further.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_triangular
 
 from ...messages.samples import Booleans, Floats
@@ -146,8 +146,7 @@ def project_wear(
         by_way = _future_speed(time_s, distance_m, rng) / way_m[-1]
     sigma = max(float(np.median(half_width_percent)), half_width_percent[-1]) * _SIGMA_OF_HALF_WIDTH
     fits = _fits(time_s, percent, laws.shape, sigma)
-    error, law = fits.choose(laws.log_prior, rng)
-    level, fall = fits.draw(error, law, rng)
+    error, law, level, fall = fits.draw(laws.log_prior, rng)
     seen = float(np.ptp(percent))  # with correlated errors a jump at the end would be more
     slope = np.clip(fall, -seen, seen) * laws.slope[law]
     own = sigma * _slope_of_wander(time_s) * np.maximum(laws.slope[law], 1.0)
@@ -199,24 +198,14 @@ class _Fits:
     scatter: Floats
     evidence: Floats
 
-    def choose(
-        self, log_prior: Floats, rng: np.random.Generator
-    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Numbers of errors and laws, (n,) each, as often as they are likely."""
+    def draw(self, log_prior: Floats, rng: np.random.Generator) -> tuple[Any, Any, Floats, Floats]:
+        """Numbers of errors and laws, as often as they are likely, levels and losses, (n,) each."""
         log_weights = self.evidence + log_prior
         weights = np.exp(log_weights - log_weights.max()).ravel()
         cells = np.repeat(np.arange(weights.size), rng.multinomial(_DRAWS, weights / weights.sum()))
         error, law = np.divmod(rng.permutation(cells), log_prior.size)
-        return error, law
-
-    def draw(
-        self, error: npt.NDArray[np.intp], law: npt.NDArray[np.intp], rng: np.random.Generator
-    ) -> Floats:
-        """Levels and losses of these fits, (2, n)."""
-        normal = rng.standard_normal((law.size, 2))
-        spread = np.einsum("nij,nj->ni", self.root[error, law], normal)
-        drawn: Floats = self.mean[error, law] + spread
-        return drawn.T
+        spread = np.einsum("nij,nj->ni", self.root[error, law], rng.standard_normal((_DRAWS, 2)))
+        return error, law, *(self.mean[error, law] + spread).T
 
 
 def _fits(time_s: Floats, percent: Floats, shape: Floats, sigma: float) -> _Fits:
@@ -226,20 +215,15 @@ def _fits(time_s: Floats, percent: Floats, shape: Floats, sigma: float) -> _Fits
     rest = max(float(target @ target - explained.max()), 0.0)
     floor = 1e-6 * max(float(np.ptp(percent)), sigma, 1e-9)
     scatter = math.sqrt(rest / (target.size - 3)) + floor
+    gap = np.abs(time_s[:, None] - time_s) / (time_s[-1] - time_s[0])
     found = [
         (size * scatter, *_fit(shape, percent, (size * scatter) ** 2 * correlation + own))
-        for correlation in _correlations(time_s)
+        for correlation in (np.exp(-gap / each) if each else np.eye(len(gap)) for each in _MEMORIES)
         for own in _own_errors(time_s, sigma)
         for size in _SIZES
     ]
     sizes, mean, root, evidence = (np.array(each) for each in zip(*found, strict=True))
     return _Fits(mean, root, sizes, evidence)
-
-
-def _correlations(time_s: Floats) -> list[Floats]:
-    """Correlations of the scatter, (n, n) each."""
-    gap = np.abs(time_s[:, None] - time_s) / (time_s[-1] - time_s[0])
-    return [np.exp(-gap / memory) if memory else np.eye(time_s.size) for memory in _MEMORIES]
 
 
 def _own_errors(time_s: Floats, sigma: float) -> list[Floats]:

@@ -39,15 +39,19 @@ export function whatToDo({ health, connected }) {
 
 function taskWords({ task, text, due, together_with: together }) {
   const words = wordsOr(`task.${task}`, text);
-  const more = [...(due ? [t("task.due", { first: moment(due.earliest) })] : []), ...together.map((each) => named("together", each))];
+  const more = [...(due ? [isPast(due.earliest) ? t("task.due.now") : t("task.due", { first: moment(due.earliest) })] : []), ...together.map((each) => named("together", each))];
   return { ...words, text: [words.text, ...more].join(" ") };
 }
 
+// When a limit will be reached, and the end of the key that says so.
 export function crossing(trend, limit) {
   const found = trend?.crossings.find((each) => each.limit === limit);
   if (!found?.earliest) return null;
-  return { first: moment(found.earliest), last: found.latest ? moment(found.latest) : null };
+  const [first, last] = [moment(found.earliest), found.latest && moment(found.latest)];
+  return { first, last, form: isPast(found.earliest) ? (last ? ".by" : ".any") : last ? "" : ".after" };
 }
+
+const isPast = (time) => Date.parse(time) <= Date.now();
 
 function moment(time) {
   const seconds = Math.max(0, (Date.parse(time) - Date.now()) / 1000);
@@ -61,7 +65,7 @@ export function whatChanged(state) {
   if (fall) sentences.push(t("changed.fall", { time: clock(fall.time), from: number(fall.from_percent), to: number(fall.to_percent) }));
   const since = condition === "NORMAL" ? null : notNormalSince(events);
   if (since) sentences.push(t("changed.not_normal", { time: clock(since) }));
-  sentences.push(trendSentence(health?.trend));
+  sentences.push(trendSentence(health?.trend, condition !== "FAULT"));
   const part = events.findLast((event) => event.kind === "part_replaced");
   if (part) sentences.push(t("changed.part", { time: clock(part.at) }));
   return sentences.join(" ");
@@ -73,7 +77,7 @@ function notNormalSince(events) {
   return changes[last + 1]?.at ?? null;
 }
 
-export function trendSentence(trend) {
+export function trendSentence(trend, hasLimitAhead) {
   if (!trend || trend.status === "too_early") return t("trend.too_early");
   const since = clock(trend.since);
   if (trend.status === "steady") return t("trend.steady");
@@ -81,8 +85,9 @@ export function trendSentence(trend) {
   const parts = [t(`trend.${trend.status}`, { since, level: significant(100 * trend.level), ...readableRate(trend) })];
   for (const limit of ["warning", "fault"]) {
     const when = crossing(trend, limit);
-    if (when) parts.push(t(when.last ? `trend.${limit}` : `trend.${limit}.after`, when));
+    if (when) parts.push(t(`trend.${limit}${when.form}`, when));
   }
+  if (trend.status === "falling" && !trend.crossings.length && hasLimitAhead) parts.push(t("trend.undated"));
   return parts.join(" ");
 }
 

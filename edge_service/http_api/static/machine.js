@@ -73,7 +73,7 @@ function limitText({ health, condition, connected }) {
   if (!connected) return "";
   for (const limit of ["warning", "fault"]) {
     const when = crossing(health?.trend, limit);
-    if (when) return when.last ? t(`machine.limit.${limit}`, when) : t(`machine.limit.${limit}.after`, when);
+    if (when) return t(`machine.limit.${limit}${when.form}`, when);
   }
   if (condition === "UNAVAILABLE") return "";
   return t(condition === "NORMAL" ? "machine.limit.none" : `machine.limit.passed.${condition}`);
