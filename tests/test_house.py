@@ -159,7 +159,7 @@ MOST_LINES = {
     "drivers": 3859,
     "estimate": 5218,
     "fingerprint": 2942,
-    "health": 4873,
+    "health": 4849,
     "http_api": 2480,
     "messages": 2062,
     "models": 5793,
