@@ -30,8 +30,8 @@ MOVE_SCATTER = 0.05
 """Scatter of friction from move to move over friction: a healthy axis has the same in all."""
 LONGEST_LAG_S = 4e-3
 """Filters and cycles of drives delay torque by 0.3 to 2 ms."""
-OTHER_FACTOR = 10.0
-"""Friction over the screw's own beyond which, without a guide that shows it, a unit is another."""
+OTHER_FACTOR, STATED_FACTOR = 10.0, 2.0
+"""Friction that may stand beside the screw's own where no weight is known, and over the stated."""
 WORN_SHARE = 0.7
 """Share of the fresh screw's drag: a healthy screw, run in and cold, has more."""
 SEALS_N = 200.0
@@ -156,22 +156,6 @@ def require_fresh_screw(
             f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
             "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
         )
-    most_nm = machine.transmission_ratio_m_per_rad * _most_other_n(machine)
-    if screw.value and left_nm - SIGMAS * sigma > max(OTHER_FACTOR * screw.value, most_nm):
-        raise CommissioningError(
-            f"{whole}, over {OTHER_FACTOR:.0f} times the fresh screw's own {screw.value:.3g} "
-            "N m (model.preload_drag_nm) beside what the guides show: check both, and the scale "
-            f"of columns.{TORQUE}"
-        )
-
-
-def _most_other_n(machine: Machine) -> float:
-    """Force with which a healthy axis' weight, seals and bearings can hold it back, N."""
-    mass = machine.model.table_mass_kg or Quantity(value=0.0)
-    weight_n = gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance)
-    bearing_nm = BEARING_NM_PER_M * (machine.axis.screw_diameter_m or 0.0)
-    bearing_nm = max(bearing_nm, machine.model.bearing_drag_nm.value)
-    return max(weight_n, SEALS_N) + bearing_nm / machine.transmission_ratio_m_per_rad
 
 
 def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None) -> None:
@@ -196,18 +180,26 @@ def require_stated_nut(machine: Machine, transmission: TransmissionConfig | None
 
 
 def require_light_guides(torque: TorqueBalance, machine: Machine) -> None:
-    """Require friction that weight, seals and bearings explain, unless the file states the guides'.
+    """Require friction that weight or seals, bearings and what the file states of guides explain.
 
     Raises:
-        CommissioningError: another force brakes the axis all the time, or the mass is another.
+        CommissioningError: another force brakes the axis all the time, or a unit is another.
     """
-    if machine.model.table_mass_kg is None or machine.model.guide_force_n.value:
+    model, ratio = machine.model, machine.transmission_ratio_m_per_rad
+    mass, screw_nm = model.table_mass_kg, machine.fresh_drag_nm
+    if mass is None and not screw_nm:
         return
-    most_n = _most_other_n(machine)
-    force_n = other_drag_nm(machine, torque) / machine.transmission_ratio_m_per_rad
+    weight_n = OTHER_FACTOR * screw_nm / ratio
+    if mass is not None:
+        weight_n = gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance)
+    bearing_nm = BEARING_NM_PER_M * (machine.axis.screw_diameter_m or 0.0)
+    most_n = max(weight_n, SEALS_N, STATED_FACTOR * model.guide_force_n.value)
+    most_n += max(bearing_nm, model.bearing_drag_nm.value) / ratio
+    force_n = other_drag_nm(machine, torque) / ratio
     if force_n > most_n:
         raise CommissioningError(
             f"friction beside the screw's is {force_n:.3g} N, more than the table weighs and than "
             f"seals and bearings hold back ({most_n:.3g} N): needs recordings without process "
-            "forces, the guides' own in model.guide_force_n, or the right model.table_mass_kg"
+            "forces, the guides' own in model.guide_force_n, or the right model.table_mass_kg, "
+            f"model.preload_drag_nm and scale of columns.{TORQUE}"
         )

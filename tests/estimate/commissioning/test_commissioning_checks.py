@@ -126,7 +126,7 @@ REFUSED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
     "unexplained friction": (
         replace(BENCH, bearing_nm=2.0),
         {},
-        "10 times the fresh screw's own",
+        "more than the table weighs",
     ),
     "stiffer than its nut": (BENCH, {"nut_stiffness_n_per_m": 1e7}, "nut_stiffness_n_per_m"),
     "another mass": (BENCH, {"table_mass_kg": 0.5}, "table_mass_kg"),
