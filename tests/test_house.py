@@ -157,7 +157,7 @@ MOST_LINES = {
     "diagnose": 5046,
     "downsample": 1248,
     "drivers": 3859,
-    "estimate": 5218,
+    "estimate": 5210,
     "fingerprint": 2942,
     "health": 4849,
     "http_api": 2480,
