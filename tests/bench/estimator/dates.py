@@ -17,7 +17,14 @@ from edge_service.offline.reproduce.wear import first_crossing_h
 
 from ..table import Table
 
-LAWS = ("linear", "running in", "decelerating", "accelerating", "exponential", "sigmoid")
+LAWS: tuple[str, ...] = (
+    "linear",
+    "running in",
+    "decelerating",
+    "accelerating",
+    "exponential",
+    "sigmoid",
+)
 LAWS += ("stepwise", "gamma process")
 HEALTHY = "healthy"
 READINGS, NOTHING = "all laws, readings alone", "nothing: healthy axes"
@@ -26,7 +33,16 @@ LIMITS = {"warning": 0.6, "fault": 0.3}
 DRAG_LIMITS = {"90": 0.9, "85": 0.85, "80": 0.8}
 """Shares of the first reading of a drag torque, from which dates are asked as of a preload."""
 DAY_S, YEAR_DAYS, STAGE_H = 86400.0, 365.25, 35.0
-HEADS = ("dates: wear by", "asked", "dated", "held", "sooner", "later", "open", "width")
+HEADS: tuple[str, ...] = (
+    "dates: wear by",
+    "asked",
+    "dated",
+    "held",
+    "sooner",
+    "later",
+    "open",
+    "width",
+)
 HEADS += ("log score", "line", "exponential")
 _QUESTIONS = 4
 _EARLIEST, _LATEST = 0.4, 0.95
@@ -52,9 +68,10 @@ def loss(law: str, age: Floats, rng: np.random.Generator) -> Floats:
             begun, done = norm.cdf(-middle / width), norm.cdf((1.0 - middle) / width) + 0.3
             worn = (norm.cdf((age - middle) / width) + 0.3 * age - begun) / (done - begun)
         case "stepwise":
-            per_age = int(rng.integers(6, 16))
-            count = int(per_age * age[-1]) + 1
-            at, height = rng.uniform(0.0, age[-1], count), rng.exponential(1.0 / per_age, count)
+            steps_per_age = int(rng.integers(6, 16))
+            count = int(steps_per_age * age[-1]) + 1
+            at = rng.uniform(0.0, age[-1], count)
+            height = rng.exponential(1.0 / steps_per_age, count)
             worn = 0.3 * age + 0.7 * ((age[:, None] >= at) @ height)
         case "gamma process":
             per_age = rng.uniform(15.0, 60.0)
@@ -103,7 +120,9 @@ def draw_life(law: str, seed: int) -> Life:
     seldom, end_days = rng.random() < 0.5, reached_s["fault"] / DAY_S
     if law == HEALTHY:
         seldom, end_days = True, YEAR_DAYS
-    session, at_s = _sessions(rng, end_days, 16 if law == HEALTHY else rng.integers(16, 40), seldom)
+    session, at_s = _sessions(
+        rng, end_days, 16 if law == HEALTHY else int(rng.integers(16, 40)), seldom
+    )
     error, half_width = _errors(rng, session, at_s, fresh * rng.uniform(0.03, 0.12))
     percent = np.maximum(np.interp(at_s / DAY_S, day, truth) + error, 0.0)
     rows = np.column_stack([at_s, percent, half_width, np.interp(at_s / DAY_S, day, way_m)])
