@@ -1,11 +1,9 @@
 """Machines that others measured: what their makers state is found, and nothing beside it."""
 
-import csv
 import math
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from edge_service.checks.columns.guess import Known
@@ -37,19 +35,6 @@ def test_cranfield_reads_as_its_makers_describe_it(name: str, tmp_path: Path) ->
     assert found["time_s"] == {"column": "time", "scale": 1.0}
 
 
-def test_a_lack_of_lubrication_is_more_friction_and_backlash_is_not(tmp_path: Path) -> None:
-    """Their mean current at all loads: the README beside the data has +13.7 % and -3.7 %."""
-    drag = {}
-    for name in ("normal", "lackLubrication1", "backlash1"):
-        out = tmp_path / f"{name}.toml"
-        adopt([DATA / "cranfield" / f"{name}.csv"], out, known=Known(0.005, 1.0))
-        quantity = load_machine(out).model.preload_drag_nm
-        assert quantity is not None
-        drag[name] = quantity.value
-    assert 1.05 < drag["lackLubrication1"] / drag["normal"] < 1.2
-    assert 0.92 < drag["backlash1"] / drag["normal"] < 1.0
-
-
 def test_emps_gives_its_published_mass_and_friction(tmp_path: Path) -> None:
     out, ratio = tmp_path / "m.toml", 0.0025 / (2.0 * math.pi)
     known = Known(0.0025, 35.15065 * ratio)
@@ -58,29 +43,6 @@ def test_emps_gives_its_published_mass_and_friction(tmp_path: Path) -> None:
     assert model.preload_drag_nm is not None
     assert model.inertia_kg_m2.value / ratio**2 == pytest.approx(95.1089, rel=0.02)
     assert model.preload_drag_nm.value / ratio == pytest.approx(20.3935, rel=0.05)
-
-
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_dmc_60_h_gives_the_inertia_of_a_plain_regression(number: int, tmp_path: Path) -> None:
-    """Against torque over the second difference of the motor's encoder, by hand."""
-    path, out, lead_m = DATA / "kit_dmc60h" / "excerpt.csv", tmp_path / "m.toml", 0.016
-    adopt([path], out, axis_number=number, known=Known(lead_m))
-    machine = load_machine(out)
-    assert machine.axis.number == number
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    angle = (
-        np.array([float(row[f"ENC1_POS|{number}"]) for row in rows]) * 2.0 * math.pi * 1e-3 / lead_m
-    )
-    torque = np.array([float(row[f"TORQUE|{number}"]) for row in rows])
-    even = np.ones(11) / 11.0
-    angle, torque = (np.convolve(each, even, mode="valid") for each in (angle, torque))
-    speed = np.gradient(angle, 0.002)
-    moving = np.abs(speed) > 0.05 * np.abs(speed).max()
-    terms = (np.gradient(speed, 0.002), speed, np.sign(speed), np.ones(len(speed)))
-    design = np.column_stack(terms)[moving]
-    fit = np.linalg.lstsq(design, torque[moving], rcond=None)[0]
-    assert machine.model.inertia_kg_m2.value == pytest.approx(abs(fit[0]), rel=0.1)
 
 
 def test_the_mills_rows_are_a_tenth_of_a_second_apart(tmp_path: Path) -> None:

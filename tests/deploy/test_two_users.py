@@ -1,24 +1,16 @@
 """Reach of another user of the same machine: the table of deploy/SECURITY.md, with two uids."""
 
-import asyncio
 import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
 
-from edge_service.health.service_state import ServiceState
 from edge_service.health.store.store import FILE_NAME, Store
 from edge_service.health.store.tokens import Tokens
-from edge_service.http_api.access import Authenticator
-from edge_service.http_api.app import create_app
-from edge_service.http_api.jobs import Jobs
 from edge_service.http_api.recordings import Recordings
-from edge_service.http_api.serve import serve
 
 OTHER = 65_534
 pytestmark = pytest.mark.skipif(os.getuid() != 0, reason="only root can be two users")
@@ -77,50 +69,3 @@ async def test_files_of_the_service_are_its_own(folder: Path) -> None:
     own = Path(f"/proc/{os.getpid()}/environ")
     found = as_another(lambda: [refusal(path) for path in [*paths, own]])
     assert found == ["PermissionError"] * 5
-
-
-async def test_loopback_lets_in_another_user_until_there_is_a_token(folder: Path) -> None:
-    store = Store(folder / "state" / FILE_NAME)
-    tokens = Tokens(store)
-    authenticator = Authenticator(tokens, required=False)
-    state = ServiceState({"X": None}, 0)
-    kept = Recordings(folder / "recordings", 1 << 20)
-    app = create_app(
-        state,
-        lambda: 0,
-        jobs=Jobs(store, folder / "jobs", kept, {}),
-        recordings=kept,
-        authenticator=authenticator,
-    )
-    bound = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(
-        serve(
-            app,
-            "127.0.0.1",
-            0,
-            on_bound=lambda _host, port: bound.set_result(port),
-            before_stop=state.close,
-        )
-    )
-    port = await bound
-
-    def asked(secret: str = "") -> list[int]:
-        statuses = []
-        for method, path in (("GET", "healthz"), ("GET", "api/v1/jobs"), ("POST", "api/v1/jobs")):
-            with closing(HTTPConnection("127.0.0.1", port, timeout=20.0)) as client:
-                headers = {"authorization": f"Bearer {secret}"} if secret else {}
-                client.request(method, f"/{path}", body=b"{}", headers=headers)
-                statuses.append(client.getresponse().status)
-        return statuses
-
-    async def another(secret: str = "") -> object:
-        return await asyncio.to_thread(as_another, lambda: asked(secret))
-
-    assert await another() == [200, 200, 415]
-    viewer = tokens.add("screen", "viewer", 1)
-    authenticator.refresh(1)
-    assert await another() == [200, 401, 401]
-    assert await another(viewer) == [200, 200, 403]
-    serving.cancel()
-    await asyncio.wait({serving})
-    store.close()

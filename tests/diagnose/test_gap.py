@@ -60,15 +60,3 @@ def test_channels_that_are_absent_are_absent(machine: Machine) -> None:
     assert set(session_of(machine, frame_of(recording, table_position_m=None)).channels) == {
         TORQUE_GAP
     }
-
-
-def test_several_files_are_one_session(
-    machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    a = str(recorded((), seed=3).write_csv(tmp_path / "a.csv"))
-    b = str(recorded((), seed=4).write_csv(tmp_path / "b.csv"))
-    found = []
-    for traces in ([a, b], [b, a]):
-        assert main(["gap", "--machine", str(machine_file), *traces, "--json"]) == 0
-        found.append(json.loads(capsys.readouterr().out))
-    assert found[0] == pytest.approx(found[1], rel=1e-9)

@@ -78,20 +78,6 @@ def test_shelved_it_calls_nobody_and_comes_back_by_itself():
     assert latch.shown().shelved_until_ns is None
 
 
-@pytest.mark.parametrize(
-    ("last_low", "last", "last_high", "sudden"),
-    [(2.8, 3.0, 3.2, True), (2.0, 3.0, 6.9, False), (6.2, 6.4, 6.6, False)],
-)
-def test_a_drop_is_sudden_only_beyond_doubt(last_low, last, last_high, sudden):
-    drop = SuddenDrop(limit_percent=1.0, within_s=10.0)
-    for second in range(20):
-        assert drop.update(second * NS, 6.8, 7.0, 7.2) is None
-    before = drop.update(21 * NS, last_low, last, last_high)
-    assert (before is not None) == sudden
-    if sudden:
-        assert before == pytest.approx(7.0)
-
-
 def test_a_drop_is_measured_from_the_greatest_value_of_its_time():
     """Against a search through everything that was seen."""
     rng = np.random.default_rng(1)

@@ -22,8 +22,6 @@ from edge_service.regression.interval_estimate import IntervalEstimate
 
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "deploy" / "machine.toml"
-EMPS = ROOT.parent / "shared" / "data" / "emps"
-EMPS_MASS_KG = 95.1089  # Janot, Gautier and Brunot, 2019, symmetric model
 
 
 @pytest.fixture(scope="module")
@@ -141,16 +139,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(walked: Path, tmp_path: Path) 
     with pytest.raises(TraceError, match="no such file"):
         fingerprint(BENCH, [tmp_path / "none.csv"], out)
     assert not out.exists()
-
-
-@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS recordings are not there")
-def test_emps_gives_its_inertia_and_says_what_one_encoder_lacks(tmp_path: Path) -> None:
-    fingerprint(ROOT / "deploy" / "emps.toml", sorted(EMPS.glob("emps_*.csv")), tmp_path)
-    found = read_fingerprint(tmp_path / "fingerprint.json")
-    ratio = 0.0025 / (2.0 * np.pi)
-    inertia = found.sections["inertia"].figures["inertia_kg_m2"]
-    assert inertia.value / ratio**2 == pytest.approx(EMPS_MASS_KG, rel=0.02)
-    assert "table_position_m" in found.sections["stiffness"].reason
 
 
 @pytest.mark.parametrize(

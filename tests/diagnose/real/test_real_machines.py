@@ -10,13 +10,10 @@ from typing import Any
 
 import pytest
 
-from edge_service.cli.entry import main
-
 from ...bench.real_machines import (
     ACTUATOR_TOML,
     DATA,
     SCREW_TOML,
-    milling_machine,
     recordings,
     screw_actuator,
 )
@@ -88,22 +85,3 @@ def test_a_screw_actuator_with_a_data_sheet_has_an_answer(tmp_path: Path, name: 
     for each in found["effects"]:
         assert each["shrink"]["high"] > 0.0
         assert each["channel"] == "torque_nm"
-
-
-@pytest.mark.parametrize("command", [["gap"], ["diagnose", "--out", "out"]])
-def test_a_machine_of_several_axes_asks_for_the_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, command: list[str]
-) -> None:
-    needs("kit_dmc60h")
-    monkeypatch.chdir(tmp_path)
-    Path("machine.toml").write_text(ACTUATOR_TOML)
-    milling_machine(Path("a.csv"))
-    given = [*command, "--machine", "machine.toml", "a.csv"]
-    assert main(given) == 2
-    said = capsys.readouterr().err
-    assert "axes there are: 1, 2, 3, 6" in said
-    assert said.count("\n") == 1
-    assert main([*given, "--axis-number", "9"]) == 2
-    assert "no signal of axis 9" in capsys.readouterr().err
-    assert main([*given, "--axis-number", "1"]) in (0, 2, 3)
-    assert "axes there are" not in capsys.readouterr().err
