@@ -5,8 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.statistics import GATE_S
@@ -75,13 +73,6 @@ def test_torque_less_inertia_torque_is_the_drag_exactly(
     for phase in phases:
         balance = phase.torque_nm - INERTIA * phase.acceleration_rad_s2
         assert balance == pytest.approx(direction * DRAG, abs=1e-8)
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.integers(1, 2999), max_size=8))
-def test_chunks_do_not_matter(cuts: list[int]) -> None:
-    columns = swing()
-    assert [repr(b) for b in blocks_of(columns, cuts=cuts)] == [repr(b) for b in blocks_of(columns)]
 
 
 @pytest.mark.parametrize("part", PHASES)

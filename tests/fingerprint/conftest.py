@@ -1,5 +1,5 @@
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,6 @@ BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 GUIDE_FORCE_N = 40.0
 BEARING_DRAG_NM = 0.05
 FRESH = 100.0 * 510.0 / 7450.0
-
-Drive = Callable[[Floats, int], SampleFrame]
 
 
 @pytest.fixture(scope="session")
@@ -34,12 +32,6 @@ def bench() -> Machine:
 @pytest.fixture(scope="session")
 def settings(bench: Machine) -> FeedDriveSettings:
     return FeedDriveSettings.of_machine(bench)
-
-
-@pytest.fixture(scope="session")
-def drive(settings: FeedDriveSettings) -> Drive:
-    """Setpoints (n, 3) and a seed -> what the fresh axis records."""
-    return lambda setpoints, seed: run_axis(settings, setpoints, seed)
 
 
 def run_axis(

@@ -114,26 +114,6 @@ def multisine(count: int, seed: int) -> Floats:
     return np.column_stack((position, speed, size_m_s2 * np.sin(angle).sum(axis=1)))
 
 
-def test_the_simulated_drive_has_the_modes_of_its_plant(settings: FeedDriveSettings) -> None:
-    frame = run_axis(settings, multisine(9000, 1), 1)
-    settled = SampleFrame(
-        frame.time_s[1000:], {name: values[1000:] for name, values in frame.channels.items()}
-    )
-    found = fit_two_mass(drive_response([settled]).within(10.0, 300.0))
-    plant = settings.plant
-    stiffness = 1.0 / axial_compliance(plant, 0.4 + 0.012 * 5.0, FRESH)
-    motor, table = plant.motor_mass_kg, plant.table_mass_kg
-    notch_hz = math.sqrt(stiffness / table) / (2.0 * math.pi)
-    peak_hz = math.sqrt(stiffness * (1.0 / motor + 1.0 / table)) / (2.0 * math.pi)
-    assert found.inertia.value == pytest.approx(1.5e-3, rel=0.01)
-    assert found.antiresonance.value == pytest.approx(notch_hz, rel=0.005)
-    assert found.resonance.value == pytest.approx(peak_hz, rel=0.005)
-    assert found.table_share.value == pytest.approx(table / (motor + table), rel=0.05)
-    damping = 0.5 * plant.damping_n_s_per_m / math.sqrt(table * stiffness)
-    assert found.antiresonance_damping.value == pytest.approx(damping, rel=0.1)
-    assert abs(found.delay.value) < 2e-5
-
-
 def recorded(settings: FeedDriveSettings, machine: Machine, motion: str, seed: int) -> SampleFrame:
     limits = motion_limits(machine)
     segments = MOTIONS[motion].plan(limits, np.random.default_rng((seed, 1))).segments

@@ -1,7 +1,7 @@
 """Friction points from cruises, and curves through points whose truth is a formula."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,12 +9,8 @@ import pytest
 from edge_service.fingerprint.friction.curve import fit_friction
 from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Floats, SampleFrame
-from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import Dwell, Move
 from edge_service.models.screw.friction import exponential_friction
 from edge_service.regression.prepared_run import PreparationSettings, prepare
-
-from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, setpoints_of
 
 RATIO = 0.02 / (2.0 * math.pi)
 TABLE_5_1_RPM = (15, 30, 60, 120, 150, 300, 600, 1200, 1500, 3000)
@@ -86,29 +82,3 @@ def test_the_standard_error_counts_independent_samples() -> None:
         means.append(point.torque_nm)
         errors.append(point.standard_error_nm)
     assert np.mean(errors) == pytest.approx(np.std(means), rel=0.25)
-
-
-def test_speeds_and_torques_of_the_simulated_friction_test(
-    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
-) -> None:
-    segments = [
-        segment
-        for speed in (0.02, 0.1, 0.3)
-        for way in (1.0, -1.0)
-        for segment in (Move(way * max(0.03, 0.8 * speed), speed, 4.0, 200.0), Dwell(0.2))
-    ]
-    points = cruises(drive(setpoints_of(segments, 0.1), 3))
-    assert [round(point.speed_rad_s * RATIO, 4) for point in points] == [
-        0.02,
-        -0.02,
-        0.1,
-        -0.1,
-        0.3,
-        -0.3,
-    ]
-    drag = bench.model.preload_drag_nm
-    assert drag is not None
-    coulomb_nm = drag.value + BEARING_DRAG_NM + GUIDE_FORCE_N * RATIO
-    for point in points:
-        expected = 5e-3 * point.speed_rad_s + math.copysign(coulomb_nm, point.speed_rad_s)
-        assert abs(point.torque_nm - expected) < 4.0 * point.standard_error_nm + 1e-3

@@ -13,11 +13,9 @@ from edge_service.messages.samples import ANGLE, SETPOINT, TORQUE, Floats, Sampl
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move
 from edge_service.recordings.reader import read_trace
-from edge_service.regression.interval_estimate import IntervalEstimate
 from edge_service.regression.inverse_dynamics import (
     InverseDynamics,
     fit_inverse_dynamics,
-    identify_inverse_dynamics,
     regressors,
 )
 from edge_service.regression.prepared_run import (
@@ -26,7 +24,7 @@ from edge_service.regression.prepared_run import (
     prepare,
 )
 
-from .conftest import BEARING_DRAG_NM, GUIDE_FORCE_N, production_setpoints, setpoints_of
+from .conftest import setpoints_of
 
 ROOT = Path(__file__).parents[2]
 EMPS = ROOT.parent / "shared" / "data" / "emps"
@@ -121,35 +119,6 @@ def test_what_needs_more_data_says_so_in_one_line() -> None:
     still = SampleFrame(np.arange(3000) / 1000.0, {ANGLE: np.zeros(3000), TORQUE: np.zeros(3000)})
     with pytest.raises(ValueError, match="0 rows of motion for 4 parameters"):
         fit_inverse_dynamics(prepared(still))
-
-
-def simulated_truth(machine: Machine) -> dict[str, float]:
-    drag = machine.model.preload_drag_nm
-    assert drag is not None
-    ratio = machine.transmission_ratio_m_per_rad
-    return {
-        "inertia": machine.model.inertia_kg_m2.value,
-        "viscous": machine.model.viscous_nm_s_per_rad.value,
-        "coulomb": drag.value + BEARING_DRAG_NM + GUIDE_FORCE_N * ratio,
-        "offset": 0.0,
-    }
-
-
-def identify_simulated(
-    machine: Machine, drive: Callable[[Floats, int], SampleFrame], seed: int, rows: int = 60_000
-) -> dict[str, IntervalEstimate]:
-    frame = drive(production_setpoints(machine, rows, seed), seed)
-    settings = PreparationSettings(RATIO, torque_delay_s=0.5e-3)
-    return dict(identify_inverse_dynamics([frame], settings).parameters)
-
-
-def test_the_simulated_drive_is_found_within_its_intervals(
-    bench: Machine, drive: Callable[[Floats, int], SampleFrame]
-) -> None:
-    parameters = identify_simulated(bench, drive, 5)
-    for name, truth in simulated_truth(bench).items():
-        assert parameters[name].holds(truth), name
-        assert parameters[name].sigma < max(0.01 * truth, 0.002)
 
 
 # Janot, Gautier and Brunot, 2019: force domain, IDIM-LS, Butterworth of order 4 at 100 Hz run both

@@ -1,7 +1,6 @@
 """Stiffness from the stretch: exact on a spring, true on the simulated drive."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from edge_service.fingerprint.transmission.stiffness import (
     fit_stiffness,
 )
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.models.screw.nut_law import nut_stiffness
 from edge_service.regression.interval_estimate import around
 from edge_service.regression.prepared_run import (
@@ -25,7 +22,7 @@ from edge_service.regression.prepared_run import (
     prepare,
 )
 
-from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints, run_axis
+from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints
 
 RATIO = 0.02 / (2.0 * math.pi)
 PLACES_M = (0.1, 0.4, 0.7)
@@ -107,20 +104,6 @@ def test_without_the_mass_only_the_resonance_is_known(bench: Machine) -> None:
         assert point.locked_resonance.holds(1.0 / (2.0 * math.pi * math.sqrt(truth * 20.0)))
 
 
-def test_the_simulated_drive_has_the_stiffness_of_its_plant(
-    bench: Machine,
-    settings: FeedDriveSettings,
-    drive: Callable[[Floats, int], SampleFrame],
-) -> None:
-    frame = drive(production_setpoints(bench, 60_000, 3), 3)
-    found = fit_stiffness(prepared(frame), PLACES_M, MASS)
-    for point in found.points:
-        truth = axial_compliance(settings.plant, point.position_m, FRESH)
-        assert point.stiffness.holds(1.0 / truth)
-        assert point.stiffness.sigma < 0.02 / truth
-        assert point.lost_motion.value == pytest.approx(2.0 * GUIDE_FORCE_N * truth, rel=0.02)
-
-
 def point(lost_m: float, stiffness_n_per_m: float = 4e7) -> StiffnessPoint:
     return StiffnessPoint(
         0.4,
@@ -166,18 +149,3 @@ def test_preload_follows_from_the_change_of_the_stiffness(percent: float) -> Non
     assert ignorant.low == 0.0
     assert ignorant.holds(truth)
     assert "nut_stiffness" in ignorant.note
-
-
-def test_a_preload_change_of_the_simulated_axis_is_seen_in_its_stiffness(
-    bench: Machine, settings: FeedDriveSettings
-) -> None:
-    setpoints = production_setpoints(bench, 60_000, 4)
-    fits = [
-        fit_stiffness(prepared(run_axis(settings, setpoints, 4, percent)), (0.1, 0.4), MASS)
-        for percent in (FRESH, 3.0)
-    ]
-    nut = Quantity(value=nut_stiffness(settings.plant.nut_catalogue_n_per_m, FRESH), tolerance=0.01)
-    fresh, worn = (fit.points[1].stiffness for fit in fits)
-    found = preload_from_stiffness(worn, fresh, Quantity(value=510.0, tolerance=0.0), nut)
-    assert found.holds(74.5 * 3.0)
-    assert found.high < 0.8 * 510.0

@@ -55,16 +55,6 @@ def test_a_key_that_others_may_read_is_refused(tmp_path: Path) -> None:
         server_files(HttpConfig(certificate=certificate, private_key=key))
 
 
-def test_a_key_may_be_a_credential_of_systemd(tmp_path: Path, monkeypatch: Any) -> None:
-    certificate, key = write_certificates(tmp_path)
-    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
-    named = Path("$CREDENTIALS_DIRECTORY/server.key")
-    assert server_files(HttpConfig(certificate=certificate, private_key=named)) == (
-        certificate,
-        key,
-    )
-
-
 async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
     tmp_path: Path,
 ) -> None:

@@ -12,42 +12,12 @@ from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.topics import PRELOAD
 
-from .conftest import config_of, done, running, served, until
+from .conftest import config_of, done, running, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 
 
 NOTES = {"axis": "X", "kind": "note"}
-
-
-async def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
-    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
-    async with served(config) as (_, client):
-
-        async def estimated() -> Any:
-            answer = (await client.get("api/v1/axes/X/preload")).json()
-            return answer["status"] == "estimated"
-
-        await until(estimated)
-        body = {"action": "note", "user": "Kim", "note": "greased"}
-        await done(client, "api/v1/axes/X/commands", body, key="a")
-
-        async def noted() -> Any:
-            return (await client.get("api/v1/log", params=NOTES)).json()["items"]
-
-        (note,) = await until(noted)
-        way_m = (await client.get("api/v1/axes/X/wear")).json()["use"]["distance_m"]
-    async with served(config) as (_, client):
-        buckets = (await client.get("api/v1/axes/X/history")).json()["buckets"]
-        assert sum(bucket["estimated"] for bucket in buckets) > 0
-        assert [note] == (await client.get("api/v1/log", params=NOTES)).json()["items"]
-        assert (note["who"], note["origin"]) == ("Kim", "127.0.0.1")
-
-        async def counted() -> Any:
-            use = (await client.get("api/v1/axes/X/wear")).json()["use"]
-            return use and use["distance_m"] >= way_m > 0.0
-
-        await until(counted)
 
 
 async def test_a_store_that_cannot_be_read_is_waited_for_said_and_left_as_it_is(

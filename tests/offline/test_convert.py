@@ -1,6 +1,5 @@
 """The way through `convert`: any form in, another out, and a true account of it."""
 
-import json
 import math
 import subprocess
 import sys
@@ -144,18 +143,6 @@ def test_columns_of_words_are_kept_out_of_all(tmp_path: Path) -> None:
         (frame,) = list(reader)
     assert set(frame.channels) == {"motor_angle_rad", "mode"}
     assert np.isnan(frame.channels["mode"]).all()
-
-
-def test_mcap_holds_every_row(tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
-    _convert(tmp_path, "out.mcap", keep_all=True)
-    with (tmp_path / "out.mcap").open("rb") as file:
-        messages = [message for _, _, message in reader.make_reader(file).iter_messages()]
-    rows = [json.loads(message.data) for message in messages]
-    assert [message.log_time for message in messages] == [row * 2_000_000 for row in range(ROWS)]
-    direct = read_recording(_machine(CURRENT), tmp_path / "trace.xml")
-    for name, values in direct.channels.items():
-        assert [row[name] for row in rows] == values.tolist()
 
 
 def test_the_source_is_never_overwritten(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.offline.simulate import SimulationSettings, simulate
 from tests.recordings.tuning_files import measurement, tuning
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "sinumerik_ast" / "AST_AX7.xml"
 FREQUENCY = np.geomspace(1.0, 500.0, 300)
 NOTCH_HZ, PEAK_HZ, INERTIA = 40.0, 60.0, 0.1
 
@@ -132,18 +131,3 @@ def test_a_tuning_stands_beside_recordings(source: Path, tmp_path: Path) -> None
     assert found["modes"]
     assert "friction" in found["sections"]
     assert _figures(out)["resonance_hz"]["value"] == pytest.approx(PEAK_HZ, rel=0.01)
-
-
-@pytest.mark.skipif(not REAL.exists(), reason="the servo tuning is not here")
-def test_a_real_spindle_has_the_modes_of_its_raw_peaks(tmp_path: Path) -> None:
-    """Raw peaks 41.5 and 59.1 Hz on frequencies 1.6 and 1.9 Hz apart; the control states .147."""
-    out = tmp_path / "out"
-    assert main(["fingerprint", str(REAL), "--out", str(out)]) == 0
-    figures = _figures(out)
-    assert figures["antiresonance_hz"]["value"] == pytest.approx(41.5, abs=0.8)
-    assert figures["resonance_hz"]["value"] == pytest.approx(59.1, abs=1.0)
-    assert figures["response_inertia_kg_m2"]["value"] == pytest.approx(0.147, rel=0.1)
-    assert figures["motor_inertia_kg_m2"]["value"] == pytest.approx(0.076, rel=0.1)
-    assert figures["table_share"]["value"] == pytest.approx(0.48, abs=0.02)
-    document = json.loads((out / "fingerprint.json").read_text())
-    assert document["stated"]["total_inertia_kg_m2"] == pytest.approx(0.14675, rel=1e-4)

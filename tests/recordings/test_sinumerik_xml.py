@@ -95,19 +95,6 @@ def test_two_clocks_by_hand(tmp_path: Path) -> None:
     assert any(f"held: {STATUS}, {POSITION}" in remark for remark in reader.remarks)
 
 
-def test_nothing_is_known_beyond_the_number_of_samples(tmp_path: Path) -> None:
-    text = session(
-        frame(
-            'stopInc="0.008"',
-            signal("a", CURRENT, "0.002", 3) + signal("b", LINEAR, "0.002", 5),
-            '<rec time="0" a="1" b="1"/>',
-        )
-    )
-    _, columns = read_all(write(tmp_path, text))
-    same(columns["torque_command_nm"], [2.0, 2.0, 2.0, NAN, NAN])
-    same(columns["table_position_m"], [1e-3] * 5)
-
-
 def test_without_drop_outs_silence_is_standstill_and_with_them_a_gap(tmp_path: Path) -> None:
     def text(drop_outs: int) -> str:
         header = f'stopInc="0.010" dropOuts="{drop_outs}"'

@@ -19,7 +19,6 @@ from ...bench.real_machines import (
 )
 from ..conftest import diagnosed
 
-FRICTION = {"drag_error", "viscous_error", "warmup", "load_friction", "torque_gain_error"}
 """At one speed and without the sign of the current all of these are the same."""
 
 
@@ -33,28 +32,6 @@ def answered(
 ) -> dict[str, Any]:
     (folder / "machine.toml").write_text(machine)
     return diagnosed(folder / "machine.toml", folder, trace, reference=reference)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("load", ["20", "40", "-40"])
-def test_the_healthy_actuator_repeats_itself(tmp_path: Path, load: str) -> None:
-    needs("cranfield")
-    *reference, first, last = recordings(tmp_path, "normal", load)
-    for trace in (first, last):
-        assert answered(tmp_path, ACTUATOR_TOML, trace, reference)["verdict"] == "no_gap"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("load", ["20", "40"])
-def test_a_lack_of_lubrication_is_friction(tmp_path: Path, load: str) -> None:
-    needs("cranfield")
-    reference = recordings(tmp_path, "normal", load)[:3]
-    for trace in recordings(tmp_path, "lackLubrication1", load)[:2]:
-        found = answered(tmp_path, ACTUATOR_TOML, trace, reference)
-        assert found["verdict"] in ("explained", "ambiguous")
-        named = {name for each in found["effects"] for name in each["class"]}
-        assert "drag_error" in named
-        assert named - {"external_force"} <= FRICTION
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move, Setpoints
 from edge_service.models.plant.closed_loop import Sensors
-from edge_service.models.plant.tables import find_friction, misreading, nut_shift
 from edge_service.models.plant.two_mass import (
     MOTOR_FRICTION,
     MOTOR_SPEED,
@@ -54,10 +53,6 @@ def follow(settings: FeedDriveSettings, *segments: Move | Dwell) -> SampleFrame:
     count = math.ceil(1000.0 * sum(segment.duration_s for segment in segments))
     setpoints = Setpoints(iter(segments), HOME_M, 1000.0).take(count)
     return FeedDrive(settings, HOME_M, PERCENT, seed=1).advance(setpoints, np.full(count, PERCENT))
-
-
-def difference(frame: SampleFrame, ratio: float) -> Floats:
-    return frame.channels[channels.TABLE_POSITION] - ratio * frame.channels[channels.ANGLE]
 
 
 @pytest.mark.parametrize(
@@ -107,18 +102,6 @@ def test_presliding_is_a_spring_that_dissipates_over_a_cycle(plant: Plant) -> No
             assert work > 0.1 * level_n * 2e-5
 
 
-def test_backlash_lags_a_motion_backwards_by_its_width(machine: Machine) -> None:
-    settings = drive(machine, "backlash:width_m=8e-6", guide_force_n=150.0)
-    plain = drive(machine, guide_force_n=150.0)
-    there, back = Move(0.1, 0.05, 1.0, 50.0), Move(-0.1, 0.05, 1.0, 50.0)
-    lost, none = (
-        difference(follow(each, there, Dwell(0.5), back, Dwell(0.5)), each.plant.ratio_m_per_rad)
-        for each in (settings, plain)
-    )
-    assert lost[1000] - none[1000] == pytest.approx(0.0, abs=1e-8)
-    assert lost[3500] - none[3500] == pytest.approx(8e-6, rel=2e-3)
-
-
 def test_skew_shifts_the_linear_channel_of_the_record_alone(machine: Machine) -> None:
     move = Move(0.2, 0.3, 3.0, 100.0)
     plain = follow(drive(machine), move).channels
@@ -151,30 +134,6 @@ def test_all_effects_at_once_stay_bounded(machine: Machine, substeps: int) -> No
     error = frame.channels[channels.SETPOINT] - frame.channels[channels.TABLE_POSITION]
     assert np.isfinite(frame.channels[channels.TORQUE]).all()
     assert np.max(np.abs(error)) < 1e-3
-
-
-def test_tables_are_the_functions(plant: Plant) -> None:
-    full = with_effects(
-        plant,
-        "stribeck:excess_nm=0.5,speed_rad_s=0.5,exponent=1",
-        "once_per_rev_friction:amplitude_nm=0.2,order=24",
-        "lead_error:amplitude_m=5e-6,order=3",
-        "encoder_eccentricity:amplitude_rad=2e-3,phase_rad=1",
-    )
-    random = np.random.default_rng(3)
-    for _ in range(300):
-        angle, speed = random.uniform(-300.0, 300.0), random.uniform(-1.0, 1.0) ** 3 * 600.0
-        found = find_friction(full.tables, 0.3, angle, speed)
-        level = 0.5 * math.exp(-abs(speed) / 0.5) + 0.2 * math.sin(24.0 * angle)
-        assert found.motor_forward_nm == pytest.approx(level, abs=1e-4)
-        assert found.motor_backward_nm == found.motor_forward_nm
-        shift, slope = nut_shift(full.tables, angle * full.ratio_m_per_rad, full.ratio_m_per_rad)
-        assert shift == pytest.approx(5e-6 * math.sin(3.0 * angle), abs=1e-10)
-        expected = 15e-6 * math.cos(3.0 * angle) / full.ratio_m_per_rad
-        assert slope == pytest.approx(expected, abs=1.5e-5)
-        error, error_slope = misreading(full.tables, angle)
-        assert error == pytest.approx(2e-3 * math.sin(angle + 1.0), abs=1e-8)
-        assert error_slope == pytest.approx(2e-3 * math.cos(angle + 1.0), abs=4e-6)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])

@@ -178,27 +178,6 @@ def test_a_sliding_axis_comes_to_an_exact_stop_after_its_braking_distance(machin
     assert states[-1, MOTOR_TRAVEL] - START_M == pytest.approx(braking_m, rel=2e-3)
 
 
-def test_resonance_lies_where_the_two_masses_and_the_spring_put_it(plant: Plant) -> None:
-    plant = plant._replace(motor_viscous_nm_s_per_rad=0.0)
-    reduced_kg = 1.0 / (1.0 / plant.motor_mass_kg + 1.0 / plant.table_mass_kg)
-    natural_rad_s = math.sqrt(1.0 / compliance(plant) / reduced_kg)
-    damping = plant.damping_n_s_per_m / (2.0 * reduced_kg * natural_rad_s)
-    state = at_rest()
-    state[MOTOR_TRAVEL] += 1e-5
-    h = 1.0 / 16_000.0
-    states = run(plant, np.zeros(1600), period_s=h, substeps=1, state=state)
-    stretch = states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]
-    falls = np.flatnonzero((stretch[:-1] > 0.0) & (stretch[1:] <= 0.0))
-    crossing_s = h * (falls + stretch[falls] / (stretch[falls] - stretch[falls + 1]))
-    ringing_rad_s = 2.0 * math.pi / np.mean(np.diff(crossing_s))
-    assert ringing_rad_s == pytest.approx(natural_rad_s * math.sqrt(1 - damping**2), rel=1e-3)
-    assert damping == pytest.approx(0.03, rel=0.1)
-    inner = stretch[1:-1]
-    peaks = np.flatnonzero((inner > stretch[:-2]) & (inner >= stretch[2:]) & (inner > 1e-7))
-    decay_per_s = -np.polyfit(h * (peaks + 1), np.log(inner[peaks]), 1)[0]
-    assert decay_per_s == pytest.approx(damping * natural_rad_s, rel=0.01)
-
-
 def test_parts_of_the_friction_never_make_it_push(plant: Plant) -> None:
     plant = with_effects(plant, "once_per_rev_friction:amplitude_nm=1.0")
     load = Load(0.0, 0.0, 0.146, compliance(plant))
