@@ -55,9 +55,7 @@ _EVEN_SHARE = 0.2
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
 _UNKNOWN = (math.nan, math.nan, math.nan)
-_OF_TORQUE = (
-    *("torque_mean_nm", "torque_lever_nm", "torque_min_nm", "torque_max_nm", "torque_std_nm"),
-)
+_OF_TORQUE = tuple(f"torque_{each}_nm" for each in ("mean", "lever", "min", "max", "std"))
 _OF_MOTION = (
     *("angle_mean_rad", "speed_min_rad_s", "speed_max_rad_s"),
     *("direction_mean", "direction_lever", "moving_fraction"),
@@ -116,13 +114,12 @@ def summarise(
     motion = dict(zip(_OF_MOTION, kernels.motion(inside, direction).tolist(), strict=True))
     limits = np.array([GATE_S, settings.min_speed_rad_s, settings.cruise_rad_s2, _EVEN_SHARE])
     steady_direction, phases = kernels.phases(segment, first, end, reach, since_s, limits)
-    steady: dict[str, Any] = {}
+    steady: dict[str, Any] = {"steady_direction": steady_direction}
     if steady_direction != 0.0:
         if not (has_table and verdict.has_stretch):
             phases[:, -1] = math.nan
         rows = zip(PHASES, phases.tolist(), strict=True)
-        steady = {name: Phase(*row) for name, row in rows if row[0]}
-        steady["steady_direction"] = steady_direction
+        steady |= {name: Phase(*row) for name, row in rows if row[0]}
     block = FeatureBlock(
         time_s=float(edges[-1]),
         duration_s=float(edges[-1] - edges[0]),
