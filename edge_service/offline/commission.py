@@ -72,13 +72,15 @@ def commission_to_file(
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
     doubt = doubt_of_fresh_screw(nominal, machine)
+    more: dict[str, float | bool] = {} if interval_s is None else {"interval_s": interval_s}
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
             raise ConfigError(f"{traces[0]}: {doubt.words}; {healthy}")
-        machine = _learning(machine, assumed_fresh=True)
-    if interval_s is not None:
-        machine = _learning(machine, interval_s=interval_s)
+        more["assumed_fresh"] = True
+    assert machine.commissioned is not None
+    learned = machine.commissioned.model_copy(update=more)
+    machine = machine.model_copy(update={"commissioned": learned})
     progress("reading the recordings back")
     unlike = _not_as_fresh(machine, traces, recordings)
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
@@ -117,13 +119,6 @@ def _not_as_fresh(
     return unlike
 
 
-def _learning(machine: Machine, **more: float | bool) -> Machine:
-    """The machine with more keys of `[commissioned]`."""
-    assert machine.commissioned is not None
-    learned = machine.commissioned.model_copy(update=more)
-    return machine.model_copy(update={"commissioned": learned})
-
-
 def _blocks(
     trace: Path,
     machine: Machine,
@@ -147,11 +142,9 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     assert machine.commissioned is not None
     document.pop("commissioned", None)
     learned = tomlkit.table()
-    for name, value in machine.commissioned.model_dump(mode="json", exclude_none=True).items():
-        if name != "transmission":
-            learned[name] = value
-    if machine.commissioned.transmission is not None:
-        learned["transmission"] = machine.commissioned.transmission.model_dump(mode="json")
+    values = machine.commissioned.model_dump(mode="json", exclude_none=True)
+    for name in sorted(values, key=lambda name: name == "transmission"):  # a table comes last
+        learned[name] = values[name]
     effects = document.pop("effects", None)  # tables after an array of tables would join it
     document["commissioned"] = learned
     if effects is not None:

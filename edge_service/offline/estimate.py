@@ -89,28 +89,17 @@ def estimate_to_csv(
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)
-    rows = 0
-    last: PreloadEstimate | None = None
-    with (
-        open_recording(machine, trace) as frames,
-        replaced_file(out) as file,
-    ):
+    rows, last = 0, None
+    with open_recording(machine, trace) as frames, replaced_file(out) as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for last in offline.estimates(reported(frames, f"estimating {trace.name}", progress)):
+        read = reported(frames, f"estimating {trace.name}", progress)
+        for last in offline.estimates(read):
             rows += 1
-            drag = last.drag_torque_nm
-            writer.writerow(
-                [
-                    repr(last.time_s),
-                    last.preload_percent,
-                    last.low,
-                    last.high,
-                    last.status.value,
-                    None if drag is None else drag.value,
-                    " ".join(reason.partition(":")[0] for reason in last.reasons),
-                ]
-            )
+            drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value
+            numbers = (last.time_s, last.preload_percent, last.low, last.high)
+            reasons = " ".join(reason.partition(":")[0] for reason in last.reasons)
+            writer.writerow((*numbers, last.status.value, drag_nm, reasons))
         if state is not None:
             offline.keep(state)
     ending = "none" if last is None else last.status.value

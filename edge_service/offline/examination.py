@@ -69,9 +69,8 @@ def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
     pieces: list[list[SampleFrame]] = []
     before = -2
     for number, frame in kept:
-        if number == before + 1:
-            pieces[-1].append(frame)
-        else:
-            pieces.append([frame])
+        if number != before + 1:
+            pieces.append([])
+        pieces[-1].append(frame)
         before = number
     return [joined(piece) for piece in pieces]

@@ -80,11 +80,8 @@ def fingerprint(
     measured = read_tuning(tunings[0]) if tunings else None
     recorded = [path for path in traces if path not in tunings]
     machine = load_machine(machine_file, axis_number) if recorded or measured is None else None
-    if machine is not None:
-        axis = machine.axis.name
-    else:
-        assert measured is not None
-        axis = measured.axis or tunings[0].stem
+    axis = "" if measured is None else measured.axis or tunings[0].stem
+    axis = axis if machine is None else machine.axis.name
     if baseline is not None and baseline.machine != axis:
         raise FingerprintError(f"{baseline_file}: of axis {baseline.machine}, expected axis {axis}")
     found = AxisFingerprint(axis, (), {})

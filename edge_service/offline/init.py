@@ -113,17 +113,12 @@ def _drafted(
         for axis in load_config(draft).axes:
             load_machine(axis.machine)
     except ConfigError as error:
+        mistakes = [each.replace(f"{folder}/", shown) for each in error.mistakes]
         ends = tuple(f"{key}: missing" for key in NEEDED)
-        left_out = [each for each in error.mistakes if each.endswith(ends)]
-        if request.machine or len(left_out) < len(error.mistakes):
-            mistakes = (each.replace(f"{folder}/", shown) for each in error.mistakes)
+        if request.machine or not all(each.endswith(ends) for each in mistakes):
             raise ConfigError(*mistakes) from None
-        mistakes = (each.replace(f"{folder}/", shown) for each in left_out)
-        return (
-            [*said, *(f"left out: {each}; no estimate without it" for each in mistakes)],
-            DONE,
-            False,
-        )
+        left_out = [f"left out: {each}; no estimate without it" for each in mistakes]
+        return [*said, *left_out], DONE, False
     try:
         checked = check_configuration(draft)
         found = [line.replace(f"{folder}/", shown) for line in checked.words.splitlines()]

@@ -66,14 +66,13 @@ def write_motion(
     name: str,
     machine: Machine,
     out: Path,
-    settings: MotionFileSettings | None = None,
+    settings: MotionFileSettings = MotionFileSettings(),
     progress: Progress = silent,
 ) -> Answer:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 
     Raises MotionError: one line; the name, a setting, the axis or the file does not allow it.
     """
-    settings = settings or MotionFileSettings()
     if name not in MOTIONS:
         near = difflib.get_close_matches(name, MOTIONS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""

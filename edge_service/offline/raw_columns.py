@@ -109,10 +109,9 @@ def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -
         if each.name in said:
             quantity, unit = said[each.name]
             result.append(replace(each, quantity=quantity, unit=unit or each.unit))
-        elif each.quantity in chosen:
-            result.append(replace(each, quantity=Quantity.OTHER))
         else:
-            result.append(each)
+            quantity = Quantity.OTHER if each.quantity in chosen else each.quantity
+            result.append(replace(each, quantity=quantity))
     return result
 
 

@@ -60,8 +60,8 @@ def simulate(
     Raises SimulationError, TraceError.
     """
     axis = _Axis(machine, settings)
-    wish = settings.motion, settings.duration_s
-    return axis.recorded([axis.commanded(1, *wish)], [out], progress)
+    commanded = axis.commanded(1, settings.motion, settings.duration_s)
+    return axis.recorded([commanded], [out], progress)
 
 
 def simulate_session(

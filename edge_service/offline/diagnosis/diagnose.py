@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,12 +136,10 @@ def _bad_data(
 ) -> Diagnosis:
     """Document where the data do not allow a diagnosis."""
     gap = {}
-    try:
+    with suppress(DiagnosisError):
         for name, rows in session_of(machine, runs).channels.items():
             unit = CHANNEL_UNITS[name]
             gap[name] = ChannelGap(before=rows.rms, after=rows.rms, noise_floor=None, unit=unit)
-    except DiagnosisError:
-        gap = {}
     status = ReplayStatus(possible=False, reason="bad data")
     return Diagnosis(
         verdict=Verdict.BAD_DATA, gap=gap, reasons=reasons, remarks=remarks, replay=status

@@ -7,7 +7,7 @@ from ...checks.examination import check_plausibility
 from ...checks.finding import Finding
 from ...checks.finding import Verdict as Check
 from ...diagnose.preload import PreloadReading, fresh_screw
-from ...diagnose.result import Diagnosis, NamedEffect, Verdict
+from ...diagnose.result import Diagnosis, Verdict
 from ...estimate.mixture.estimator import MixturePreloadEstimator
 from ...messages.samples import ANGLE, TABLE_POSITION, SampleFrame
 from ...models.effects.registry import effects, get_effect
@@ -53,17 +53,13 @@ def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
             continue
         for k, each in enumerate(changed):
             if get_effect(each.name).kind in effect.confirmation.resembled_by:
-                changed[k] = _tied(each, name)
+                less = {"probability": _TRUST * each.probability, "tied": (*each.tied, name)}
+                changed[k] = each.model_copy(update=less)
     if changed == list(found.effects):
         return found
     verdict = Verdict.AMBIGUOUS if found.verdict is Verdict.EXPLAINED else found.verdict
     changed.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
     return found.with_effects(changed, verdict)
-
-
-def _tied(each: NamedEffect, name: str) -> NamedEffect:
-    changes = {"probability": _TRUST * each.probability, "tied": (*each.tied, name)}
-    return each.model_copy(update=changes)
 
 
 def preload_reading(machine: Machine, traces: Sequence[Path]) -> PreloadReading | None:

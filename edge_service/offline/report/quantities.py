@@ -36,16 +36,10 @@ def estimate(figure: IntervalEstimate) -> str:
     spread = half if math.isfinite(half) and half > 0.0 else abs(value) or 1.0
     decimals = 1 - math.floor(math.log10(spread))
     decimals = min(decimals, _MOST_DECIMALS.get(figure.unit, decimals))
-    small = decimals > 5
     digits = max(decimals + 1 + math.floor(math.log10(abs(value) or spread)), 2)
-
-    def number(bound: float) -> str:
-        return (
-            f"{bound * factor:#.{digits}g}" if small else f"{bound * factor:.{max(decimals, 0)}f}"
-        )
-
-    bounds = f"{number(figure.low)} to {number(figure.high)}"
-    text = f"{number(figure.value)} {unit} ({bounds})" if known else f"{bounds} {unit}"
+    form = f"#.{digits}g" if decimals > 5 else f".{max(decimals, 0)}f"
+    low, middle, high = (f"{factor * x:{form}}" for x in (figure.low, figure.value, figure.high))
+    text = f"{middle} {unit} ({low} to {high})" if known else f"{low} to {high} {unit}"
     return text.replace("  ", " ").strip()
 
 
@@ -85,11 +79,7 @@ def percent(share: float) -> str:
 
 
 def words(name: str) -> str:
-    """A name without its underscores.
-
-    >>> words("load_offset")
-    'load offset'
-    """
+    """A name without its underscores."""
     return name.replace("_", " ")
 
 
