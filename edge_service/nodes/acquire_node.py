@@ -154,8 +154,7 @@ class Acquisition:
                 while newest_s - answered_s > CREDIT_S:
                     try:
                         async with asyncio.timeout(CREDIT_PATIENCE_S):
-                            _, _, estimate = await anext(answers)
-                        answered_s = estimate.time_s
+                            answered_s = (await anext(answers))[2].time_s
                     except TimeoutError:
                         answers = aiter(subscriber)
                         if not self._context.has_unread():

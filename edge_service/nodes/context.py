@@ -191,9 +191,8 @@ class EventDispatcher:
 
     def _publish(self, numbers: dict[int, int], problem: str) -> None:
         stored, publish = self._waiting.pop(0)
-        publish(
-            [StoredEvent(numbers.get(each.id, each.id), each.event) for each in stored], problem
-        )
+        kept = [StoredEvent(numbers.get(each.id, each.id), each.event) for each in stored]
+        publish(kept, problem)
 
     async def watch(self, tell: Callable[[Event], None]) -> None:
         """Write what a failing disk did not take, and tell of that and of damage."""

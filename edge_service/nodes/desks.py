@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -199,8 +198,7 @@ def _line_of(axis: AxisConfig) -> str:
     lines: list[str] = []
     with suppress(OSError):
         lines = axis.file.read_text("utf-8").splitlines() if axis.file else []
-    found = (number for number, line in enumerate(lines, 1) if named.match(line))
-    return "".join(f":{number}" for number in islice(found, 1))
+    return next((f":{number}" for number, line in enumerate(lines, 1) if named.match(line)), "")
 
 
 _READS = {"http": PRELOAD.name, "estimate": FEAT.name}
@@ -217,11 +215,8 @@ class StoreOutputDesk:
         for name, output in context.outputs.items():
             queues = map(output.queue, output.receivers)
             self._outboxes[name] = [Outbox(context.store, each, output.kinds) for each in queues]
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
+        self.outputs = tuple(self._outboxes)
         """Names of the outputs."""
-        return tuple(self._outboxes)
 
     async def counts(self, output: str) -> Counts:
         """Events of an output that wait, and its dead letters. Raises RefusedError."""
@@ -270,7 +265,6 @@ class Scrape:
     async def text(self) -> tuple[bytes, str]:
         """Text and its content type."""
         state, at_ns = self._state, now_ns()
-        components = state.all_components(at_ns)
         temperature_c = {}
         dropped: Counter[tuple[str, str]] = Counter()
         for axis in state.axes:
@@ -279,8 +273,7 @@ class Scrape:
                 temperature_c[axis] = newest.temperature_c
         for report in state.components(at_ns):
             if report.component in _READS:
-                lost = report.counters.get("lost_payloads", 0)
-                dropped[_READS[report.component], "gap"] += lost
+                dropped[_READS[report.component], "gap"] += report.counters.get("lost_payloads", 0)
         for (topic, _), count in state.refused().items():
             dropped[topic, "refused"] += count
         dropped["", "unknown"] += state.ignored_payloads
@@ -292,7 +285,7 @@ class Scrape:
             state.configuration,
             not state.unready(at_ns),
             [state.answer(axis, at_ns) for axis in state.axes],
-            components,
+            state.all_components(at_ns),
             temperature_c,
             dropped,
             outboxes,

@@ -48,7 +48,6 @@ async def run(context: NodeContext) -> None:
         return AxisDownsampling(context.config, context.machines[axis], publishers[axis])
 
     axes = {axis: begin(axis) for axis in context.machines}
-
     samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
 
     def renew(axis: str) -> None:

@@ -174,10 +174,8 @@ class EstimatedAxis:
             else:
                 self.problem = ""
                 return estimate
-        reasons = (f"estimator_failed: {self.problem}",)
-        return PreloadEstimate(
-            time_s=block.time_s, status=EstimateStatus.UNESTIMATED, reasons=reasons
-        )
+        status, reasons = EstimateStatus.UNESTIMATED, (f"estimator_failed: {self.problem}",)
+        return PreloadEstimate(time_s=block.time_s, status=status, reasons=reasons)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: nobody was silent meanwhile."""
@@ -202,9 +200,8 @@ class EstimatedAxis:
     def _begin(self, kept: Kept | None) -> None:
         """Begin with another estimator, from a state if there is one."""
         self._estimator = self._make()
-        self._heard = None
+        self._heard, self._since_sound = None, 0
         self._is_restored, self._is_changed = kept is not None, False
-        self._since_sound = 0
         if kept is not None:
             self._estimator.restore(kept.snapshot)
             self._heard = kept.time_s, kept.source_time_ns
@@ -213,9 +210,13 @@ class EstimatedAxis:
         if self._heard is not None:
             time_s, heard_ns = self._heard
             silent_s = (header.source_time_ns - heard_ns) / 1e9
-            if self._is_restored and not _goes_on(time_s, silent_s, block):
-                words = "axis %s: its estimate continues after a stop of %.0f s"
-                log.info(words, self._axis, silent_s)
+            passed_s = block.time_s - block.duration_s - time_s  # on the clock of before the stop
+            begins_behind = passed_s > -0.5 * block.duration_s
+            goes_on = begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S
+            if self._is_restored and not goes_on:
+                log.info(
+                    "axis %s: its estimate continues after a stop of %.0f s", self._axis, silent_s
+                )
                 self._estimator.resume(silent_s)
             elif silent_s > SILENCE_S:
                 self._estimator.interrupt()
@@ -247,10 +248,3 @@ class EstimatedAxis:
             self._sound, self._blamed = None, 0
             self.resets += 1
             self._tell_reset(f"starts over: its state cannot be continued ({self.problem})")
-
-
-def _goes_on(time_s: float, silent_s: float, block: FeatureBlock) -> bool:
-    """An interval lies on the clock that ran before a stop, soon enough after it."""
-    passed_s = block.time_s - block.duration_s - time_s
-    begins_behind = passed_s > -0.5 * block.duration_s
-    return begins_behind and silent_s - passed_s < SAME_CLOCK_S and silent_s < STOP_S

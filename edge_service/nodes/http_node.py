@@ -58,15 +58,14 @@ class HttpNode:
     def __init__(self, context: NodeContext) -> None:
         config = context.config
         self._context, self._component = context, Component(context, "http")
-        tokens, needs_token = Tokens(context.store), config.http.needs_token
-        self._authenticator = Authenticator(tokens, required=needs_token)
+        self._authenticator = Authenticator(Tokens(context.store), required=config.http.needs_token)
         self._tls = server_files(config.http)
         folder, machines = config.store.folder, context.machines
-        kept = "in memory only: it ends with the service"
+        kept, budget_mb = "in memory only: it ends with the service", MEMORY_MB
         if folder is not None:
-            budget = f"up to {config.store.budget_mb:g} MB"
-            kept = f"on disk, {budget}; the oldest estimates go first"
-        budget_mb = MEMORY_MB if folder is None else config.store.budget_mb
+            budget_mb = config.store.budget_mb
+            kept = f"on disk, up to {budget_mb:g} MB; the oldest estimates go first"
+        ratios = {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
         self.state = ServiceState(
             {
                 axis: alarm_settings(config, axis).limits(each.fresh_preload_percent)
@@ -76,9 +75,7 @@ class HttpNode:
             events=context.events,
             history=History(context.store, budget_mb),
             kept=kept,
-            ratios_m_per_rad={
-                axis: machine.transmission_ratio_m_per_rad for axis, machine in machines.items()
-            },
+            ratios_m_per_rad=ratios,
             place=config.keys,
             refused=context.bus.refused,
             configuration=config.digest,
@@ -88,8 +85,7 @@ class HttpNode:
         self._machine_files = {axis.name: axis.machine for axis in config.axes}
         self._folder = folder or Path(tempfile.mkdtemp(prefix="edge-service-"))
         most_mb = MOST_TEMPORARY_MB if folder is None else config.store.budget_mb / 2.0
-        place = self._folder / "recordings"
-        self._recordings = Recordings(place, round(most_mb * 1e6), extent_of)
+        self._recordings = Recordings(self._folder / "recordings", round(most_mb * 1e6), extent_of)
         service: tuple[str, ...] = ("--bus", context.bus.endpoint)
         service += () if config.file is None else (str(config.file),)
         jobs, files = self._folder / "jobs", self._machine_files
@@ -177,8 +173,7 @@ class HttpNode:
         settings = alarm_settings(self._context.config, axis)
         limits = settings.limits(machine.fresh_preload_percent)
         self.state.renew(axis, limits, machine.transmission_ratio_m_per_rad)
-        files = {each.name: each.machine for each in self._context.config.axes}
-        self._machine_files[axis] = files[axis]
+        self._machine_files |= {each.name: each.machine for each in self._context.config.axes}
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
@@ -210,8 +205,9 @@ class HttpNode:
             self._context.on_http_ready(f"{scheme}://{shown}:{port}/")
 
         state.open()
-        place = (http.host, http.port)
-        await serve(app, *place, tls=self._tls, on_bound=bound, before_stop=state.close)
+        await serve(
+            app, http.host, http.port, tls=self._tls, on_bound=bound, before_stop=state.close
+        )
         raise RuntimeError("the server of the page has ended")
 
     def _motions(self, axis: str) -> list[Motion]:
@@ -224,11 +220,8 @@ class HttpNode:
             except MotionError as error:
                 refused = str(error)
             if duration_s is not None or refused:
-                answers.append(
-                    Motion(
-                        name=name, purpose=motion.purpose, duration_s=duration_s, refused=refused
-                    )
-                )
+                about = {"name": name, "purpose": motion.purpose}
+                answers.append(Motion(**about, duration_s=duration_s, refused=refused))
         return answers
 
     async def _send_command(self, axis: str, command: Command) -> Outcome | None:

@@ -191,10 +191,9 @@ class OutputNode:
     async def deliver(self, receiver: str) -> None:
         """Hand over the events of an outbox in their order; what is refused holds up nobody."""
         who, retry, hour = f"events {receiver}".strip(), new_retry(), deque[float](maxlen=100)
-        outbox = Outbox(
-            self._events.store, self._output.queue(receiver), self._output.kinds, self._events
-        )
-        run, broken, sent_before = self._events.store.run, 0, 0
+        store, queue = self._events.store, self._output.queue(receiver)
+        outbox = Outbox(store, queue, self._output.kinds, self._events)
+        run, broken, sent_before = store.run, 0, 0
         while True:
             try:
                 batch = due(self._output, await run(outbox.waiting, MOST_TOGETHER), hour)

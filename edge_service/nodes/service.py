@@ -82,8 +82,7 @@ async def run_service(
             data={"version": __version__, "configuration_digest": config.digest},
         )
         context.events.put((started,), now_ns())
-        loop = asyncio.get_running_loop()
-        loop.add_signal_handler(signal.SIGHUP, reread, context, read)
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reread, context, read)
         await run_nodes(context, names, install_stop())
     finally:
         await bus.close()
@@ -134,8 +133,7 @@ def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
     for name in old.keys() - machines.keys():
         log.info("axis %s goes", name)
         context.drop(name)
-    beside = {"axes"}
-    if config.model_dump(exclude=beside) != context.config.model_dump(exclude=beside):
+    if config.model_dump(exclude={"axes"}) != context.config.model_dump(exclude={"axes"}):
         log.warning("what has changed beside the axes takes effect after a restart")
 
 
