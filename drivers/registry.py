@@ -23,16 +23,14 @@ def load_driver(name: str) -> type[Driver]:
     """The class of a driver; UnknownDriverError says what there is instead."""
     entries = _entries()
     if name not in entries:
-        raise UnknownDriverError(
-            f"no driver {name!r} is installed; there are {', '.join(sorted(entries))}"
-        )
+        there = ", ".join(driver_names())
+        raise UnknownDriverError(f"no driver {name!r} is installed; there are {there}")
     try:
         return cast(type[Driver], entries[name].load())
-    except ModuleNotFoundError as error:
-        extra = f"; does `pip install edge-service[{name}]` help?" if name in OPTIONAL else ""
-        raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}{extra}") from error
     except (ImportError, AttributeError) as error:
-        raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}") from error
+        is_missing = isinstance(error, ModuleNotFoundError) and name in OPTIONAL
+        extra = f"; does `pip install edge-service[{name}]` help?" if is_missing else ""
+        raise UnknownDriverError(f"driver {name!r} cannot be loaded: {error}{extra}") from error
 
 
 @cache

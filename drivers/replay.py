@@ -62,9 +62,7 @@ class ReplayDriver:
         self.paced = config.speed > 0.0
         self.quiet_s = QUIET_S + (LONGEST_STEP_S / config.speed if self.paced else 0.0)
         self.frame_s = FRAME_S if self.paced else FLAT_OUT_FRAME_S
-        self._config = config
-        self._clock = clock
-        self._sleep = sleep
+        self._config, self._clock, self._sleep = config, clock, sleep
         self.readings: dict[str, float] = {}  # a recording knows no more than its samples
         self._rows = RecordedRows(f"replay {context.axis}", context.machine)
         self._finished = {"rows": 0, "bad_cells": 0, "ragged_rows": 0, "restarts": 0}
@@ -132,9 +130,8 @@ class ReplayDriver:
             async for block in blocks:
                 for frame in cutter.cut(block):
                     yield frame
-        rest = cutter.rest()
-        if rest is not None:
-            yield rest
+        if cutter.rest is not None:
+            yield cutter.rest
 
     async def _blocks(self) -> AsyncGenerator[SampleFrame, None]:
         """Runs of rows as they are read; each further pass follows the one before in time."""

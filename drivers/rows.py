@@ -83,11 +83,12 @@ class FrameCutter:
 
     def __init__(self, frame_s: float) -> None:
         self._frame_s = frame_s
-        self._rest: SampleFrame | None = None
+        self.rest: SampleFrame | None = None
+        """Rows kept at the end."""
 
     def cut(self, block: SampleFrame) -> Iterator[SampleFrame]:
         """Whole frames; the last, perhaps unfinished one is kept for the next rows."""
-        rows = block if self._rest is None else joined([self._rest, block])
+        rows = block if self.rest is None else joined([self.rest, block])
         with np.errstate(over="ignore", invalid="ignore"):
             number = np.floor((rows.time_s - LOOK_AHEAD_S) / self._frame_s)
         edges = [0, *(np.flatnonzero(number[1:] != number[:-1]) + 1).tolist(), len(rows)]
@@ -95,11 +96,7 @@ class FrameCutter:
             cuts = range(start, end, LARGEST_FRAME)
             for cut in cuts[:-1] if end == len(rows) else cuts:
                 yield rows.part(slice(cut, min(cut + LARGEST_FRAME, end)))
-        self._rest = rows.part(slice(cuts[-1], None))
-
-    def rest(self) -> SampleFrame | None:
-        """The rows kept at the end."""
-        return self._rest
+        self.rest = rows.part(slice(cuts[-1], None))
 
 
 class Pace:

@@ -84,9 +84,8 @@ class _SimulatedAxis:
         whose = "machine" if config.truth is None else "truth"
         missing = machine.missing_for_percent()
         if missing is not None:
-            raise DriverMisconfiguredError(
-                whose, f"{missing}: the machine file lacks it, simulated preload needs it"
-            )
+            words = f"{missing}: the machine file lacks it, simulated preload needs it"
+            raise DriverMisconfiguredError(whose, words)
         self._wear = _wear(config, machine)
         self.preload_percent = self._wear.start_percent
         if config.motion not in MOTIONS:
@@ -238,9 +237,8 @@ class SimulatedDriver:
         rows = count + int(LOOK_AHEAD_S * config.rate_hz) + 1
         while self._running is axis:
             frame = axis.advance(rows)
-            wait_s = pace.wait_s(rows / config.rate_hz)
+            await self._sleep(pace.wait_s(rows / config.rate_hz))
             rows = count
-            await self._sleep(wait_s)
             if self._running is axis:
                 self.readings = {"true_preload_percent": axis.preload_percent}
                 yield frame
@@ -248,11 +246,8 @@ class SimulatedDriver:
     async def probe(self) -> Probe:
         """Channels and rate; raises DriverMisconfiguredError as `open` does."""
         _SimulatedAxis(self._config, self._context)
-        return Probe(
-            f"simulated feed drive, scenario {self._config.scenario}",
-            tuple(CHANNELS),
-            self._config.rate_hz,
-        )
+        words = f"simulated feed drive, scenario {self._config.scenario}"
+        return Probe(words, tuple(CHANNELS), self._config.rate_hz)
 
     async def close(self) -> None:
         """End `frames`; the next `open` starts from home again."""

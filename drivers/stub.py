@@ -123,10 +123,8 @@ class Following:
     def __init__(self, axes: Sequence[StubAxis], address: Callable[[Any], object]) -> None:
         for axis in axes:
             if address(axis.config) != address(axes[0].config):
-                raise DriverMisconfiguredError(
-                    "url",
-                    f"axis {axis.name} has another address than {axes[0].name}; choose --axis",
-                )
+                words = f"axis {axis.name} has another address than {axes[0].name}; choose --axis"
+                raise DriverMisconfiguredError("url", words)
         self._axes = axes
         self._tasks: list[asyncio.Task[None]] = []
 

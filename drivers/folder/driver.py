@@ -344,6 +344,5 @@ class FolderDriver:
                 for frame in cutter.cut(block.part(slice(skipped, None))):
                     await self._sleep(0.0)  # the event loop must get its turn between two reads
                     yield frame
-        rest = cutter.rest()
-        if rest is not None:
-            yield rest
+        if cutter.rest is not None:
+            yield cutter.rest

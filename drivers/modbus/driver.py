@@ -114,10 +114,8 @@ class ModbusDriver:
                 silent_s = loop.time() - self._valid_s
                 if silent_s > self._config.lost_after_s:
                     link.close()
-                    raise DriverUnavailableError(
-                        f"{self._config.address}: no valid reply for {silent_s:.1f} s "
-                        f"({self._problem})"
-                    )
+                    silence = f"no valid reply for {silent_s:.1f} s ({self._problem})"
+                    raise DriverUnavailableError(f"{self._config.address}: {silence}")
         finally:
             if self._link is not link:
                 link.close()
@@ -132,10 +130,8 @@ class ModbusDriver:
                 if reply.quality is not Quality.GOOD:
                     number = config.registers.index(request.registers[0])
                     last = request.address + request.count - 1
-                    raise DriverUnavailableError(
-                        f"{config.address}: registers[{number}]: registers {request.address} to "
-                        f"{last}: {reply.problem}"
-                    )
+                    place = f"registers[{number}]: registers {request.address} to {last}"
+                    raise DriverUnavailableError(f"{config.address}: {place}: {reply.problem}")
         finally:
             link.close()
         fastest_s = config.poll_groups[config.fastest_group]
@@ -227,9 +223,7 @@ class ModbusDriver:
                     values[register.channel] = self._scalings[register.channel].si(number)
                 else:
                     spoiled = max(spoiled, self._guard(register, number, reply.received_s))
-        if spoiled is Quality.GOOD:
-            return values
-        return dict.fromkeys(values, (math.nan, spoiled))
+        return values if spoiled is Quality.GOOD else dict.fromkeys(values, (math.nan, spoiled))
 
     def _guard(self, register: RegisterConfig, number: float, now_s: float) -> Quality:
         """Quality that a constant or a heartbeat implies for the values beside it."""

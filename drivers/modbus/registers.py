@@ -105,10 +105,8 @@ class ModbusConfig(DriverConfig):
                 raise ValueError(f"poll_groups.{name}: {period_s:g} s, expected 0.0001 to 3600")
         for number, register in enumerate(self.registers):
             if register.group is not None and register.group not in self.poll_groups:
-                known = ", ".join(self.poll_groups)
-                raise ValueError(
-                    f"registers[{number}].group: {register.group!r} is not one of {known}"
-                )
+                problem = f"{register.group!r} is not one of {', '.join(self.poll_groups)}"
+                raise ValueError(f"registers[{number}].group: {problem}")
         check_channels("registers", self.registers)
         self._check_overlaps()
         for number, register in enumerate(self.registers):

@@ -41,9 +41,8 @@ class MqttStub:
             if config.signals:
                 raise DriverMisconfiguredError("signals", "the stub sends the capture's form alone")
             if {"+", "#"} & set(config.topic.split("/")) or config.topic in topics:
-                raise DriverMisconfiguredError(
-                    "topic", f"{config.topic!r}: the stub needs one topic for each axis"
-                )
+                words = f"{config.topic!r}: the stub needs one topic for each axis"
+                raise DriverMisconfiguredError("topic", words)
             topics.add(config.topic)
         self.fault = Fault()
         self._axes = axes

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from asyncua import ua
 
-from edge_service.messages.samples import CHANNELS, Quality, SampleFrame
+from edge_service.messages.samples import Quality, SampleFrame
 
 from ..base import (
     DriverConfig,
@@ -19,7 +19,7 @@ from ..base import (
     Probe,
 )
 from ..rows import QualityCounts, RowBlock, Values
-from ..signals import Scaling
+from ..signals import Scaling, scalings
 from .session import LOST_AFTER_S, OpcuaSession
 from .variables import OpcuaConfig
 
@@ -147,12 +147,8 @@ class OpcuaDriver:
 
     def __init__(self, config: OpcuaConfig, context: DriverContext) -> None:
         self._config = config
-        self._scalings = {
-            signal.channel: Scaling.of(signal, context.machine, f"signals[{number}]")
-            for number, signal in enumerate(config.signals)
-            if signal.channel is not None
-        }
-        self._channels = tuple(name for name in CHANNELS if name in self._scalings)
+        self._scalings = scalings(config.signals, context.machine, "signals")
+        self._channels = tuple(self._scalings)
         self._counts = {"publications": 0, "changes": 0, "dropped_publications": 0, "sessions": 0}
         self._qualities = QualityCounts()
         self._session: OpcuaSession | None = None
@@ -218,11 +214,9 @@ class OpcuaDriver:
             await session.open()
         finally:
             await session.close()
-        return Probe(
-            f"OPC UA server {self._config.url}, publishing every {session.publishing_s:g} s",
-            self._channels,
-            1.0 / session.sampling_s if session.sampling_s > 0.0 else None,
-        )
+        words = f"OPC UA server {self._config.url}, publishing every {session.publishing_s:g} s"
+        rate_hz = 1.0 / session.sampling_s if session.sampling_s > 0.0 else None
+        return Probe(words, self._channels, rate_hz)
 
     async def close(self) -> None:
         """End `frames` and leave; safe twice."""
@@ -245,9 +239,8 @@ class OpcuaDriver:
                     for item in data.MonitoredItems
                 ]
             elif isinstance(data, ua.StatusChangeNotification) and not data.Status.is_good():
-                raise DriverUnavailableError(
-                    f"{self._config.url}: the subscription ended, {data.Status.name}"
-                )
+                ended = f"the subscription ended, {data.Status.name}"
+                raise DriverUnavailableError(f"{self._config.url}: {ended}")
         return changes
 
 

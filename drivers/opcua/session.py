@@ -159,9 +159,8 @@ class OpcuaSession:
         )
         for number, result in enumerate(results):
             if not result.StatusCode.is_good():
-                raise DriverMisconfiguredError(
-                    f"signals[{number}].node", f"cannot be subscribed to: {result.StatusCode.name}"
-                )
+                problem = f"cannot be subscribed to: {result.StatusCode.name}"
+                raise DriverMisconfiguredError(f"signals[{number}].node", problem)
         self.publishing_s = 1e-3 * created.RevisedPublishingInterval
         self.sampling_s = 1e-3 * max(result.RevisedSamplingInterval for result in results)
 

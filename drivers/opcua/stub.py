@@ -22,7 +22,7 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaStatusCodeError
 
 from ..base import DriverMisconfiguredError
-from ..signals import Scaling
+from ..signals import Scaling, scalings
 from ..stub import Fault, FaultKind, Following, StubAxis
 from .variables import NodeConfig, OpcuaConfig, node_id, split_node
 
@@ -109,12 +109,10 @@ class OpcuaStub:
         await server.register_namespace(OWN)
         self._points = []
         for axis in self._axes:
-            for number, signal in enumerate(axis.config.signals):
-                scaling = None
-                if signal.channel is not None:
-                    scaling = Scaling.of(signal, axis.context.machine, f"signals[{number}]")
+            known = scalings(axis.config.signals, axis.context.machine, "signals")
+            for signal in axis.config.signals:
                 node = await _add_variable(server, axis.name, signal)
-                self._points.append((axis, signal, scaling, node))
+                self._points.append((axis, signal, known.get(signal.channel), node))
 
     async def _serve(self, server: Server) -> None:
         """Write a sample of every variable, on a fixed grid of time."""
