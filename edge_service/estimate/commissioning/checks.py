@@ -63,7 +63,13 @@ def require_identified(
         )
     if not machine.effects:  # known effects are in the long windows still
         _require_one_inertia(recordings, torque)
-    _require_stated_inertia(torque, machine.model.inertia_kg_m2)
+    found, stated = torque.inertia_kg_m2, machine.model.inertia_kg_m2
+    apart = abs(found - stated.value) > SIGMAS * float(np.hypot(torque.inertia_sigma, stated.sigma))
+    if apart and not _within(found, stated.value, INERTIA_FACTOR):
+        raise CommissioningError(
+            f"{looks_wrong('torque', found / stated.value)}: inertia reads {found:.3g} kg m2, not "
+            f"{stated.value:.3g}: check model.inertia_kg_m2, axis.lead_m, columns.{TORQUE}.scale"
+        )
     if torque.unexplained > UNEXPLAINED:
         raise CommissioningError(
             f"motion explains too little of the torque: {100.0 * torque.unexplained:.0f} % of it "
@@ -113,16 +119,6 @@ def _require_one_inertia(
 
 def _within(one: float, other: float, factor: float) -> bool:
     return other / factor <= one <= other * factor
-
-
-def _require_stated_inertia(torque: TorqueBalance, stated: Quantity) -> None:
-    found, sigma = torque.inertia_kg_m2, torque.inertia_sigma
-    apart = abs(found - stated.value) > SIGMAS * float(np.hypot(sigma, stated.sigma))
-    if apart and not _within(found, stated.value, INERTIA_FACTOR):
-        raise CommissioningError(
-            f"{looks_wrong('torque', found / stated.value)}: inertia reads {found:.3g} kg m2, not "
-            f"{stated.value:.3g}: check model.inertia_kg_m2, axis.lead_m, columns.{TORQUE}.scale"
-        )
 
 
 def require_fresh_screw(

@@ -68,6 +68,11 @@ def commissioned(
         "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
         "table_mass_kg": _measured(*mass),
     }
+    periods_s = (
+        [block.duration_s / block.sample_count for block in blocks if block.sample_count]
+        for blocks in recordings
+    )
+    slowest_s = max(float(np.median(periods)) for periods in periods_s if periods)
     learned = CommissionedConfig(
         torque_offset_nm=torque.offset_nm,
         viscous_asymmetry_nm_s_per_rad=torque.asymmetry_nm_s_per_rad,
@@ -81,19 +86,10 @@ def commissioned(
         slowest_rad_s=None if limits.slowest_rad_s == SLOWEST_RAD_S else limits.slowest_rad_s,
         cruise_rad_s2=None if limits.cruise_rad_s2 == CRUISE_RAD_S2 else limits.cruise_rad_s2,
         transmission=transmission,
-        sample_period_s=_sample_period_s(recordings),
+        sample_period_s=round(slowest_s, 6),
     )
     model_learned = machine.model.model_copy(update=model)
     return machine.model_copy(update={"model": model_learned, "commissioned": learned})
-
-
-def _sample_period_s(recordings: Sequence[Sequence[FeatureBlock]]) -> float:
-    """Time between the samples of the slowest recording, s."""
-    every = (
-        [block.duration_s / block.sample_count for block in blocks if block.sample_count]
-        for blocks in recordings
-    )
-    return round(max(float(np.median(periods)) for periods in every if periods), 6)
 
 
 def _nut_compliance_share(

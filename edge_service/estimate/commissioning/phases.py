@@ -48,17 +48,8 @@ class SteadyPhases:
                 for phase in block.phases if block.usable else ():
                     seen = known.compensated(phase, direction, time_s) if known else phase
                     motion = (seen.torque_nm, seen.acceleration_rad_s2, seen.speed_rad_s)
-                    rows.append(
-                        (
-                            run,
-                            time_s,
-                            phase.steady_s,
-                            direction,
-                            *motion,
-                            seen.angle_rad,
-                            seen.table_m,
-                        )
-                    )
+                    place = (seen.angle_rad, seen.table_m)
+                    rows.append((run, time_s, phase.steady_s, direction, *motion, *place))
         table = np.array(rows, dtype=np.float64).reshape(-1, 9)
         return cls(*table.T)
 

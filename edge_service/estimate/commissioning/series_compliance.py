@@ -127,22 +127,17 @@ def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
     stroke = machine.axis.stroke_m or float(x.max())
     middle = x.min() < 0.5 * stroke < x.max()
     acceleration, speed = ratio * phases.acceleration_rad_s2, ratio * phases.speed_rad_s
+    stretch_m, index = ratio * phases.angle_rad - x, np.unique(phases.run, return_inverse=True)[1]
+    middle_m = np.bincount(index, stretch_m) / np.bincount(index)  # zeros may be metres apart
     return _Seen(
         phases=phases,
-        stretch_m=_from_middle(phases.run, ratio * phases.angle_rad - x),
+        stretch_m=stretch_m - middle_m[index],
         stroke_m=stroke,
         reference_m=0.5 * stroke if middle else float(np.median(x)),
         loads=np.column_stack([acceleration, phases.direction, speed]),
         sloped=bool(np.ptp(x) > 0.2 * stroke),
         pieces=min(LEAD_NODES, max(round(NODES_PER_TURN * stroke / machine.axis.lead_m), 1)),
     )
-
-
-def _from_middle(run: Floats, stretch_m: Floats) -> Floats:
-    """Without the difference of the encoders' zeros, which may be metres, (n,)."""
-    _, index = np.unique(run, return_inverse=True)
-    middle = np.bincount(index, stretch_m) / np.bincount(index)
-    return np.asarray(stretch_m - middle[index])
 
 
 def _beside(seen: _Seen) -> _Beside:
