@@ -29,11 +29,11 @@ class Steps:
     changes: tuple[tuple[float, float], ...] = ()
 
 
-PreloadSpec = float | Ramp | Steps | Array | tuple[Array, Array]
+PreloadSpec = float | Ramp | Steps | tuple[Array, Array]
 
 
 def preload_trajectory(spec: PreloadSpec, time_s: Array) -> Array:
-    """Percent at each slow time. An array is spread over the run; (times, percents) joined."""
+    """Percent at each slow time; (times, percents) are joined by lines."""
     if isinstance(spec, Ramp):
         end = min(spec.end_s, float(time_s[-1]))
         return np.interp(time_s, [spec.begin_s, end], [spec.first, spec.last])
@@ -44,10 +44,7 @@ def preload_trajectory(spec: PreloadSpec, time_s: Array) -> Array:
         return percent
     if isinstance(spec, tuple):
         return np.interp(time_s, spec[0], spec[1])
-    if np.ndim(spec) == 1:
-        values = np.asarray(spec, dtype=float)
-        return np.interp(time_s, np.linspace(0.0, time_s[-1], len(values)), values)
-    return np.full(len(time_s), float(spec))  # type: ignore[arg-type]
+    return np.full(len(time_s), float(spec))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +102,6 @@ class ProcessForce:
     duty: float = 0.3
     against_motion: float = 0.7  # share of the bursts; the others push one way
     bursts: tuple[tuple[float, float, float], ...] = ()  # (start_s, duration_s, N); empty: random
-    sensor: bool = False
 
 
 Event = Warmup | Payload | Relubrication | Lubricant | ProcessForce
@@ -209,7 +205,6 @@ def cut(plan: Plan, spec: ProcessForce, rng: np.random.Generator) -> None:
             else rng.choice([-1.0, 1.0])
         )
         plan.push_n[into] += mean * edge * tooth * way
-    plan.truth["bursts"] = bursts
 
 
 def apply(plan: Plan, event: Event, rng: np.random.Generator) -> None:

@@ -22,7 +22,6 @@ def axis_case(
     seed: int = 0,
     axis_seed: int = 0,
     setpoint_m: Array | None = None,
-    time_s: Array | None = None,
     machine: Machine | None = None,
     stroke_map: tuple[float, float] = (0.05, 0.03),
     sensors: dict[str, Any] | None = None,
@@ -34,11 +33,8 @@ def axis_case(
         setpoint_m = motions.production(
             np.random.default_rng([seed, 1]), duration_s, machine.stroke_m
         )
-    if time_s is None:
-        time_s = np.arange(len(setpoint_m)) * motions.STEP_S
     return Case(
         machine=machine,
-        time_s=time_s,
         setpoint_m=setpoint_m,
         seed=seed,
         axis_seed=axis_seed,

@@ -21,11 +21,10 @@ TORQUE, TRANSMISSION, BOTH, NEITHER = "torque_nm", "transmission_m", "both", "ne
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """`channel`: where it shows on a stiff axis. `known`: a library may hold it."""
+    """`channel`: where it shows on a stiff axis."""
 
     cause: Cause
     channel: str
-    known: bool = True
 
     def __call__(self, plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
         return {"strength": strength} | self.cause(plan, rng, strength)

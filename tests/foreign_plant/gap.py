@@ -1,20 +1,15 @@
 """The gap between a recording and the bare baseline, to see what a cause does."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from .machine import Machine
 from .simulate import Recording
 
-Array = NDArray[np.float64]
 
-
-def residuals(
-    recording: Recording, machine: Machine, corner_hz: float = 40.0
-) -> tuple[Array, Array, Array]:
-    """Torque (n,) N m, transmission (n,) m and where the axis moves (n,); evenly sampled only."""
-    low = butter(3, corner_hz, fs=1000.0, output="sos")
+def gap(recording: Recording, machine: Machine) -> dict[str, float]:
+    """Of torque in motion, N m, and of the transmission, m; evenly sampled only."""
+    low = butter(3, 40.0, fs=1000.0, output="sos")
     columns = recording.columns
     angle = sosfiltfilt(low, columns["motor_angle_rad"] - columns["motor_angle_rad"][0])
     speed = np.gradient(angle, 1e-3)
@@ -25,14 +20,8 @@ def residuals(
     )
     torque = need - sosfiltfilt(low, columns["torque_command_nm"])
     stretch = machine.lead_rad * columns["motor_angle_rad"] - columns["table_position_m"]
-    return torque, stretch - stretch.mean(), abs(raw) > 0.3
-
-
-def gap(recording: Recording, machine: Machine) -> dict[str, float]:
-    torque, stretch, moving = residuals(recording, machine)
+    stretch, moving = stretch - stretch.mean(), abs(raw) > 0.3
     return {
         "torque_nm": float(np.sqrt(np.mean(torque[moving] ** 2))),
-        "transmission_m": float(
-            np.std(sosfiltfilt(butter(3, 40.0, fs=1000.0, output="sos"), stretch))
-        ),
+        "transmission_m": float(np.std(sosfiltfilt(low, stretch))),
     }

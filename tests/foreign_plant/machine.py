@@ -56,14 +56,11 @@ class Machine:
 DIAGNOSIS = Machine(kind="diagnosis", stiffness_scale=300.0)
 
 
-def nominal_machine_toml(
-    machine: Machine, *, known_parts: bool = True, tolerance: float | None = None, more: str = ""
-) -> str:
-    """The baseline machine file. `known_parts`: nut stiffness and table mass are stated."""
+def nominal_machine_toml(machine: Machine) -> str:
+    """The baseline machine file."""
 
-    def number(value: float, own: float | None = None) -> str:
-        share = own if own is not None else tolerance
-        return repr(value) if share is None else f"{{ value = {value!r}, tolerance = {share!r} }}"
+    def number(value: float, tolerance: float) -> str:
+        return f"{{ value = {value!r}, tolerance = {tolerance!r} }}"
 
     diagnosis = machine.kind == "diagnosis"
     drag = machine.coulomb_nm if diagnosis else machine.preload_drag_nm
@@ -78,13 +75,12 @@ def nominal_machine_toml(
         'bearing_arrangement = "fixed-free"',
         "",
         "[model]",
-        f"inertia_kg_m2 = {number(machine.inertia_kg_m2)}",
-        f"viscous_nm_s_per_rad = {number(machine.viscous_nm_s_per_rad)}",
-        f"preload_drag_nm = {number(drag)}",
+        f"inertia_kg_m2 = {machine.inertia_kg_m2!r}",
+        f"viscous_nm_s_per_rad = {machine.viscous_nm_s_per_rad!r}",
+        f"preload_drag_nm = {drag!r}",
     ]
     if not diagnosis:
         lines.append(f"preload_n = {machine.preload_n!r}")
-        if known_parts:
-            lines.append(f"nut_stiffness_n_per_m = {number(machine.nut_stiffness_n_per_m, 0.1)}")
-            lines.append(f"table_mass_kg = {number(machine.table_mass_kg, 0.02)}")
-    return "\n".join(lines) + "\n" + more
+        lines.append(f"nut_stiffness_n_per_m = {number(machine.nut_stiffness_n_per_m, 0.1)}")
+        lines.append(f"table_mass_kg = {number(machine.table_mass_kg, 0.02)}")
+    return "\n".join(lines) + "\n"

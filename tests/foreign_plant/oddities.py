@@ -133,17 +133,17 @@ def cover_plates(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
 
 
 ODDITIES: dict[str, Fault] = {
-    "wiper_drag": Fault(wiper_drag, TORQUE, known=False),
-    "stuck_seal": Fault(stuck_seal, TORQUE, known=False),
-    "tired_magnets": Fault(tired_magnets, TORQUE, known=False),
-    "loaded_cogging": Fault(loaded_cogging, TORQUE, known=False),
-    "crosstalk": Fault(crosstalk, TORQUE, known=False),
-    "loose_fixture": Fault(loose_fixture, TORQUE, known=False),
-    "interpolation": Fault(interpolation, TRANSMISSION, known=False),
-    "gain_switching": Fault(gain_switching, NEITHER, known=False),
-    "noise_bursts": Fault(noise_bursts, BOTH, known=False),
-    "cable_chain": Fault(cable_chain, TORQUE, known=False),
-    "grease_pulses": Fault(grease_pulses, TORQUE, known=False),
-    "cover_plates": Fault(cover_plates, TORQUE, known=False),
+    "wiper_drag": Fault(wiper_drag, TORQUE),
+    "stuck_seal": Fault(stuck_seal, TORQUE),
+    "tired_magnets": Fault(tired_magnets, TORQUE),
+    "loaded_cogging": Fault(loaded_cogging, TORQUE),
+    "crosstalk": Fault(crosstalk, TORQUE),
+    "loose_fixture": Fault(loose_fixture, TORQUE),
+    "interpolation": Fault(interpolation, TRANSMISSION),
+    "gain_switching": Fault(gain_switching, NEITHER),
+    "noise_bursts": Fault(noise_bursts, BOTH),
+    "cable_chain": Fault(cable_chain, TORQUE),
+    "grease_pulses": Fault(grease_pulses, TORQUE),
+    "cover_plates": Fault(cover_plates, TORQUE),
 }
 ALL: dict[str, Fault] = FAULTS | ODDITIES

@@ -70,21 +70,24 @@ def draw(rng: np.random.Generator, share: float) -> float:
     return float(1.0 + share * np.clip(rng.standard_normal(), -2.5, 2.5))
 
 
-def plan_axis(machine: Machine, setpoint_m: Array, axis_seed: int, drift: float = 0.01) -> Plan:
-    """The true axis of `axis_seed`: nominal numbers off by `drift`, unstated ones by much more."""
+DRIFT = 0.01
+
+
+def plan_axis(machine: Machine, setpoint_m: Array, axis_seed: int) -> Plan:
+    """The true axis of `axis_seed`: nominal numbers off by `DRIFT`, unstated ones by much more."""
     rng = np.random.default_rng([axis_seed, 7])
     stiff = machine.kind == "diagnosis"
     scale = machine.stiffness_scale
-    loose = 1.0 if not stiff else drift / 0.1  # what the diagnosis' baseline states is well known
+    loose = 1.0 if not stiff else DRIFT / 0.1  # what the diagnosis' baseline states is well known
     wide = 0.1 * loose
-    inertia = machine.inertia_kg_m2 * draw(rng, drift)
-    mass = machine.table_mass_kg * draw(rng, 0.5 * drift)
+    inertia = machine.inertia_kg_m2 * draw(rng, DRIFT)
+    mass = machine.table_mass_kg * draw(rng, 0.5 * DRIFT)
     j_screw = machine.screw_inertia_kg_m2
     hertz = machine.hertz_n_per_m15 * draw(rng, 0.0 if stiff else 0.05)
     bearing_c = machine.bearing_drag_nm * draw(rng, wide)
     guide_c = machine.guide_force_n * draw(rng, wide)
-    nut_c = machine.preload_drag_nm * draw(rng, drift)
-    viscous = machine.viscous_nm_s_per_rad * draw(rng, drift)
+    nut_c = machine.preload_drag_nm * draw(rng, DRIFT)
+    viscous = machine.viscous_nm_s_per_rad * draw(rng, DRIFT)
     trace = 0.1 if stiff else 1.0
     drive = Drive()._asdict() | {
         "lead_rad": machine.lead_rad,
@@ -108,7 +111,7 @@ def plan_axis(machine: Machine, setpoint_m: Array, axis_seed: int, drift: float 
         "shaft_ae": 4.7e7 * scale * draw(rng, 0.03),
         "nut_hertz": hertz,
         "clearance": rng.uniform(1.0e-6, 2.0e-6) if not stiff else 0.0,
-        "gain": draw(rng, 0.5 * drift),
+        "gain": draw(rng, 0.5 * DRIFT),
         "ff_j": machine.inertia_kg_m2,
         "kv": rng.uniform(40.0, 80.0),
         "kp": rng.uniform(0.4, 0.7),
@@ -139,9 +142,6 @@ def plan_axis(machine: Machine, setpoint_m: Array, axis_seed: int, drift: float 
     for order in (4.0, 8.0):
         amplitude = 0.02 * trace * draw(rng, 0.3)
         plan.waves["ripple"].append((order, amplitude, rng.uniform(0, 2 * np.pi), 1e6))
-    plan.truth["nut_stiffness_n_per_m"] = float(
-        3.0 * np.cbrt(hertz) ** 2 * np.cbrt(machine.preload_n)
-    )
     plan.truth["parameters"] = drive
     return plan
 

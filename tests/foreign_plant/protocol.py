@@ -52,46 +52,23 @@ def accelerations(route: Route, stroke_m: float) -> Route:
     return route
 
 
-def cruises(route: Route, stroke_m: float, speeds: tuple[float, ...] = (0.1, 0.25, 0.6)) -> Route:
+def cruises(route: Route, stroke_m: float) -> Route:
     """More than twenty turns at one speed, both ways."""
-    for speed in speeds:
+    for speed in (0.1, 0.25, 0.6):
         route.to(0.05 * stroke_m, 0.4).to(0.95 * stroke_m, speed, 4.0, 0.2).to(
             0.05 * stroke_m, speed, 4.0, 0.2
         )
     return route
 
 
-def chirp(
-    route: Route, duration_s: float = 10.0, accel_m_s2: float = 1.5, last_hz: float = 120.0
-) -> Route:
-    """A sweep from 4 Hz at constant acceleration."""
+def chirp(route: Route, duration_s: float = 10.0) -> Route:
+    """A sweep from 4 to 120 Hz at constant acceleration."""
     t = np.arange(round(duration_s / STEP_S)) * STEP_S
-    hz = 4.0 * (last_hz / 4.0) ** (t / duration_s)
+    hz = 4.0 * (120.0 / 4.0) ** (t / duration_s)
     phase = 2 * np.pi * np.cumsum(hz) * STEP_S
     window = np.clip(np.minimum(t, duration_s - t) / 0.3, 0.0, 1.0)
-    speed = window * accel_m_s2 / (2 * np.pi * hz) * np.sin(phase)
+    speed = window * 1.5 / (2 * np.pi * hz) * np.sin(phase)
     return route.add(speed - window * speed.sum() / window.sum()).add(rest(0.3))
-
-
-def multisine(route: Route, rng: np.random.Generator, duration_s: float = 10.0) -> Route:
-    """Forty tones from 2 to 100 Hz with random phases upon a slow feed both ways."""
-    t = np.arange(round(duration_s / STEP_S)) * STEP_S
-    window = np.clip(np.minimum(t, duration_s - t) / 0.5, 0.0, 1.0)
-    speed = 0.02 * np.sin(2 * np.pi * t / duration_s)
-    for hz in np.geomspace(2.0, 100.0, 40):
-        tone = round(hz * duration_s) / duration_s
-        speed = speed + 0.25 / (2 * np.pi * tone) * np.sin(
-            2 * np.pi * tone * t + rng.uniform(0, 6.28)
-        )
-    return route.add(window * speed)
-
-
-def cycling(route: Route, stroke_m: float, duration_s: float) -> Route:
-    """Warming up: fast and end to end."""
-    end = route.duration_s + duration_s
-    while route.duration_s < end:
-        route.to(0.92 * stroke_m, 0.6, 5.0, 0.05).to(0.08 * stroke_m, 0.6, 5.0, 0.05)
-    return route
 
 
 def full(rng: np.random.Generator, stroke_m: float) -> Array:
@@ -107,33 +84,6 @@ def full(rng: np.random.Generator, stroke_m: float) -> Array:
     return np.concatenate([path, bridge, work])
 
 
-def cold_and_warm(rng: np.random.Generator, stroke_m: float, warming_s: float = 60.0) -> Array:
-    """The same pass cold and, after cycling, warm."""
-    del rng
-    route = Route(0.05 * stroke_m).add(rest(1.0))
-    stands(cruises(route, stroke_m, (0.1, 0.3)), stroke_m)
-    cycling(route, stroke_m, warming_s)
-    return stands(cruises(route, stroke_m, (0.1, 0.3)), stroke_m).positions()
-
-
 def stepped(rng: np.random.Generator, stroke_m: float) -> Array:
     del rng
     return staircase(Route(0.3 * stroke_m).add(rest(0.5)), stroke_m).positions()
-
-
-def one_speed(rng: np.random.Generator, stroke_m: float) -> Array:
-    """To and fro at one feed for half a minute: no friction law shows its shape."""
-    del rng
-    route = Route(0.3 * stroke_m).add(rest(0.5))
-    while route.duration_s < 30.0:
-        route.to(0.5 * stroke_m, 0.05, 1.0, 0.1).to(0.3 * stroke_m, 0.05, 1.0, 0.1)
-    return route.positions()
-
-
-def one_place(rng: np.random.Generator, stroke_m: float) -> Array:
-    """Short quick moves about one place for half a minute: nothing shows its length."""
-    del rng
-    route = Route(0.4 * stroke_m).add(rest(0.5))
-    while route.duration_s < 30.0:
-        route.to(0.4 * stroke_m + 0.03, 0.2, 3.0, 0.1).to(0.4 * stroke_m, 0.2, 3.0, 0.1)
-    return route.positions()

@@ -7,15 +7,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
-CHANNELS = (
-    "torque_command_nm",
-    "motor_angle_rad",
-    "motor_speed_rad_s",
-    "table_position_m",
-    "table_speed_m_s",
-    "position_setpoint_m",
-    "temperature_c",
-)
 
 
 @dataclass(slots=True)
@@ -25,26 +16,15 @@ class Sensors:
     linear_noise_m: float = 5e-8
     rotary_noise_rad: float = 5e-6
     torque_noise_nm: float = 0.02
-    colour: float = 0.0  # of the noise: first-order correlation from one row to the next
     linear_quantum_m: float = 1e-8
     rotary_quantum_rad: float = 2 * np.pi / 2**21
     speed_lag_s: float = 5e-4
     skew_s: float = 0.0  # the linear encoder is read this much later
-    jitter_s: float = 0.0  # of the sampling; time stamps tell it
     dropped: float = 0.0
     repeated: float = 0.0
     missing: float = 0.0
     stuck: int = 0  # spans of 50 to 400 rows in which one channel stands
     clock_jumps: int = 0
-    channels: tuple[str, ...] = CHANNELS
-
-
-def noise(rng: np.random.Generator, n: int, spread: float, colour: float) -> Array:
-    """Noise (n,) of standard deviation `spread`, first-order coloured."""
-    white = rng.standard_normal(n) * spread
-    if colour == 0.0:
-        return white
-    return np.asarray(lfilter([np.sqrt(1.0 - colour**2)], [1.0, -colour], white))
 
 
 def hermite(value: Array, slope: Array, at: Array) -> Array:
@@ -70,23 +50,18 @@ def quantised(signal: Array, quantum: float) -> Array:
 def record(
     states: Array, setpoint_m: Array, temperature_c: Array, sensors: Sensors, seed: int
 ) -> dict[str, Array]:
-    """States (n, 5) of the kernel -> columns, evenly sampled or with jitter, all of them sound."""
+    """States (n, 5) of the kernel -> columns, evenly sampled, all of them sound."""
     rng = np.random.default_rng([seed, 11])
     n = len(states)
     time_s = np.arange(n) * 1e-3
     angle, speed, x, v, torque = states.T
-    at = time_s
-    if sensors.jitter_s > 0.0:
-        at = np.maximum(time_s + np.clip(rng.normal(0.0, sensors.jitter_s, n), -4e-4, 4e-4), 0.0)
-        angle, torque = hermite(angle, speed, at), np.interp(at, time_s, torque)
-    if sensors.jitter_s > 0.0 or sensors.skew_s != 0.0:
-        x = hermite(x, v, at + sensors.skew_s)
-    colour = sensors.colour
-    rotary = noise(rng, n, sensors.rotary_noise_rad, colour)
-    linear = noise(rng, n, sensors.linear_noise_m, colour)
-    columns = {
-        "time_s": at,
-        "torque_command_nm": torque + noise(rng, n, sensors.torque_noise_nm, colour),
+    if sensors.skew_s != 0.0:
+        x = hermite(x, v, time_s + sensors.skew_s)
+    rotary = rng.standard_normal(n) * sensors.rotary_noise_rad
+    linear = rng.standard_normal(n) * sensors.linear_noise_m
+    return {
+        "time_s": time_s,
+        "torque_command_nm": torque + rng.standard_normal(n) * sensors.torque_noise_nm,
         "motor_angle_rad": quantised(angle + rotary, sensors.rotary_quantum_rad),
         "motor_speed_rad_s": lagged(speed + np.gradient(rotary, 1e-3), sensors.speed_lag_s),
         "table_position_m": quantised(x + linear, sensors.linear_quantum_m),
@@ -94,7 +69,6 @@ def record(
         "position_setpoint_m": setpoint_m,
         "temperature_c": np.round(temperature_c + rng.normal(0.0, 0.03, n), 1),
     }
-    return {name: columns[name] for name in ("time_s", *sensors.channels)}
 
 
 def spoiled(columns: dict[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:

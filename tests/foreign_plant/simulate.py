@@ -28,8 +28,7 @@ class Case:
     """One recording to make. The same `axis_seed` is the same axis with the same faults."""
 
     machine: Machine
-    time_s: Array
-    setpoint_m: Array
+    setpoint_m: Array  # at 1 kHz
     seed: int = 0
     axis_seed: int = 0
     preload: ageing.PreloadSpec | None = None  # percent; None: the fresh screw
@@ -37,7 +36,6 @@ class Case:
     effects: tuple[tuple[str, float], ...] = ()  # (name, strength)
     errors: dict[str, float] = field(default_factory=dict)  # torque_gain, inertia, series, skew_s
     stroke_map: tuple[float, float] = (0.0, 0.0)  # preload over one and two periods of the stroke
-    drift: float = 0.01
     linear_loop: bool = False
     elapsed_s: float = 0.0  # the axis has been running for so long
     sensors: dict[str, Any] = field(default_factory=dict)
@@ -58,18 +56,6 @@ class Recording:
         return Path(path)
 
 
-def on_grid(time_s: Array, setpoint_m: Array) -> Array:
-    """Any setpoints -> the drive's 1 kHz; coarser ones are interpolated and smoothed."""
-    time_s = np.asarray(time_s, dtype=float) - time_s[0]
-    grid = np.arange(round(time_s[-1] / 1e-3) + 1) * 1e-3
-    dense = np.interp(grid, time_s, setpoint_m)
-    width = round(float(np.median(np.diff(time_s))) / 1e-3)
-    if width <= 1:
-        return dense
-    padded = np.pad(dense, width, mode="edge")
-    return np.convolve(padded, np.ones(width) / width, mode="same")[width:-width]
-
-
 def led_in(setpoint_m: Array) -> tuple[Array, int]:
     """Approach the start in the positive direction and rest, as homing did."""
     n = round(LEAD_IN_S / 1e-3)
@@ -82,9 +68,7 @@ def planned(case: Case) -> Plan:
     """The axis of this case with all that happens to it."""
     rng = np.random.default_rng([case.seed, 3])
     axis = np.random.default_rng([case.axis_seed, 5])
-    plan = plan_axis(
-        case.machine, on_grid(case.time_s, case.setpoint_m), case.axis_seed, case.drift
-    )
+    plan = plan_axis(case.machine, case.setpoint_m, case.axis_seed)
     plan.elapsed_s = case.elapsed_s
     plan.sensors = replace(plan.sensors, **case.sensors)
     plan.drive["linear_loop"] = float(case.linear_loop)
@@ -145,9 +129,6 @@ def simulate(case: Case) -> Recording:
     home(plan, states, lead_in)
     states, forces = states[lead_in:], forces[lead_in:]
     columns = record(states, plan.setpoint_m, temperature(plan, case.seed), plan.sensors, case.seed)
-    for event in case.events:
-        if isinstance(event, ageing.ProcessForce) and event.sensor:
-            columns["external_force_n"] = measured_push(plan, case.seed)
     for edit in plan.record:
         edit(columns)
     return Recording(
@@ -175,11 +156,6 @@ def temperature(plan: Plan, seed: int) -> Array:
     return ambient if rise is None else ambient + np.interp(time_s, plan.slow_time_s, rise)
 
 
-def measured_push(plan: Plan, seed: int) -> Array:
-    rng = np.random.default_rng([seed, 19])
-    return plan.push_n * (1.0 + 0.01 * rng.standard_normal()) + rng.normal(0.0, 2.0, plan.samples)
-
-
 def truth_of(plan: Plan, states: Array, forces: Array, energy: Array) -> dict[str, Any]:
     """Trajectories every 0.1 s, and the true signals at 1 kHz."""
     percent = 100.0 * plan.slow["preload_n"] / plan.machine.dynamic_load_rating_n
@@ -194,10 +170,7 @@ def truth_of(plan: Plan, states: Array, forces: Array, energy: Array) -> dict[st
     return plan.truth | {
         "time_s": plan.slow_time_s[::10],
         "preload_percent": percent[::10],
-        "warmth": {name: plan.slow[name][::10] for name in ("guide", "bearing", "nut", "viscous")},
-        "table_mass_kg": plan.slow["table_kg"][::10],
         "states": states,
         "forces": dict(zip(names, forces.T, strict=True)),
-        "push_n": plan.push_n,
         "energy": energy,
     }
