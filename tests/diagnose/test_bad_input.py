@@ -68,29 +68,12 @@ def test_a_channel_less_is_a_remark(machine_file, tmp_path, lacking, remark):
     assert document["not_judged"]
 
 
-@pytest.mark.parametrize("text", ["", "time_s,torque_command_nm\n", "a,b\n1,2\n"])
-def test_a_file_that_is_no_trace(machine_file, tmp_path, capsys, text):
-    trace = tmp_path / "a.csv"
-    trace.write_text(text)
-    assert str(trace) in refused(machine_file, tmp_path, capsys, str(trace))
-
-
 def test_three_seconds_name_nothing_and_say_that_they_are_short(machine_file, tmp_path):
     columns = {name: each[:3000] for name, each in sound().items()}
     document = diagnosed(machine_file, tmp_path, written(tmp_path / "a.csv", columns))
     assert document["verdict"] == "no_gap"
     assert document["effects"] == []
     assert any("of motion in all" in each for each in document["remarks"])
-
-
-def test_recordings_of_different_axes(machine_file, tmp_path):
-    """The second axis has four times the inertia and friction, as its torque shows."""
-    columns = sound()
-    first = written(tmp_path / "a.csv", columns)
-    other = columns | {"torque_command_nm": 4.0 * columns["torque_command_nm"]}
-    document = diagnosed(machine_file, tmp_path, first, written(tmp_path / "b.csv", other))
-    assert document["verdict"] == "bad_data"
-    assert "not from the same axis" in " ".join(document["reasons"])
 
 
 @pytest.mark.slow

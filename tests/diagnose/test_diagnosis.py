@@ -62,12 +62,6 @@ def test_every_cause_leads_the_list(machine: Machine, cause: str) -> None:
     assert found.effects[0].name == cause
 
 
-@pytest.mark.slow
-def test_two_causes_in_two_channels_are_both_named(machine: Machine) -> None:
-    found, _ = diagnosed(machine, ("viscous_error", "backlash"), seed=3)
-    assert {each.name for each in found.effects} == {"viscous_error", "backlash"}
-
-
 def test_what_the_library_lacks_is_unknown(machine: Machine) -> None:
     found, _ = diagnosed(machine, ("torque_ripple",), seed=3, withheld=("torque_ripple",))
     assert found.verdict is Verdict.UNKNOWN
@@ -83,12 +77,6 @@ def test_the_nearest_relation_of_what_the_library_lacks_is_not_named_surely(
     found, _ = diagnosed(machine, (cause,), seed=3, withheld=(cause,))
     assert found.verdict is Verdict.UNKNOWN
     assert all(each.probability < 0.9 for each in found.effects)
-
-
-def test_what_is_named_shrinks_the_gap(machine: Machine) -> None:
-    for key in (("drag_error",), ("viscous_error", "backlash")):
-        found, _ = diagnosed(machine, key, seed=3)
-        assert all(each.shrink.high > 0.0 for each in found.effects)
 
 
 def test_the_found_value_is_the_true_one(machine: Machine) -> None:

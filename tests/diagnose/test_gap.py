@@ -50,13 +50,3 @@ def test_the_command_prints_one_json_object(
     assert printed == {
         name: pytest.approx(rows.rms, rel=1e-3) for name, rows in session.channels.items()
     }
-
-
-def test_channels_that_are_absent_are_absent(machine: Machine) -> None:
-    recording = recorded((), seed=3)
-    assert set(session_of(machine, frame_of(recording, torque_command_nm=None)).channels) == {
-        TRANSMISSION_GAP
-    }
-    assert set(session_of(machine, frame_of(recording, table_position_m=None)).channels) == {
-        TORQUE_GAP
-    }

@@ -84,16 +84,6 @@ def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, loo
         assert reading.mode_probability == {}
 
 
-def test_stale_estimate_keeps_its_time_but_no_number():
-    state = _state()
-    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
-    reading = state.preload("X", START_NS + 3 * NS)
-    assert reading.status is EstimateStatus.UNESTIMATED
-    assert reading.preload_percent is None
-    assert any(each.startswith("stale_input:") for each in reading.reasons)
-    assert (reading.measured_time_ns, reading.age_s) == (START_NS, 3.0)
-
-
 def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
     state = _state()
     state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)

@@ -110,16 +110,6 @@ def test_what_is_no_response_of_a_mass_is_said(tmp_path: Path, capsys) -> None:
     assert "undetermined, no response of speed to torque" in capsys.readouterr().out
 
 
-def test_a_tuning_that_is_cut_off_is_one_line_and_status_2(tmp_path: Path, capsys) -> None:
-    source = tmp_path / "a.xml"
-    source.write_bytes(b"<DynamicModelAxisController>")
-    assert main(["fingerprint", str(source), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert len(said.splitlines()) == 1
-    assert "cut off or damaged" in said
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_tuning_stands_beside_recordings(source: Path, tmp_path: Path) -> None:
     machine = load_machine(DEFAULT_MACHINE)
     trace, out = tmp_path / "x.parquet", tmp_path / "out"

@@ -38,11 +38,6 @@ def words(store: Store) -> list[str]:
     return [word for (word,) in found]
 
 
-def test_what_was_written_is_read(store: Store) -> None:
-    put(store, "one", "two")
-    assert words(store) == ["one", "two"]
-
-
 def test_an_error_of_the_work_undoes_it_and_is_raised_as_it_is(store: Store) -> None:
     def work(file: sqlite3.Connection) -> None:
         file.execute("INSERT INTO words (word) VALUES ('half')")

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import (
     MOTIONS,
-    Dwell,
     MotionError,
     MotionLimits,
     Move,
@@ -95,12 +94,6 @@ def test_production_stays_inside_its_limits_and_is_continuous(seed: int) -> None
     assert np.max(np.abs(acceleration)) <= LIMITS.acceleration_m_s2 * (1.0 + 1e-9)
     assert np.max(np.abs(np.diff(acceleration))) <= LIMITS.jerk_m_s3 * 1e-3 * (1.0 + 1e-6)
     assert np.max(np.abs(np.diff(position) - 0.5e-3 * (speed[1:] + speed[:-1]))) < 1e-6
-
-
-def test_the_axis_stands_still_when_the_segments_end() -> None:
-    source = Setpoints(iter([Move(0.01, 0.1, 1.0, 50.0), Dwell(0.2)]), 0.3, 1000.0)
-    tail = source.take(5000)[-1000:]
-    assert tail == pytest.approx(np.tile([0.31, 0.0, 0.0], (1000, 1)), abs=1e-15)
 
 
 def test_limits_follow_the_machine_file(machine: Machine) -> None:
