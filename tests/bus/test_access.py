@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,13 +34,6 @@ def every_key() -> set[str]:
     """Keys of every topic, and of what a component says of itself."""
     components = {KEYS.component("estimate", "X", topic) for topic in TOPICS.values()}
     return {KEYS.key("X", topic) for topic in TOPICS.values()} | components
-
-
-@pytest.fixture
-async def router() -> AsyncIterator[Bus]:
-    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
-    yield bus
-    await bus.close()
 
 
 @contextmanager

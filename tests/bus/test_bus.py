@@ -26,13 +26,6 @@ FRAME = SampleFrame(np.array([0.0, 1e-3]), {TORQUE: np.array([0.1, 0.2])})
 
 
 @pytest.fixture
-async def router() -> AsyncIterator[Bus]:
-    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
-    yield bus
-    await bus.close()
-
-
-@pytest.fixture
 async def client(router: Bus) -> AsyncIterator[Bus]:
     bus = await Bus.open(BusSettings(router.endpoint, "client"))
     yield bus

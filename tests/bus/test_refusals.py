@@ -1,6 +1,5 @@
 """Hostile payloads: each is refused, counted, and costs nobody else anything."""
 
-from collections.abc import AsyncIterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from edge_service.bus.reception import (
     Refusal,
     Sender,
 )
-from edge_service.bus.session import Bus, BusSettings
+from edge_service.bus.session import Bus
 from edge_service.messages.codec import Header
 from edge_service.messages.keys import MachineKeys
 from edge_service.messages.samples import TORQUE, SampleFrame
@@ -22,13 +21,6 @@ from edge_service.messages.topics import RAW
 KEYS = MachineKeys("site", "machine")
 FRAME = SampleFrame(np.array([0.0, 1e-3]), {TORQUE: np.array([0.1, 0.2])})
 GENUINE = Header(7, 1, 0, 0)
-
-
-@pytest.fixture
-async def router() -> AsyncIterator[Bus]:
-    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
-    yield bus
-    await bus.close()
 
 
 HOSTILE = {

@@ -65,6 +65,4 @@ KINDS: dict[str, Callable[[Any, Any], bool]] = {
     "none_of": lambda value, wanted: value not in wanted,
     "contains": lambda value, wanted: wanted in value,
     "mentions": lambda value, wanted: wanted in json.dumps(value).lower(),
-    "lacks": lambda value, wanted: wanted not in value,
-    "is_null": lambda value, wanted: (value is None) == wanted,
 }

@@ -48,13 +48,11 @@ class Foreign(Strict):
 
 
 class Real(Strict):
-    """A recording in shared/data beside the checkout; `columns`: ours -> theirs and a factor."""
+    """A recording in shared/data beside the checkout."""
 
     file: str
-    columns: dict[str, tuple[str, float]] = {}
     every_s: float | None = Field(None, description="time of a row, where the file has none")
-    condition: str | None = Field(None, description="Cranfield's, with `load` and `parts`")
-    load: str = "20"
+    condition: str | None = Field(None, description="Cranfield's at 20 kgf, with `parts`")
     parts: list[int] = [0]
 
 
@@ -132,9 +130,7 @@ class Assertion(Strict):
     one_of: list[Any] | None = None
     none_of: list[Any] | None = None
     contains: Any = None
-    lacks: Any = None
     mentions: str | None = Field(None, description="a word anywhere in the value")
-    is_null: bool | None = None
     absent: bool | None = None
     if_present: bool = False
 

@@ -108,9 +108,9 @@ class Store:
 
         def make(path: Path) -> None:
             path.mkdir()
-            recordings(path, condition, recipe.load)
+            recordings(path, condition, "20")
 
-        folder = self._kept(f"cranfield {condition} {recipe.load}", "sequences", make)
+        folder = self._kept(f"cranfield {condition}", "sequences", make)
         paths = sorted(folder.iterdir(), key=lambda each: int(each.stem.removeprefix(condition)))
         return [paths[part] for part in recipe.parts]
 
@@ -177,15 +177,13 @@ def _setpoint(parts: Sequence[tuple[str, float]], seed: int) -> Any:
 
 
 def real(recipe: Real) -> Columns:
-    """Columns of a real recording, under our names where the recipe gives them."""
+    """Columns of a real recording."""
     needs(DATA / recipe.file)
     with (DATA / recipe.file).open() as file:
         rows = csv.reader(file)
         header = next(rows)
         table = np.array([[float(cell or "nan") for cell in row] for row in rows]).T
     columns = dict(zip(header, table, strict=True))
-    if recipe.columns:
-        columns = {ours: k * columns[theirs] for ours, (theirs, k) in recipe.columns.items()}
     if recipe.every_s is not None:
         columns = {"time_s": recipe.every_s * np.arange(table.shape[1])} | columns
     return columns

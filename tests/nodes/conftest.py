@@ -23,7 +23,9 @@ from edge_service.config import (
     load_machine,
 )
 from edge_service.estimate.interface import PreloadEstimator
+from edge_service.messages.samples import SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
+from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import EstimatedAxis
@@ -136,15 +138,19 @@ async def done(client: Any, path: str, command: dict[str, str], key: str) -> Any
     return await until(accepted)
 
 
+def production(machine: Machine, percent: float, rows: int) -> SampleFrame:
+    """Production motion of the simulated axis at a preload, sampled at 1 kHz."""
+    limits = motion_limits(machine)
+    segments = MOTIONS["production"](limits, np.random.default_rng(1))
+    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(rows)
+    drive = FeedDrive(FeedDriveSettings.of_machine(machine, RATE_HZ), limits.low_m, percent, 1)
+    return drive.advance(setpoints, np.full(rows, percent))
+
+
 @pytest.fixture(scope="session")
 def trace_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twenty seconds of production motion at 6.85 % as a trace file."""
-    machine = load_machine(DEFAULT_MACHINE)
-    limits = motion_limits(machine)
-    segments = MOTIONS["production"](limits, np.random.default_rng(1))
-    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(20_000)
-    drive = FeedDrive(FeedDriveSettings.of_machine(machine, RATE_HZ), limits.low_m, 6.846, 1)
-    frame = drive.advance(setpoints, np.full(20_000, 6.846))
+    frame = production(load_machine(DEFAULT_MACHINE), 6.846, 20_000)
     path = tmp_path_factory.mktemp("trace") / "healthy.csv"
     with TraceWriter(path, tuple(frame.channels)) as writer:
         writer.write(frame)

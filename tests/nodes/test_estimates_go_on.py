@@ -39,9 +39,7 @@ from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, FEAT, PRELOAD, STATUS
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
-from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes import estimate_node
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import (
@@ -55,7 +53,7 @@ from edge_service.nodes.estimated_axis import (
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
-from .conftest import PATIENCE_S, Running, estimated, running, until
+from .conftest import PATIENCE_S, Running, estimated, production, running, until
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
 PERCENT = 6.0
@@ -74,12 +72,7 @@ def blocks() -> tuple[FeatureBlock, ...]:
     nominal = load_machine(DEFAULT_MACHINE)
     friction = {"guide_force_n": Quantity(value=60.0), "bearing_drag_nm": Quantity(value=0.05)}
     true = nominal.model_copy(update={"model": nominal.model.model_copy(update=friction)})
-    limits, count = motion_limits(true), 12_000
-    segments = MOTIONS["production"](limits, np.random.default_rng(1))
-    targets = Setpoints(segments, limits.low_m, 1000.0).take(count)
-    drive = FeedDrive(FeedDriveSettings.of_machine(true, 1000.0), limits.low_m, PERCENT, 1)
-    frame = drive.advance(targets, np.full(count, PERCENT))
-    return tuple(make_downsampler(true).push(frame))
+    return tuple(make_downsampler(true).push(production(true, PERCENT, 12_000)))
 
 
 def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:

@@ -15,7 +15,7 @@ from edge_service.nodes.estimated_axis import UNKNOWN_STOP_S
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
 from ..table import Table, mean_of
 from .cases import SHAPES, Life, draw_life
-from .plants import LifePlant, plant_of
+from .plants import ForeignLife, OwnLife, plant_of
 from .scores import LifeScore, life_score
 
 SESSIONS, QUICK_SESSIONS = 16, 6
@@ -89,7 +89,7 @@ def live(plant: str, shape: str, axis_seed: int, quick: bool) -> Iterator[LifePa
         yield LifePart(plant, life, way, life_score(life, tracks))
 
 
-def drawn_life(axis: LifePlant, shape: str, axis_seed: int, quick: bool) -> Life:
+def drawn_life(axis: OwnLife | ForeignLife, shape: str, axis_seed: int, quick: bool) -> Life:
     """Sessions of one axis; fewer and shorter if `quick`."""
     count, session_s = (QUICK_SESSIONS, QUICK_SESSION_S) if quick else (SESSIONS, SESSION_S)
     return draw_life(shape, axis_seed, axis.fresh_percent, count, session_s)

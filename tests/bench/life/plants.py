@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 
-from ... import foreign_plant
+from ... import foreign_plant as plant
 from ..estimator import axis as estimator_axis
 from ..estimator.axis import RATE_HZ, OwnAxis
 from ..estimator.plants import foreign as estimator_foreign
@@ -23,19 +23,6 @@ WARM_SHARE, TIME_CONSTANT_S = 0.3, 600.0
 GROWTH_K = 4.0
 
 
-class LifePlant(Protocol):
-    """One axis whose sessions can be recorded."""
-
-    name: str
-    fresh_percent: float
-
-    def recorded(self, session: Session) -> Recorded:
-        """Blocks of a session with the truth, on the session's clock."""
-
-    def estimator(self) -> MixturePreloadEstimator:
-        """A new one for the commissioned axis."""
-
-
 class ForeignLife:
     """An axis of the second plant."""
 
@@ -43,16 +30,14 @@ class ForeignLife:
 
     def __init__(self, axis_seed: int) -> None:
         self._axis_seed = axis_seed
-        self._plant: Any = foreign_plant
-        self.fresh_percent = float(self._plant.Machine().preload_percent)
+        self.fresh_percent = plant.Machine().preload_percent
 
     def recorded(self, session: Session) -> Recorded:
-        """See `LifePlant.recorded`."""
+        """Blocks of a session with the truth, on the session's clock."""
         return estimator_foreign.recorded(self.case(session), clock_s=session.clock_s)
 
     def case(self, session: Session) -> Any:
         """The plant's own description of a session."""
-        plant = self._plant
         rng = np.random.default_rng([session.seed, 31])
         warmup = plant.Warmup(time_constant_s=TIME_CONSTANT_S, start=session.warmth)
         lubricant = plant.Lubricant(session.guide, session.nut, session.bearing, session.viscous)
@@ -65,7 +50,7 @@ class ForeignLife:
         )
 
     def estimator(self) -> MixturePreloadEstimator:
-        """See `LifePlant.estimator`."""
+        """A new one for the commissioned axis."""
         return MixturePreloadEstimator(foreign_machine(self._axis_seed))
 
 
@@ -79,7 +64,7 @@ class OwnLife:
         self.fresh_percent = self._axis.fresh_percent
 
     def recorded(self, session: Session) -> Recorded:
-        """See `LifePlant.recorded`."""
+        """Blocks of a session with the truth, on the session's clock."""
         count = round(session.duration_s * RATE_HZ)
         time_s = np.arange(count) / RATE_HZ
         percent: Floats = np.interp(time_s, session.time_s, session.percent)
@@ -115,11 +100,11 @@ class OwnLife:
         )
 
     def estimator(self) -> MixturePreloadEstimator:
-        """See `LifePlant.estimator`."""
+        """A new one for the commissioned axis."""
         return MixturePreloadEstimator(self._axis.commissioned())
 
 
-def plant_of(name: str, axis_seed: int) -> LifePlant:
+def plant_of(name: str, axis_seed: int) -> OwnLife | ForeignLife:
     """An axis of the plant `foreign` or `own`."""
     return OwnLife(axis_seed) if name == OwnLife.name else ForeignLife(axis_seed)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from drivers.replay import LOOP_GAP_S
 
+from ...drivers.bench import free_port
 from ..table import BenchError
 from .process_meter import ServiceProcess, Usage, usage_of
 
@@ -132,7 +133,7 @@ class _Peer:
 
 @contextmanager
 def _peer(folder: Path, axes: int) -> Iterator[_Peer]:
-    port = _free_port()
+    port = free_port()
     config = folder / "mosquitto.conf"
     config.write_text(f"user root\nlistener {port} 127.0.0.1\nallow_anonymous true\n")
     with ExitStack() as stack:
@@ -160,12 +161,6 @@ def _running(line: list[str]) -> "Iterator[subprocess.Popen[str]]":
             yield process
         finally:
             process.kill()
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 def _wait_for(port: int) -> None:

@@ -93,20 +93,17 @@ def test_polls_stay_on_their_grid_however_late_each_one_is() -> None:
     assert missed > 1000
 
 
-async def test_a_slow_group_speaks_only_when_it_is_due() -> None:
-    slow = [each | ({"group": "slow"} if each.get("table") else {}) for each in REGISTERS]
-    rig = Rig(poll_groups={"fast": 0.01, "slow": 0.05}, registers=slow)
-    await rig.stub.start()
-    try:
-        await rig.driver.open()
-        rows = await rig.rows(40)
-        heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
-        assert np.isfinite(rows.channels[TORQUE]).all()
-        assert 6 <= len(heard) < len(rows)
-        assert not rows.quality[TEMPERATURE].any()
-    finally:
-        await rig.driver.close()
-        await rig.stub.close()
+SLOW = [each | ({"group": "slow"} if each.get("table") else {}) for each in REGISTERS]
+GROUPS = {"poll_groups": {"fast": 0.01, "slow": 0.05}, "registers": SLOW}
+
+
+@pytest.mark.parametrize("rig", [GROUPS], indirect=True)
+async def test_a_slow_group_speaks_only_when_it_is_due(rig: Rig) -> None:
+    rows = await rig.rows(40)
+    heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
+    assert np.isfinite(rows.channels[TORQUE]).all()
+    assert 6 <= len(heard) < len(rows)
+    assert not rows.quality[TEMPERATURE].any()
 
 
 @pytest.mark.parametrize("code", [2, 4, 6])
@@ -121,19 +118,12 @@ async def test_a_device_that_answers_exceptions_is_asked_on(rig: Rig, code: int)
     assert rig.driver.counters["connections"] == 1
 
 
-async def test_old_values_are_found_by_their_heartbeat() -> None:
-    rig = Rig()
-    await rig.stub.start()
-    try:
-        await rig.driver.open()
-        await rig.rows(3)
-        rig.stub.fault = Fault(FaultKind.STALE)
-        rows = await rig.rows(130)
-        assert (rows.quality[TORQUE][-10:] == Quality.STALE).all()
-        assert np.isnan(rows.channels[TORQUE][-10:]).all()
-    finally:
-        await rig.driver.close()
-        await rig.stub.close()
+async def test_old_values_are_found_by_their_heartbeat(rig: Rig) -> None:
+    await rig.rows(3)
+    rig.stub.fault = Fault(FaultKind.STALE)
+    rows = await rig.rows(130)
+    assert (rows.quality[TORQUE][-10:] == Quality.STALE).all()
+    assert np.isnan(rows.channels[TORQUE][-10:]).all()
 
 
 async def test_a_late_answer_leaves_the_value_and_doubts_its_time(rig: Rig) -> None:
@@ -161,22 +151,19 @@ async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> 
     assert np.isfinite((await rig.rows(2)).channels[TORQUE]).all()
 
 
-async def test_signs_units_and_orders_come_back_as_they_went_in() -> None:
-    odd = [
-        {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": -0.01}
-        | {"word_order": "little"},
-        {"channel": ANGLE, "address": 103, "type": "float64", "unit": "mm", "offset": 7.0},
-        {"channel": TABLE_POSITION, "address": 200, "type": "float32", "unit": "um"},
-    ]
-    rig = Rig(registers=odd, word_order="little", byte_order="little")
-    await rig.stub.start()
-    try:
-        await rig.driver.open()
-        rows = await rig.rows(5)
-        for torque, angle in zip(rows.channels[TORQUE], rows.channels[ANGLE], strict=True):
-            number = round((torque - 0.25) / 0.001)
-            assert torque == pytest.approx(0.25 + 0.001 * number, abs=1e-5)
-            assert angle / 0.5 == pytest.approx(round(angle / 0.5), abs=1e-6)
-    finally:
-        await rig.driver.close()
-        await rig.stub.close()
+ODD = [
+    {"channel": TORQUE, "address": 100, "type": "int32", "unit": "mN m", "scale": -0.01}
+    | {"word_order": "little"},
+    {"channel": ANGLE, "address": 103, "type": "float64", "unit": "mm", "offset": 7.0},
+    {"channel": TABLE_POSITION, "address": 200, "type": "float32", "unit": "um"},
+]
+ORDERS = {"registers": ODD, "word_order": "little", "byte_order": "little"}
+
+
+@pytest.mark.parametrize("rig", [ORDERS], indirect=True)
+async def test_signs_units_and_orders_come_back_as_they_went_in(rig: Rig) -> None:
+    rows = await rig.rows(5)
+    for torque, angle in zip(rows.channels[TORQUE], rows.channels[ANGLE], strict=True):
+        number = round((torque - 0.25) / 0.001)
+        assert torque == pytest.approx(0.25 + 0.001 * number, abs=1e-5)
+        assert angle / 0.5 == pytest.approx(round(angle / 0.5), abs=1e-6)
