@@ -2,7 +2,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from edge_service.bus.session import Bus, BusSettings
+from edge_service.bus.session import Bus
+from edge_service.bus.settings import BusSettings
 
 
 @pytest.fixture
