@@ -1,4 +1,4 @@
-"""Where the service listens, and the live stream over a real socket."""
+"""Tests of the address that the service listens at, and of the live stream over a socket."""
 
 import asyncio
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""What a person may ask of an axis, what is told of its work, and history to take along."""
+"""Tests of commands to an axis, of its alarms, use, friction, traces and log, and its download."""
 
 import io
 

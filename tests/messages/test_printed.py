@@ -1,4 +1,4 @@
-"""What is printed of a value and its interval is true, and never more sure than the interval."""
+"""Tests of printed values: each lies in its interval, with no more digits than that allows."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,4 +1,4 @@
-"""What a service answers, it answers again after backup, loss and restore."""
+"""Tests of backup and restore: the service answers as it did before the loss."""
 
 import asyncio
 import shutil

@@ -18,7 +18,7 @@ import { renderService } from "./service.js";
 import { loadSetup } from "./setup.js";
 import { t, translateDocument } from "./strings.js";
 import { hideTabs, renderTabs } from "./tabs.js";
-import { loadTests } from "./tests.js";
+import { loadTests, renderTests } from "./tests.js";
 import { renderTraces, startTraces, takeLive } from "./traces.js";
 import { loadUse } from "./use.js";
 import { loadWhy, renderWhy } from "./why.js";
@@ -203,7 +203,7 @@ const PARTS = {
   overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
-  tests: { render: () => {}, load: () => loadTests(shown) },
+  tests: { render: renderTests, load: () => loadTests(shown) },
   service: { render: () => renderService(service), load: () => Promise.all([loadOutputs(service), loadLog()]) },
   setup: { render: () => {}, load: loadSetup },
 };

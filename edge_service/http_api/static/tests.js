@@ -14,7 +14,8 @@ let axis = null;
 let polling = false;
 let asked = 0;
 
-function build() {
+export function renderTests() {
+  if (parts.file) return;
   parts.file = element("input", { type: "file", multiple: "", accept: ".csv,.parquet", id: "job-file" });
   parts.file.addEventListener("change", upload);
   parts.list = element("ul", { class: "plain", "aria-label": t("recordings") });
@@ -45,7 +46,6 @@ function compareNodes() {
 }
 
 export async function loadTests(state) {
-  if (!parts.file) build();
   axis = state.axis;
   const turn = ++asked;
   const paths = ["recordings", "jobs"];

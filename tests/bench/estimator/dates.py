@@ -96,7 +96,7 @@ class Life:
     reached_s: Mapping[str, float]
 
     def history(self, until_s: float) -> PreloadHistory:
-        """What the service has kept by a time."""
+        """History that the service has kept until a time, s."""
         history = PreloadHistory()
         for row in self.rows[self.rows[:, 0] <= until_s].tolist():
             history.add(*row)
@@ -228,7 +228,7 @@ def ask_healthy(seeds: Sequence[int]) -> Iterator[Asked]:
 
 
 def answer(life: Life, name: str, until_s: float, row: str) -> Asked:
-    """What the service says of a limit by then, and what came."""
+    """Date that the service gives for a limit at a time, beside the true one."""
     points = life.history(until_s).points()
     time_s, percent = points[:2]
     fresh = life.limits[name] / {**LIMITS, **DRAG_LIMITS}[name]

@@ -31,7 +31,7 @@ MOVES = (
 GUIDE_N = 300.0
 """Greater than the inertia force of the table: backlash stays on the flank of the direction."""
 TORQUE_FLOOR_NM, TRANSMISSION_FLOOR_M = 1.5e-3, 60e-9
-"""What two runs differ by that are not quite the same motion; far below any sensor's noise."""
+"""Difference of two runs of almost the same motion, far below any sensor's noise."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ NO_MODEL = {
     ),
     *("stretch_sigma_s2", "map_sigma_m", "nut_share", "nut_share_sigma"),
 }
-"""What says how certain, noisy or steady; the nut's share of a spring that is known as a whole."""
+"""Values of certainty, noise and steadiness; the nut's share of a spring known as a whole."""
 IN_BASELINE = {"coulomb_nm", "reversal_force_n"}
 """Commissioning writes these into `[model]` as well."""
 MOVED = {
