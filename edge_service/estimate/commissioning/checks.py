@@ -3,27 +3,19 @@
 A wrong number with a narrow interval is worse than none: every estimate rests on it.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.constants import g as gravity_m_s2
 
 from ...checks.finding import looks_wrong
 from ...checks.torque import INERTIA_FACTOR
-from ...messages.features import FeatureBlock
 from ...messages.samples import TORQUE
 from ...models.commissioned import TransmissionConfig
 from ...models.machine import Machine, Quantity
 from .phases import CommissioningError, SteadyPhases
 from .shares import SIGMAS, guide_drag, other_drag_nm
-from .timing import torque_lag, wide_inertia
+from .timing import SURE, torque_lag
 from .torque_balance import TorqueBalance
 
-WINDOW_FACTOR = 1.15
-"""Factor within which windows of milliseconds and of tenths of a second give the inertia."""
-WINDOW_INTERVALS = (1, 2, 4)
-SURE = 0.1
-"""Relative standard deviation beyond which inertia or friction is not known."""
 UNEXPLAINED = 0.4
 """Share of the torque's rms that motion may leave unexplained."""
 MOVE_SCATTER = 0.05
@@ -43,12 +35,11 @@ NUT_SHARES = (0.03, 1.0)
 
 
 def require_identified(
-    recordings: Sequence[Sequence[FeatureBlock]],
-    phases: SteadyPhases,
-    torque: TorqueBalance,
-    machine: Machine,
+    phases: SteadyPhases, torque: TorqueBalance, doubt_kg_m2: float, machine: Machine
 ) -> None:
     """Require a torque balance that is determined, and is the one of this machine file.
+
+    `doubt_kg_m2` is by how much the inertia differs between windows (timing.inertia_doubt).
 
     Raises:
         CommissioningError: it is not; the text names the finding and its remedy.
@@ -61,9 +52,14 @@ def require_identified(
             f"(expected less than {1e3 * LONGEST_LAG_S:.2g}): needs columns.{TORQUE} unfiltered "
             "and sampled with the position"
         )
-    if not machine.effects:  # known effects are in the long windows still
-        _require_one_inertia(recordings, torque)
     found, stated = torque.inertia_kg_m2, machine.model.inertia_kg_m2
+    if doubt_kg_m2 > SURE * found:
+        raise CommissioningError(
+            f"inertia changes with the window: {found:.3g} kg m2 from sample to sample, "
+            f"{doubt_kg_m2:.2g} off over intervals (expected less than {100.0 * SURE:.0f} %): "
+            "needs faster samples, a finer encoder, torque sampled with the position, or "
+            "recordings without process forces"
+        )
     apart = abs(found - stated.value) > SIGMAS * float(np.hypot(torque.inertia_sigma, stated.sigma))
     if apart and not _within(found, stated.value, INERTIA_FACTOR):
         raise CommissioningError(
@@ -92,28 +88,6 @@ def require_identified(
                 f"{name} is known only to within {100.0 * sigma / value:.2g} % (expected "
                 f"{100.0 * SURE:.0f}): needs longer recordings of `edge-service motion {motion}`, "
                 "or faster samples"
-            )
-
-
-def _require_one_inertia(
-    recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueBalance
-) -> None:
-    """Require the same inertia in short and in long windows.
-
-    Noise of the encoder, slow samples and lag shrink it in short ones.
-    """
-    found = torque.inertia_kg_m2
-    for wide in (wide_inertia(recordings, count) for count in WINDOW_INTERVALS):
-        if wide is None or wide.sigma > SURE * abs(wide.inertia_kg_m2):
-            continue
-        allowed = SIGMAS * float(np.hypot(torque.inertia_sigma, wide.sigma))
-        is_apart = abs(found - wide.inertia_kg_m2) > allowed
-        if is_apart and not _within(found, wide.inertia_kg_m2, WINDOW_FACTOR):
-            raise CommissioningError(
-                f"inertia changes with the window: {found:.3g} kg m2 from sample "
-                f"to sample, {wide.inertia_kg_m2:.3g} over {wide.half_width_s:.2g} s (expected "
-                "the same): needs faster samples, a finer encoder, torque sampled with the "
-                "position, or recordings without process forces"
             )
 
 

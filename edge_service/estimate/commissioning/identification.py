@@ -25,6 +25,7 @@ from .checks import (
 from .phases import SteadyPhases
 from .series_compliance import SeriesCompliance, fit_series_compliance
 from .shares import nut_share, other_drag_nm, table_mass
+from .timing import inertia_doubt
 from .torque_balance import TorqueBalance, fit_torque_balance
 
 
@@ -44,7 +45,9 @@ def commissioned(
     limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
     phases = SteadyPhases.of(recordings, EffectCompensation.of_machine(machine))
     torque = fit_torque_balance(phases, machine, limits)
-    require_identified(recordings, phases, torque, machine)
+    # known effects are still in the windows of intervals
+    doubt_kg_m2 = 0.0 if machine.effects else inertia_doubt(recordings, torque)
+    require_identified(phases, torque, doubt_kg_m2, machine)
     stroke_map = torque.harmonics_nm / (machine.fresh_drag_nm or torque.coulomb_nm)
     stretch = fit_series_compliance(
         phases, machine, partial(_nut_compliance_share, machine, torque, stroke_map)
@@ -62,7 +65,9 @@ def commissioned(
     by_mass = 0.0 if transmission is None else mass[1] / mass[0]
     guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
     model = {
-        "inertia_kg_m2": _measured(torque.inertia_kg_m2, torque.inertia_sigma),
+        "inertia_kg_m2": _measured(
+            torque.inertia_kg_m2, math.hypot(torque.inertia_sigma, doubt_kg_m2)
+        ),
         "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
         "guide_force_n": _measured(guide_n, guide_sigma),
         "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),

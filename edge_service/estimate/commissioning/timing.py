@@ -1,19 +1,22 @@
 """Torque and motion that are not of the same moment, or too coarse: by lag, and by wide windows."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from .phases import SteadyPhases, place_columns, robust_regression
+from .shares import SIGMAS
+from .torque_balance import TorqueBalance
 
 LEAST_PHASES = 20
 """Least number of phases between two others for a lag."""
 TOUCHING = 0.3
 """Tolerance of the way between two touching phases against that at their speeds, as a share."""
 LEAST_WINDOWS = 20
+SURE = 0.1
+"""Relative standard deviation beyond which inertia or friction is not known."""
 LEAST_MOVING = 0.9
 """Share of an interval in motion below which its torque may be anything."""
 _EDGE_SLACK = 1e-3
@@ -53,40 +56,34 @@ def torque_lag(phases: SteadyPhases) -> tuple[float, float] | None:
     return float(fit.value[-1]) / inertia, float(fit.sigma[-1]) / inertia
 
 
-@dataclass(frozen=True, slots=True)
-class WideInertia:
-    """Inertia over triangular windows of a half width, s, with its standard deviation."""
-
-    half_width_s: float
-    inertia_kg_m2: float
-    sigma: float
-
-
-def wide_inertia(
-    recordings: Sequence[Sequence[FeatureBlock]], intervals: int
-) -> WideInertia | None:
-    """Inertia over windows with a half width of so many intervals; None without motion.
+def inertia_doubt(recordings: Sequence[Sequence[FeatureBlock]], torque: TorqueBalance) -> float:
+    """Standard deviation, kg m2, by which the inertia of short windows misses that of wide ones.
 
     Phases difference the angle over a few milliseconds. Where the encoder is coarse, the samples
-    are slow or the torque comes late, that shrinks the inertia; over windows a hundred times as
-    wide it does not. Both are the same divided second difference, of the angle and of the torque
-    integrated twice, so both give the same inertia of a true axis (thesis, eq. 4.3.4).
+    are slow or the torque comes late, that shrinks the inertia; over windows of whole intervals it
+    does not. Both are the same divided second difference, of the angle and of the torque integrated
+    twice, so both give the same inertia of a true axis (thesis, eq. 4.3.4). What parts them beyond
+    what friction and noise explain is doubt, as between two laboratories (DerSimonian, Laird 1986).
     """
     runs = [(k, run) for k, blocks in enumerate(recordings) for run in _unbroken(blocks)]
-    found = [_windows(k, run, intervals) for k, run in runs if len(run) >= 2 * intervals]
-    if not found:
-        return None
-    rows = SteadyPhases(*np.concatenate(found, axis=1))
+    found = [_windows(k, run) for k, run in runs if len(run) >= 2]
+    rows = SteadyPhases(*np.concatenate([np.empty((9, 0)), *found], axis=1))
     if len(rows) < LEAST_WINDOWS:
-        return None
-    motion = [rows.acceleration_rad_s2, rows.speed_rad_s, rows.direction]
+        return 0.0
     place = place_columns(rows)
-    columns = np.column_stack([*motion, np.ones(len(rows)), place])
+    motion = [rows.acceleration_rad_s2, rows.speed_rad_s, rows.direction, np.ones(len(rows))]
+    columns = np.column_stack([*motion, place])
     level = float(np.median(np.abs(rows.torque_nm)))
-    sigma = np.array([np.inf] * 4 + [0.5 * level] * place.shape[1])
-    fit = robust_regression(columns, rows.torque_nm, rows, sigma)
-    half_width_s = 0.5 * float(np.median(rows.steady_s))
-    return WideInertia(half_width_s, float(fit.value[0]), float(fit.sigma[0]))
+    prior_sigma = np.array([np.inf] * 4 + [0.5 * level] * place.shape[1])
+    fit = robust_regression(columns, rows.torque_nm, rows, prior_sigma)
+    # friction that the model leaves over is the same in all moves, and more of them do not average
+    # it out; all of it along the acceleration is the most it can do (Cauchy, Schwarz): three sigmas
+    left = fit.residual / np.sqrt(fit.noise.variance(rows.steady_s, rows.speed_rad_s))
+    by_friction = float(fit.sigma[0]) * max(float(np.linalg.norm(left)) / SIGMAS, 1.0)
+    apart = abs(float(fit.value[0]) - torque.inertia_kg_m2)
+    if by_friction > SURE * torque.inertia_kg_m2 and apart < SIGMAS * by_friction:
+        return 0.0  # intervals cannot tell
+    return float(np.sqrt(max(apart**2 - by_friction**2 - torque.inertia_sigma**2, 0.0)))
 
 
 def _unbroken(blocks: Sequence[FeatureBlock]) -> Iterator[list[FeatureBlock]]:
@@ -104,8 +101,8 @@ def _unbroken(blocks: Sequence[FeatureBlock]) -> Iterator[list[FeatureBlock]]:
         yield run
 
 
-def _windows(number: int, run: Sequence[FeatureBlock], intervals: int) -> Floats:
-    """Means under windows of twice so many intervals, as rows of SteadyPhases, (9, n).
+def _windows(number: int, run: Sequence[FeatureBlock]) -> Floats:
+    """Means under windows of two intervals, as rows of SteadyPhases, (9, n).
 
     A path of time, angle and second integrals at the ends of the intervals gives them.
     """
@@ -118,7 +115,7 @@ def _windows(number: int, run: Sequence[FeatureBlock], intervals: int) -> Floats
     angle = [run[0].angle_start_rad, *(each.angle_end_rad for each in run)]
     integrals = np.vstack([np.zeros(3), np.cumsum(twice, axis=0)])
     path = np.column_stack([np.concatenate([[0.0], np.cumsum(steps_s)]), angle, integrals])
-    before, here, behind = path[: -2 * intervals], path[intervals:-intervals], path[2 * intervals :]
+    before, here, behind = path[:-2], path[1:-1], path[2:]
     came = (here - before) / (here[:, :1] - before[:, :1])
     goes = (behind - here) / (behind[:, :1] - here[:, :1])
     span_s = behind[:, 0] - before[:, 0]
