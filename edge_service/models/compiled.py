@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 import numba
 
 _Function = TypeVar("_Function", bound=Callable[..., object])
-_KERNEL_ROOMS = ("models", "downsample", "estimate")
+_KERNEL_ROOMS = ("models", "checks", "downsample", "estimate")
 _ROOM_BYTES = 50_000_000
 
 
