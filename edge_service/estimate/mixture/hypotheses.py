@@ -12,6 +12,7 @@ from .model import Start
 from .state import (
     BEFORE,
     CHALLENGERS,
+    COUPLING,
     LEARNING,
     LOAD,
     LOOSENESS,
@@ -54,7 +55,7 @@ DAY_S = 86_400.0
 _WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
-KEPT = (PRELOAD, PAYLOAD, LOOSENESS, NUT_COMPLIANCE, TABLE_MASS)
+KEPT = (PRELOAD, PAYLOAD, LOOSENESS, COUPLING, NUT_COMPLIANCE, TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
 
 
@@ -258,6 +259,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         _replace(bank, slot, PAYLOAD, 0.0, 0.0)
     if slot == LOOSENING:
         x[LOOSENESS] += process.loosened_m_per_n
+        x[COUPLING] += process.loosened_m_per_n
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):
             p[i, j] += process.jumps[slot, i, j]

@@ -7,9 +7,11 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
+from ...models.screw.nut_law import nut_deflection
 from .state import (
     CHALLENGERS,
     CLOCK_SKEW,
+    COUPLING,
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_FRICTION,
@@ -62,6 +64,9 @@ def axis_model(machine: Machine) -> AxisModel:
     fresh_nm = per_percent * fresh
     guide_n = min(t.reversal_force_n, (commissioned.coulomb_nm - fresh_nm) / ratio) if t else 0.0
     deflection_m = 3.0 * preload.value * t.nut_share * compliance if t else 1.0
+    clearance = 0.5 * CLEARANCE_M / deflection_m
+    hanging_n = commissioned.torque_offset_nm / ratio
+    hanging = nut_deflection(hanging_n, fresh, fresh, preload.value, clearance)[0]
     return AxisModel(
         ratio_m_per_rad=ratio,
         inertia_kg_m2=machine.model.inertia_kg_m2.value,
@@ -69,7 +74,9 @@ def axis_model(machine: Machine) -> AxisModel:
         drag_per_percent_nm=per_percent,
         fresh_percent=fresh,
         fresh_preload_n=preload.value,
-        clearance_share=0.5 * CLEARANCE_M / deflection_m,
+        clearance_share=clearance,
+        hanging_n=hanging_n,
+        hanging_deflection=hanging,
         bearing_nm=commissioned.coulomb_nm - fresh_nm - ratio * guide_n,
         guide_n=guide_n,
         viscous_nm_s=machine.model.viscous_nm_s_per_rad.value,
@@ -122,7 +129,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[ENCODER_OFFSET], sigma[ENCODER_SLOPE] = 1e-4, 1e-4
         sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
         sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
-        sigma[LOOSENESS] = settings.looseness * model.compliance_m_per_n
+        sigma[LOOSENESS] = sigma[COUPLING] = settings.looseness * model.compliance_m_per_n
         mean[TABLE_MASS] = settings.twist
         mass = machine.model.table_mass_kg
         known = mass.sigma / mass.value if mass is not None else 0.0
@@ -181,7 +188,7 @@ def process_of(
         priors=_priors(CHALLENGERS, settings.hazard, two),
         stop_priors=_priors(STOP_CHALLENGERS, settings.stop_hazard, two),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
-        loosened_m_per_n=settings.loosened * model.compliance_m_per_n,
+        loosened_m_per_n=0.5 * settings.loosened * model.compliance_m_per_n,
         force_n=settings.force * rating,
     )
 
@@ -207,8 +214,8 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps[LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
     jumps[LOAD] = start.load
     if size > TORQUE_STATES:
-        loosened = settings.loosened * model.compliance_m_per_n
-        jumps[LOOSENING, LOOSENESS, LOOSENESS] = loosened**2
+        for i in (LOOSENESS, COUPLING):
+            jumps[LOOSENING, i, i] = (settings.loosened * model.compliance_m_per_n) ** 2
     return jumps
 
 

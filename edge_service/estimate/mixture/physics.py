@@ -6,11 +6,12 @@ preload p = exp(PRELOAD)::
     torque    J a + R^2 M a + s (k p m(x) (1 + nut) + B (1 + bearing) + R G (1 + guide) + St(v))
               + D (1 + viscous) v + A |v| + offset + s wander + J (w1 - w0) / T
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
-              + (c0 + c1 (x - x0) - cn + loose) F + 3 F0 cn y(F, m(x) p)
-              + s (c0 + c1 (x - x0)) G reversal
+              + (c0 + c1 (x - x0) - cn) F + loose (F + H) + coupling (F + H + s drag / R)
+              + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s (c0 + c1 (x - x0)) G reversal
               F = (M0 + (1 - table mass) M) R a + s G (1 + guide) + V (1 + guide viscous) R v
 
-The first is the balance of momentum (eq. 4.3.4) with the screw's drag proportional to its preload
+H is what hangs on the screw, gravity less the counterweight. The first is the balance of
+momentum (eq. 4.3.4) with the screw's drag proportional to its preload
 (eq. 4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
 share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). No recording of a healthy axis
 can split what else differs between the directions (wind-up of the screw under the nut's drag,
@@ -28,6 +29,7 @@ from ...models.screw.nut_law import nut_deflection
 from .state import (
     BEARING_FRICTION,
     CLOCK_SKEW,
+    COUPLING,
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_FRICTION,
@@ -139,31 +141,44 @@ def expected_stretch(
     load = (model.table_mass_kg + x[PAYLOAD] * (1.0 - x[TABLE_MASS])) * gear
     load += guide * (1.0 + x[GUIDE_FRICTION])
     load += model.guide_viscous_n_s * (1.0 + x[GUIDE_VISCOUS]) * speed
+    nut_n = s * model.drag_per_percent_nm * percent / model.ratio_m_per_rad
+    bearing_n = s * model.bearing_nm / model.ratio_m_per_rad
+    viscous_n = model.viscous_nm_s * r.speed_rad_s / model.ratio_m_per_rad
+    held = load + model.hanging_n
+    twisting = held + nut_n * (1.0 + x[NUT_FRICTION]) + bearing_n * (1.0 + x[BEARING_FRICTION])
+    twisting += viscous_n * (1.0 + x[VISCOUS])
     y, by_force, by_percent = nut_deflection(
-        load,
+        held,
         percent * factor,
         model.fresh_percent,
         model.fresh_preload_n,
         model.clearance_share,
     )
+    y -= model.hanging_deflection
     nut_m = 3.0 * model.fresh_preload_n
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
-    rest = max(series - x[NUT_COMPLIANCE] + x[LOOSENESS], 1e-12)
-    compliance = rest + nut_m * x[NUT_COMPLIANCE] * by_force
+    rest = max(series - x[NUT_COMPLIANCE], 1e-12)
+    compliance = rest + x[LOOSENESS] + x[COUPLING] + nut_m * x[NUT_COMPLIANCE] * by_force
     reversal = s * series * model.guide_n
     for i in range(slope.shape[0]):
         slope[i] = 0.0
     slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent * factor
+    slope[PRELOAD] += x[COUPLING] * nut_n * (1.0 + x[NUT_FRICTION])
+    slope[NUT_FRICTION] = x[COUPLING] * nut_n
+    slope[BEARING_FRICTION] = x[COUPLING] * bearing_n
+    slope[VISCOUS] = x[COUPLING] * viscous_n
     slope[GUIDE_FRICTION] = compliance * guide
     slope[GUIDE_VISCOUS] = compliance * model.guide_viscous_n_s * speed
     slope[PAYLOAD] = compliance * gear * (1.0 - x[TABLE_MASS])
     slope[NUT_COMPLIANCE] = nut_m * y - load
-    slope[LOOSENESS] = load
+    slope[LOOSENESS] = held
+    slope[COUPLING] = twisting
     slope[TABLE_MASS] = -compliance * x[PAYLOAD] * gear
     slope[REVERSAL] = reversal
     slope[ENCODER_OFFSET], slope[ENCODER_SLOPE] = 1.0, away
     slope[CLOCK_SKEW], slope[STRETCH_WANDER] = speed, 1.0
     value = reversal * x[REVERSAL] + rest * load + nut_m * x[NUT_COMPLIANCE] * y
+    value += x[LOOSENESS] * held + x[COUPLING] * twisting
     value += x[ENCODER_OFFSET] + x[ENCODER_SLOPE] * away + x[CLOCK_SKEW] * speed
     value += x[STRETCH_WANDER]
     value += mapped(model.lead_map_m, model.stroke_m, r.table_m)

@@ -16,6 +16,7 @@ from ..imm.modes import LEVELS_PERCENT
 from .state import (
     BEARING_FRICTION,
     BEFORE,
+    COUPLING,
     GUIDE_FRICTION,
     LEARNING,
     LOOSENESS,
@@ -135,7 +136,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         values[_FAULT + 3] = _above(bank, rows, weight, PAYLOAD, limit, 1.0)
         values[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
         limit = LOOSE_SHARE * model.compliance_m_per_n
-        values[_FAULT + 4] = _above(bank, rows, weight, LOOSENESS, limit, 1.0)
+        values[_FAULT + 4] = _loosened(bank, rows, weight, limit)
     if bank.mean.shape[1] == TORQUE_STATES and limits.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
     for i in range(_LEVEL, _SIZE):
@@ -308,6 +309,25 @@ def _above(bank: Bank, rows: Rows, weight: Floats, i: int, limit: float, sign: f
 
 
 @compiled
+def _loosened(bank: Bank, rows: Rows, weight: Floats, limit_m_per_n: float) -> float:
+    """Probability that bearing and coupling together yield by more than a limit."""
+    total = 0.0
+    for j in range(len(rows)):
+        loose, variance = _looseness(bank, rows[j])
+        total += weight[j] * _normal((loose - limit_m_per_n) / math.sqrt(max(variance, 1e-60)))
+    return total
+
+
+@compiled
+def _looseness(bank: Bank, k: int) -> tuple[float, float]:
+    """Compliance of bearing and coupling beyond commissioning, m/N, and its variance."""
+    p = bank.covariance[k]
+    loose = bank.mean[k, LOOSENESS] + bank.mean[k, COUPLING]
+    variance = p[LOOSENESS, LOOSENESS] + p[COUPLING, COUPLING] + 2.0 * p[LOOSENESS, COUPLING]
+    return loose, max(variance, 0.0)
+
+
+@compiled
 def _stiffness(
     bank: Bank,
     model: AxisModel,
@@ -327,11 +347,11 @@ def _stiffness(
         percent = math.exp(log_percent[i])
         load = max(percent, LEAST_NUT_LOAD_PERCENT)
         root = (model.fresh_percent / load) ** (1.0 / 3.0)
-        compliance = model.compliance_m_per_n + bank.mean[k, LOOSENESS] + nut * (root - 1.0)
+        loose, variance = _looseness(bank, k)
+        compliance = model.compliance_m_per_n + loose + nut * (root - 1.0)
         slope = nut * root / 3.0 if percent > LEAST_NUT_LOAD_PERCENT else 0.0
-        variance = (slope * sigma[i]) ** 2 + (limits.mass_tolerance * compliance) ** 2
+        variance += (slope * sigma[i]) ** 2 + (limits.mass_tolerance * compliance) ** 2
         variance += (root - 1.0) ** 2 * max(bank.covariance[k, NUT_COMPLIANCE, NUT_COMPLIANCE], 0.0)
-        variance += max(bank.covariance[k, LOOSENESS, LOOSENESS], 0.0)
         value += weight[i] * compliance
         square += weight[i] * (variance + compliance * compliance)
     half = 1.96 * math.sqrt(max(square - value * value, 0.0))

@@ -23,11 +23,12 @@ TORQUE_STATES = 12
 ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(12, 17)
 """Travel by the motor less that of the table at the reference, m, and along the stroke; rates of
 both with the screw's temperature, per s; delay of the linear encoder, s."""
-NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, REVERSAL, STRETCH_WANDER = range(17, 22)
+NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, COUPLING, REVERSAL, STRETCH_WANDER = range(17, 23)
 """Of the fresh nut, m/N; error of the mass behind the commissioned compliance, a share; compliance
-of the rest beyond commissioning, m/N; change of the stretch at a reversal, a share of what the
-guide made it; difference of the encoders that wanders along the way, m."""
-MAP = 22  # the first coefficient of cos(j pi x / stroke), j = 2, 3, ...: uneven growth, m
+beyond commissioning of bearing or belt, and of the coupling, which twists under the drag too, m/N;
+change of the stretch at a reversal, a share of what the guide made it; difference of the encoders
+that wanders along the way, m."""
+MAP = 23  # the first coefficient of cos(j pi x / stroke), j = 2, 3, ...: uneven growth, m
 MAP_STATES = 4
 STRETCH_STATES = MAP + MAP_STATES
 
@@ -61,6 +62,8 @@ class AxisModel(NamedTuple):
     fresh_percent: float
     fresh_preload_n: float
     clearance_share: float  # half clearance of a nut without preload, over its fresh deflection
+    hanging_n: float  # gravity of the table less its counterweight, which the screw holds
+    hanging_deflection: float  # of the fresh nut under it, over its preload deflection
     bearing_nm: float
     guide_n: float
     viscous_nm_s: float
@@ -154,7 +157,7 @@ class Process(NamedTuple):
     priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
     lost_log_percent: float  # ln of the preload of a total loss, in percent
-    loosened_m_per_n: float  # mean of a loosening
+    loosened_m_per_n: float  # mean of a loosening, of each joint
     force_n: float  # standard deviation of process forces
 
 

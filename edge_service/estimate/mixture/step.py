@@ -18,6 +18,7 @@ from .drift import drift
 from .hypotheses import FORCED, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, noise_of
 from .state import (
+    COUPLING,
     FASTEST_RAD_S,
     FORCED_S,
     GUIDE_VISCOUS,
@@ -303,6 +304,7 @@ def correct(
     if both:
         x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
         x[LOOSENESS] = max(x[LOOSENESS], 0.0)
+        x[COUPLING] = max(x[COUPLING], 0.0)
     _bound(x, p, math.log(MOST_SHARE * model.fresh_percent), both)
     x[PRELOAD] = max(x[PRELOAD], math.log(_LEAST_PERCENT))
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):

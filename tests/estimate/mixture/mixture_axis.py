@@ -29,7 +29,7 @@ RATING_N = 10_000.0
 LEAD_M = 0.02
 RATIO = LEAD_M / (2.0 * math.pi)
 PER_PERCENT_NM = 0.03
-BEARING_NM, GUIDE_N = 0.05, 60.0
+BEARING_NM, GUIDE_N, HANGING_NM = 0.05, 60.0, 0.01
 COULOMB_NM = FRESH * PER_PERCENT_NM + BEARING_NM + RATIO * GUIDE_N
 TABLE_KG, COMPLIANCE, NUT_SHARE = 20.0, 3e-8, 0.3
 STROKE_M, REFERENCE_M = 0.8, 0.4
@@ -64,7 +64,7 @@ def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
             table_mass_kg=Quantity(value=TABLE_KG, tolerance=0.02),
         ),
         commissioned=CommissionedConfig(
-            torque_offset_nm=0.01,
+            torque_offset_nm=HANGING_NM,
             viscous_asymmetry_nm_s_per_rad=1e-4,
             stribeck_excess_nm=0.05,
             stribeck_speed_rad_s=2.0,
@@ -98,8 +98,9 @@ class Truth:
     viscous: float = 0.0
     guide_viscous: float = 0.0
     payload_kg: float = 0.0
-    offset_nm: float = 0.01
+    offset_nm: float = HANGING_NM
     loose_m_per_n: float = 0.0
+    coupling_m_per_n: float = 0.0
     encoder_m: float = 0.0
     encoder_slope: float = 0.0
     skew_s: float = 1e-6
@@ -129,9 +130,15 @@ class Truth:
         load *= RATIO * r.acceleration_rad_s2
         load += r.direction * GUIDE_N * (1.0 + self.guide)
         load += 20.0 * (1.0 + self.guide_viscous) * RATIO * r.speed_rad_s
-        spring = (series - self.nut_compliance + self.loose_m_per_n) * load
-        spring += 3.0 * FRESH_N * self.nut_compliance * deflection(load, percent)
-        drag_n = PER_PERCENT_NM * (self.percent * (1.0 + self.nut) - FRESH) / RATIO
+        held = load + HANGING_NM / RATIO
+        nut_nm = PER_PERCENT_NM * self.percent * (1.0 + self.nut)
+        twisting = r.direction * (nut_nm + BEARING_NM * (1.0 + self.bearing))
+        twisting += 5e-3 * (1.0 + self.viscous) * r.speed_rad_s
+        spring = (series - self.nut_compliance) * load + self.loose_m_per_n * held
+        spring += self.coupling_m_per_n * (held + twisting / RATIO)
+        seat = deflection(held, percent) - deflection(HANGING_NM / RATIO, FRESH)
+        spring += 3.0 * FRESH_N * self.nut_compliance * seat
+        drag_n = (nut_nm - PER_PERCENT_NM * FRESH) / RATIO
         wound = r.direction * series * (self.wind_up * drag_n + self.reversal * GUIDE_N)
         lead = np.interp(r.table_m, (0.0, 0.5 * STROKE_M, STROKE_M), (0.0, 2e-6, 1e-6))
         odd = r.direction * np.interp(r.table_m, (0.0, STROKE_M), (0.0, 3e-8))

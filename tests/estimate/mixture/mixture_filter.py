@@ -12,6 +12,7 @@ from edge_service.estimate.mixture.physics import (
     stroke_factor,
 )
 from edge_service.estimate.mixture.state import (
+    COUPLING,
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_VISCOUS,
@@ -138,6 +139,7 @@ def corrected(
     x = x + gain @ error
     if len(x) > TORQUE_STATES:
         x[LOOSENESS] = max(x[LOOSENESS], 0.0)
+        x[COUPLING] = max(x[COUPLING], 0.0)
     return bounded(model, x, p), p, nis
 
 

@@ -19,6 +19,7 @@ from edge_service.estimate.mixture.hypotheses import (
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
+    COUPLING,
     GUIDE_FRICTION,
     GUIDE_VISCOUS,
     LEARNING,
@@ -174,7 +175,7 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     frictions = set(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: frictions}
-    touched |= {LOAD: {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}, LOOSENING: {LOOSENESS}}
+    touched |= {LOAD: {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}, LOOSENING: {LOOSENESS, COUPLING}}
     for k in CHALLENGERS:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
         assert set(np.flatnonzero(changed)) == touched[k], k

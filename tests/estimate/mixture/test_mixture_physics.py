@@ -10,6 +10,7 @@ from edge_service.estimate.mixture.physics import stribeck, stroke_factor
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
     CLOCK_SKEW,
+    COUPLING,
     ENCODER_OFFSET,
     ENCODER_SLOPE,
     GUIDE_FRICTION,
@@ -47,6 +48,7 @@ def state_of(truth: Truth) -> Floats:
     x[TORQUE_OFFSET], x[LOOSENESS] = truth.offset_nm, truth.loose_m_per_n
     x[ENCODER_OFFSET], x[ENCODER_SLOPE] = truth.encoder_m, truth.encoder_slope
     x[CLOCK_SKEW], x[NUT_COMPLIANCE] = truth.skew_s, truth.nut_compliance
+    x[COUPLING] = truth.coupling_m_per_n
     x[REVERSAL], x[TABLE_MASS] = truth.reversal, truth.mass_error
     x[MAP:] = truth.map_m
     return x
@@ -65,6 +67,7 @@ def another(seed: int) -> tuple[Truth, Reading]:
         payload_kg=float(rng.normal(0.0, 5.0)),
         offset_nm=float(rng.normal(0.0, 0.05)),
         loose_m_per_n=float(rng.uniform(0.0, 3e-9)),
+        coupling_m_per_n=float(rng.uniform(0.0, 3e-9)),
         encoder_m=float(rng.normal(0.0, 1e-5)),
         encoder_slope=float(rng.normal(0.0, 1e-5)),
         skew_s=float(rng.normal(0.0, 2e-6)),
@@ -116,7 +119,7 @@ def test_slopes_of_the_stretch_are_its_differences(seed: int) -> None:
     truth, r = another(seed)
     x = state_of(truth)
     scale = np.full(len(x), 1e-4)
-    scale[[NUT_COMPLIANCE, LOOSENESS]] = 1e-13
+    scale[[NUT_COMPLIANCE, LOOSENESS, COUPLING]] = 1e-13
     _, slope, _ = stretch(x, r)
     for i in range(1, len(x)):
         step = np.zeros(len(x))

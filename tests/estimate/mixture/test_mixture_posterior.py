@@ -27,6 +27,7 @@ from edge_service.estimate.mixture.posterior import (
 from edge_service.estimate.mixture.state import (
     BEARING_FRICTION,
     BEFORE,
+    COUPLING,
     GUIDE_FRICTION,
     HYPOTHESES,
     LOOSENESS,
@@ -99,6 +100,9 @@ def flat(found: Posterior) -> Floats:
     return np.array(numbers)
 
 
+JOINTS = {LOOSENESS: 1.0, COUPLING: 1.0}
+
+
 class Another:
     """The same numbers from whole vectors and from scipy."""
 
@@ -157,9 +161,11 @@ class Another:
             return ()
         percent, nut = np.exp(self.q), self.mean[:, NUT_COMPLIANCE]
         root = np.cbrt(FRESH / np.maximum(percent, 0.5))
-        compliance = COMPLIANCE + self.mean[:, LOOSENESS] + nut * (root - 1.0)
+        loose = self.mean[:, LOOSENESS] + self.mean[:, COUPLING]
+        compliance = COMPLIANCE + loose + nut * (root - 1.0)
         variance = np.where(percent > 0.5, nut * root / 3.0 * self.sigma, 0.0) ** 2
-        variance += (0.02 * compliance) ** 2 + self.cov[:, LOOSENESS, LOOSENESS]
+        joints = self.cov[:, [[LOOSENESS], [COUPLING]], [LOOSENESS, COUPLING]]
+        variance += (0.02 * compliance) ** 2 + joints.sum(axis=(1, 2))
         variance += (root - 1.0) ** 2 * self.cov[:, NUT_COMPLIANCE, NUT_COMPLIANCE]
         value, half = self.spread(compliance, variance)
         return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
@@ -182,7 +188,7 @@ class Another:
             return found
         kg = PAYLOAD_SHARE * TABLE_KG
         load = self.above({PAYLOAD: 1.0}, kg) + self.above({PAYLOAD: -1.0}, kg)
-        return [*found, load, self.above({LOOSENESS: 1.0}, LOOSE_SHARE * COMPLIANCE)]
+        return [*found, load, self.above(JOINTS, LOOSE_SHARE * COMPLIANCE)]
 
     def numbers(self) -> Floats:
         edges = [0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT)]
