@@ -52,9 +52,10 @@ def drift(
         way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
         keep = math.exp(-way_m / process.assumed.wander_m)
         _fade(x, p, STRETCH_WANDER, keep)
-        uneven_m = process.assumed.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
+        slope2 = x[ENCODER_SLOPE] ** 2 + p[ENCODER_SLOPE, ENCODER_SLOPE]
+        uneven_m2 = (process.assumed.uneven_share * model.stroke_m) ** 2 * slope2
         unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
-        wander_m2 = process.stretch_wander_m**2 + uneven_m**2 + unknown_m**2
+        wander_m2 = process.stretch_wander_m**2 + uneven_m2 + unknown_m**2
         p[STRETCH_WANDER, STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
         keep = math.exp(-elapsed_s / process.assumed.growth_s)
         grown_s = process.assumed.growth_s * (1.0 - keep)

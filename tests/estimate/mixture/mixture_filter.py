@@ -49,10 +49,16 @@ TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
 
 def motion_of(
-    model: AxisModel, process: Process, r: Reading, elapsed_s: float, x: Floats
+    model: AxisModel,
+    process: Process,
+    r: Reading,
+    elapsed_s: float,
+    x: Floats,
+    p: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """F and Q between two phases of a steady preload, from the state before.
+    """F and Q between two phases of a steady preload, from the state before and its covariance.
 
+    Without one the state is exact.
     What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
     """
     size = len(x)
@@ -72,7 +78,9 @@ def motion_of(
     if size > TORQUE_STATES:
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
         f[STRETCH_WANDER, STRETCH_WANDER] = keep
-        finer_m = SETTINGS.uneven_share * x[ENCODER_SLOPE] * model.stroke_m
+        doubt = 0.0 if p is None else p[ENCODER_SLOPE, ENCODER_SLOPE]
+        slope = math.sqrt(x[ENCODER_SLOPE] ** 2 + doubt)
+        finer_m = SETTINGS.uneven_share * slope * model.stroke_m
         nodes_m = np.linspace(0.0, model.stroke_m, len(model.map_sigma_m))
         unknown_m = float(np.interp(r.table_m, nodes_m, model.map_sigma_m))
         wander_m2 = process.stretch_wander_m**2 + finer_m**2 + unknown_m**2

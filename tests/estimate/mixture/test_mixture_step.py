@@ -122,7 +122,7 @@ def test_corrections_are_those_of_a_filter_by_matrices(one_encoder: bool, share:
     readings[4::5] = [r._replace(torque_nm=r.torque_nm + 0.06) for r in readings[4::5]]
     for k, r in enumerate(readings):
         before, elapsed_s = bank.mean[STEADY].copy(), 0.1
-        f, q = motion_of(model, process, r, elapsed_s, mean)
+        f, q = motion_of(model, process, r, elapsed_s, mean, covariance)
         mean, covariance, nis = corrected(model, process, f @ mean, f @ covariance @ f.T + q, r)
         returned = step.step(bank, model, process, r, elapsed_s)
         assert returned == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
