@@ -135,7 +135,9 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         known = mass.sigma / mass.value if mass is not None else 0.0
         sigma[TABLE_MASS] = math.hypot(known, settings.twist)
         sigma[REVERSAL] = settings.reversal
-        sigma[STRETCH_WANDER] = stretch_wander_m(model, settings)
+        noise_m = 0.5 * math.sqrt(model.stretch_density / SHORT_PHASE_S)
+        guide_m = model.compliance_m_per_n * settings.wander * model.guide_n
+        sigma[STRETCH_WANDER] = math.hypot(noise_m, guide_m)
         sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)
     covariance = np.diag(sigma**2)
     spread = settings.start_share**2
@@ -145,12 +147,6 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
     load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
     return Start(mean, covariance, load)
-
-
-def stretch_wander_m(model: AxisModel, settings: MixtureSettings) -> float:
-    """Standard deviation of the difference of the encoders that wanders along the way, m."""
-    noise_m = 0.5 * math.sqrt(model.stretch_density / SHORT_PHASE_S)
-    return math.hypot(noise_m, model.compliance_m_per_n * settings.wander * model.guide_n)
 
 
 def _frictions(size: int, together: float, apart: float) -> Floats:
@@ -181,7 +177,9 @@ def process_of(
         moving_walk=moving_walk,
         together=2.0 * settings.together**2 / settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
-        stretch_wander_m=stretch_wander_m(model, settings) if two else 0.0,
+        stretch_wander_m=math.sqrt(start.covariance[STRETCH_WANDER, STRETCH_WANDER])
+        if two
+        else 0.0,
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=1e-6 if two else 0.0,
         jumps=_jumps(size, start, model, settings),
@@ -202,7 +200,7 @@ def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
     if size > TORQUE_STATES:
         walk[ENCODER_OFFSET], walk[ENCODER_SLOPE] = 3e-8**2, 6e-8**2
         walk[OFFSET_RATE], walk[SLOPE_RATE] = 1e-8**2, 2.5e-8**2
-        walk[MAP:] = 1e-8**2
+        walk[MAP:] = 3e-8**2
         walk[REVERSAL] = 2.0 * settings.reversal**2 / settings.friction_s
     return walk
 
