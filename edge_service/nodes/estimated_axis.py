@@ -24,7 +24,7 @@ LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
 """A state this far in the future comes from a clock that was wrong then or is wrong now."""
-UNKNOWN_STOP_S = 86400.0
+UNKNOWN_STOP_S = LONGEST_STOP_S
 """Time for which such a state counts as left alone; nobody knows the true one."""
 DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 SILENCE_S = 10.0

@@ -5,6 +5,8 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ..atomic import replaced_file
 from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
@@ -23,19 +25,17 @@ class OfflineEstimate:
     """The stages of one axis; goes on from a state file and leaves one."""
 
     def __init__(self, machine: Machine, config: EstimatorConfig) -> None:
-        self._axis = machine.axis.name
-        self._identity = identity_of(machine, config)
+        self._machine, self._identity = machine, identity_of(machine, config)
         self._downsampler = make_downsampler(machine)
         self._estimator = make_estimator(config, machine)
-        self._end_s = 0.0
-        self._restored = False
+        self._end_s, self._restored = 0.0, False
 
     def restore(self, path: Path) -> None:
         """Go on from a file, if it is there. Raises ConfigError if it is no state of this axis."""
         try:
             if path.exists():
                 document = json.loads(path.read_bytes())
-                kept = Kept.of(document, self._axis, self._identity)
+                kept = Kept.of(document, self._machine.axis.name, self._identity)
                 self._downsampler.restore(kept.snapshot["downsampler"])
                 self._estimator.restore(kept.snapshot["estimator"])
                 self._end_s, self._restored = kept.time_s, True
@@ -44,21 +44,22 @@ class OfflineEstimate:
 
     def keep(self, path: Path) -> None:
         """Leave the state in a file."""
-        snapshot = {
-            "downsampler": self._downsampler.snapshot(),
-            "estimator": self._estimator.snapshot(),
-        }
-        document = Kept(self._end_s, 0, snapshot).document(self._axis, self._identity)
+        stages = (("downsampler", self._downsampler), ("estimator", self._estimator))
+        snapshot = {name: stage.snapshot() for name, stage in stages}
+        document = Kept(self._end_s, 0, snapshot).document(self._machine.axis.name, self._identity)
         with replaced_file(path) as file:
             json.dump(document, file)
 
     def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:
         """One estimate per completed interval, as the service would publish it."""
         for frame in frames:
+            if self._restored and len(frame):
+                self._restored = False
+                if np.fmin.reduce(frame.time_s) <= self._end_s:  # on a clock of its own
+                    self._downsampler = make_downsampler(self._machine)
+                    self._estimator.resume(UNKNOWN_STOP_S)
             for block in self._downsampler.push(frame):
-                if self._restored and block.time_s <= self._end_s:
-                    self._estimator.resume(UNKNOWN_STOP_S)  # on a clock of its own
-                self._end_s, self._restored = block.time_s, False
+                self._end_s = block.time_s
                 self._estimator.update(block)
                 yield self._estimator.estimate()
 
@@ -94,8 +95,7 @@ def estimate_to_csv(
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         read = reported(frames, f"estimating {trace.name}", progress)
-        for last in offline.estimates(read):
-            rows += 1
+        for rows, last in enumerate(offline.estimates(read), 1):
             drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value
             numbers = (last.time_s, last.preload_percent, last.low, last.high)
             reasons = " ".join(reason.partition(":")[0] for reason in last.reasons)
@@ -105,8 +105,8 @@ def estimate_to_csv(
     ending = "none" if last is None else last.status.value
     if last is not None and last.status is not EstimateStatus.ESTIMATED:
         ending += f" ({'; '.join(last.reasons)})"
-    words = f"{out}: {rows} blocks, last status {ending}"
-    return Answer(words, {"out": str(out), "blocks": rows, "last": last})
+    told = {"out": str(out), "blocks": rows, "last": last}
+    return Answer(f"{out}: {rows} blocks, last status {ending}", told)
 
 
 def estimate_case(

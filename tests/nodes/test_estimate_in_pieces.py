@@ -54,11 +54,20 @@ def test_pieces_give_the_rows_of_the_whole(
     assert sum("estimated" in row for row in expected) > 100
 
 
-def test_a_recording_on_a_clock_of_its_own_is_another_day(trace_path: Path, tmp_path: Path) -> None:
-    """What was known is known still, with less certainty; numbers come with the first motion."""
-    state = str(tmp_path / "axis.state")
-    fresh = estimate(trace_path, COMMISSIONED, "--state", state)
-    again = estimate(trace_path, COMMISSIONED, "--state", state)
+@pytest.mark.parametrize("torn", [0, 137])
+def test_a_recording_on_a_clock_of_its_own_is_another_day(
+    torn: int, trace_path: Path, tmp_path: Path
+) -> None:
+    """What was known is known still, with less certainty; numbers come with the first motion.
+
+    Nothing is left of an interval that the recording before has not ended.
+    """
+    state, trace = str(tmp_path / "axis.state"), tmp_path / "trace.csv"
+    lines = trace_path.read_text().splitlines()
+    trace.write_text("\n".join(lines[: len(lines) - torn]) + "\n")
+    fresh = estimate(trace, COMMISSIONED, "--state", state)
+    again = estimate(trace, COMMISSIONED, "--state", state)
+    assert [row.split(",")[0] for row in again] == [row.split(",")[0] for row in fresh]
     first = next(i for i, row in enumerate(again) if ",estimated," in row)
     assert first < next(i for i, row in enumerate(fresh) if ",estimated," in row)
 
