@@ -52,7 +52,7 @@ _BOTH = 3
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY, _MOST_DAYS = 0.05, 4.0
+_WORN_PER_DAY = 0.05
 _OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (PRELOAD, PAYLOAD, LOOSENESS, COUPLING, NUT_COMPLIANCE, TABLE_MASS)
@@ -195,12 +195,8 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
         if bank.alive[k] and k != best and bank.log_weight[k] > weight:
             second, weight = k, bank.log_weight[k]
     top = bank.log_weight[best]
-    if second == STEADY:
-        copy_to(bank, BEFORE, second, weight)
-        copy_to(bank, STEADY, best, top)
-    else:
-        copy_to(bank, STEADY, best, top)
-        copy_to(bank, BEFORE, second, weight)
+    copy_to(bank, BEFORE, second, weight)
+    copy_to(bank, STEADY, best, top)
     unlock_wear(bank, process, STEADY)
     copy_to(bank, WEARING, STEADY, top + math.log(process.assumed.wearing))
     for k in CHALLENGERS:
@@ -212,10 +208,15 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
 @compiled
 def unlock_wear(bank: Bank, process: Process, slot: int) -> None:
     """Let the preload change at an unknown rate."""
-    bank.mean[slot, WEAR_RATE] = 0.0
-    bank.covariance[slot, WEAR_RATE, :] = 0.0
-    bank.covariance[slot, :, WEAR_RATE] = 0.0
-    bank.covariance[slot, WEAR_RATE, WEAR_RATE] = process.assumed.wear_rate**2
+    _renew(bank, slot, WEAR_RATE, 0.0, process.assumed.wear_rate)
+
+
+@compiled
+def _renew(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
+    """Set an element of the state anew, without correlation to the others."""
+    x, p = bank.mean[slot], bank.covariance[slot]
+    x[i], p[i, :], p[:, i] = value, 0.0, 0.0
+    p[i, i] = sigma * sigma
 
 
 @compiled
@@ -253,27 +254,16 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
     bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
     if slot == TOTAL_LOSS:
-        _replace(bank, slot, PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
+        _renew(bank, slot, PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
         return
     if slot == LOAD:
-        _replace(bank, slot, PAYLOAD, 0.0, 0.0)
+        _renew(bank, slot, PAYLOAD, 0.0, 0.0)
     if slot == LOOSENING:
         x[LOOSENESS] += process.loosened_m_per_n
         x[COUPLING] += process.loosened_m_per_n
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):
             p[i, j] += process.jumps[slot, i, j]
-
-
-@compiled
-def _replace(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
-    """Replace an element of the state, without correlation to the others."""
-    x, p = bank.mean[slot], bank.covariance[slot]
-    x[i] = value
-    for j in range(x.shape[0]):
-        p[i, j] = 0.0
-        p[j, i] = 0.0
-    p[i, i] = sigma * sigma
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
@@ -324,12 +314,11 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     _age(bank, STEADY, start, stopped_s)
     bank.alive[STEADY + 1 :] = 0
     copy_to(bank, NUT_SLOT, STEADY, math.log(_OTHER_NUT))
-    bank.mean[NUT_SLOT, PRELOAD] = start.mean[PRELOAD]
-    _renew(bank, NUT_SLOT, PRELOAD, start.covariance[PRELOAD, PRELOAD])
+    sigma = math.sqrt(start.covariance[PRELOAD, PRELOAD])
+    _renew(bank, NUT_SLOT, PRELOAD, start.mean[PRELOAD], sigma)
     if len(start.mean) > TORQUE_STATES:
         copy_to(bank, LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
-        bank.mean[LOAD_SLOT, PAYLOAD] = 0.0
-        _renew(bank, LOAD_SLOT, PAYLOAD, 0.0)
+        _renew(bank, LOAD_SLOT, PAYLOAD, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
     bank.force[:] = 0.0
     bank.force_n[:] = 0.0
@@ -348,13 +337,5 @@ def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
     for i in kept:
         for j in kept:
             covariance[i, j] = bank.covariance[slot, i, j]
-    covariance[PRELOAD, PRELOAD] += _WORN_PER_DAY**2 * min(stopped_s / DAY_S, _MOST_DAYS)
+    covariance[PRELOAD, PRELOAD] += _WORN_PER_DAY**2 * stopped_s / DAY_S
     bank.mean[slot], bank.covariance[slot] = mean, covariance
-
-
-def _renew(bank: Bank, slot: int, i: int, variance: float) -> None:
-    """Remove the correlations of an element of the state, and set its variance."""
-    p = bank.covariance[slot]
-    p[i, :] = 0.0
-    p[:, i] = 0.0
-    p[i, i] = variance

@@ -128,15 +128,21 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     values[_LEVEL + len(_EDGES)] = above
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     values[_FAULT] = _below(lost, weight, mean, sigma, most)
-    values[_FAULT + 1] = _slick(bank, model, limits, rows, weight)
+    of = np.zeros(bank.mean.shape[1])
+    of[NUT_FRICTION] = model.drag_per_percent_nm * model.fresh_percent
+    of[BEARING_FRICTION] = model.bearing_nm
+    of[GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
+    values[_FAULT + 1] = _above(bank, rows, weight, of, SLICK_SHARE * limits.coulomb_nm)
     values[_FAULT + 2] = sum_of(weight * bank.force[rows])
     values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > TORQUE_STATES:
-        limit = PAYLOAD_SHARE * model.table_mass_kg
-        values[_FAULT + 3] = _above(bank, rows, weight, PAYLOAD, limit, 1.0)
-        values[_FAULT + 3] += _above(bank, rows, weight, PAYLOAD, limit, -1.0)
-        limit = LOOSE_SHARE * model.compliance_m_per_n
-        values[_FAULT + 4] = _loosened(bank, rows, weight, limit)
+        of[:], limit = 0.0, PAYLOAD_SHARE * model.table_mass_kg
+        of[PAYLOAD] = 1.0
+        values[_FAULT + 3] = _above(bank, rows, weight, of, limit)
+        values[_FAULT + 3] += _above(bank, rows, weight, -of, limit)
+        of[PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
+        of[LOOSENESS] = of[COUPLING] = 1.0
+        values[_FAULT + 4] = _above(bank, rows, weight, of, limit)
     if bank.mean.shape[1] == TORQUE_STATES and limits.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
     for i in range(_LEVEL, _SIZE):
@@ -159,10 +165,9 @@ def _of_torque_alone(
     friction = (limits.warmth, limits.together, limits.apart)
     limit_nm = other_nm + SLICK_SHARE * limits.coulomb_nm
     every, firm, up = np.zeros(CELLS), np.zeros(CELLS), 0.0
-    slopes, names = np.empty(5), np.empty(5, dtype=np.int64)
     for i in range(len(rows)):
         k = rows[i]
-        level_nm, variance = _coulomb(bank.mean[k], bank.covariance[k], model, slopes, names)
+        level_nm, variance = _coulomb(bank.mean[k], bank.covariance[k], model)
         sigma_nm = math.sqrt(variance)
         mine = weigh(level_nm, sigma_nm, fresh_nm, other_nm, limits.error_share, friction)
         every += weight[i] * mine
@@ -186,21 +191,16 @@ def _of_torque_alone(
 
 
 @compiled
-def log_preload(bank: Bank, k: int, model: AxisModel, error_share: float) -> tuple[float, float]:
-    """Mean and standard deviation of ln(preload) of one hypothesis, with the model's error."""
-    q = bank.mean[k, PRELOAD]
-    share = error_share * (q - math.log(model.fresh_percent))
-    variance = max(bank.covariance[k, PRELOAD, PRELOAD], 0.0)
-    return q, math.sqrt(variance + MODEL_ERROR * MODEL_ERROR + share * share)
-
-
-@compiled
 def _log_preloads(
     bank: Bank, model: AxisModel, limits: FaultLimits, rows: Rows
 ) -> tuple[Floats, Floats]:
+    """Mean and standard deviation of ln(preload) of the hypotheses, with the model's error."""
     mean, sigma = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
-        mean[i], sigma[i] = log_preload(bank, rows[i], model, limits.error_share)
+        mean[i] = bank.mean[rows[i], PRELOAD]
+        share = limits.error_share * (mean[i] - math.log(model.fresh_percent))
+        variance = max(bank.covariance[rows[i], PRELOAD, PRELOAD], 0.0)
+        sigma[i] = math.sqrt(variance + MODEL_ERROR * MODEL_ERROR + share * share)
     return mean, sigma
 
 
@@ -247,31 +247,22 @@ def _interval(
 
 
 @compiled
-def _coulomb(
-    x: Floats, p: Floats, model: AxisModel, slopes: Floats, rows: Rows
-) -> tuple[float, float]:
-    """Mean, N m, and variance of the whole dry friction; `slopes` and `rows` are room, (5,)."""
-    drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
-    guide = model.ratio_m_per_rad * model.guide_n
-    rows[:] = (PRELOAD, NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, TORQUE_WANDER)
-    slopes[:] = (drag * (1.0 + x[NUT_FRICTION]), drag, model.bearing_nm, guide, 1.0)
-    mean = slopes[0] + model.bearing_nm * (1.0 + x[BEARING_FRICTION])
-    mean += guide * (1.0 + x[GUIDE_FRICTION])
-    variance = 0.0
-    for i in range(len(rows)):
-        for j in range(len(rows)):
-            variance += slopes[i] * slopes[j] * p[rows[i], rows[j]]
-    return mean, max(variance, 0.0)
+def _coulomb(x: Floats, p: Floats, model: AxisModel) -> tuple[float, float]:
+    """Mean, N m, and variance of the whole dry friction."""
+    drag, of = model.drag_per_percent_nm * math.exp(x[PRELOAD]), np.zeros(len(x))
+    of[NUT_FRICTION], of[BEARING_FRICTION] = drag, model.bearing_nm
+    of[GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
+    mean = drag + model.bearing_nm + of[GUIDE_FRICTION] + _sum(x, p, of)[0]
+    of[PRELOAD], of[TORQUE_WANDER] = drag * (1.0 + x[NUT_FRICTION]), 1.0
+    return mean, _sum(x, p, of)[1]
 
 
 @compiled
 def _drag(bank: Bank, model: AxisModel, rows: Rows, weight: Floats) -> tuple[float, float, float]:
     """Coulomb torque of the whole axis, N m."""
     value, square = 0.0, 0.0
-    slopes, names = np.empty(5), np.empty(5, dtype=np.int64)
     for i in range(len(rows)):
-        k = rows[i]
-        mean, variance = _coulomb(bank.mean[k], bank.covariance[k], model, slopes, names)
+        mean, variance = _coulomb(bank.mean[rows[i]], bank.covariance[rows[i]], model)
         value += weight[i] * mean
         square += weight[i] * (variance + mean * mean)
     half = 1.96 * math.sqrt(max(square - value * value, 0.0))
@@ -279,52 +270,24 @@ def _drag(bank: Bank, model: AxisModel, rows: Rows, weight: Floats) -> tuple[flo
 
 
 @compiled
-def _slick(bank: Bank, model: AxisModel, limits: FaultLimits, rows: Rows, weight: Floats) -> float:
-    """Probability that friction at the same preload is up by `SLICK_SHARE` of the whole."""
-    total = 0.0
-    guide = model.ratio_m_per_rad * model.guide_n
-    fresh_nm = model.drag_per_percent_nm * model.fresh_percent
-    for i in range(len(rows)):
-        x, p = bank.mean[rows[i]], bank.covariance[rows[i]]
-        shares = (fresh_nm, model.bearing_nm, guide)
-        mean, variance = 0.0, 0.0
-        for a in range(3):
-            mean += shares[a] * x[NUT_FRICTION + a]
-            for b in range(3):
-                variance += shares[a] * shares[b] * p[NUT_FRICTION + a, NUT_FRICTION + b]
-        away = (mean - SLICK_SHARE * limits.coulomb_nm) / math.sqrt(max(variance, 1e-30))
-        total += weight[i] * _normal(away)
-    return total
+def _sum(x: Floats, p: Floats, of: Floats) -> tuple[float, float]:
+    """Mean and variance of a sum over the state, each element times `of`."""
+    mean, variance = 0.0, 0.0
+    for i in range(len(of)):
+        mean += of[i] * x[i]
+        for j in range(len(of)):
+            variance += of[i] * of[j] * p[i, j]
+    return mean, max(variance, 0.0)
 
 
 @compiled
-def _above(bank: Bank, rows: Rows, weight: Floats, i: int, limit: float, sign: float) -> float:
-    """Probability that an element of the state, times a sign, lies above a limit."""
+def _above(bank: Bank, rows: Rows, weight: Floats, of: Floats, limit: float) -> float:
+    """Probability that a sum over the state, see `_sum`, lies above a limit."""
     total = 0.0
     for j in range(len(rows)):
-        k = rows[j]
-        sigma = math.sqrt(max(bank.covariance[k, i, i], 1e-60))
-        total += weight[j] * _normal((sign * bank.mean[k, i] - limit) / sigma)
+        mean, variance = _sum(bank.mean[rows[j]], bank.covariance[rows[j]], of)
+        total += weight[j] * _normal((mean - limit) / math.sqrt(max(variance, 1e-60)))
     return total
-
-
-@compiled
-def _loosened(bank: Bank, rows: Rows, weight: Floats, limit_m_per_n: float) -> float:
-    """Probability that bearing and coupling together yield by more than a limit."""
-    total = 0.0
-    for j in range(len(rows)):
-        loose, variance = _looseness(bank, rows[j])
-        total += weight[j] * _normal((loose - limit_m_per_n) / math.sqrt(max(variance, 1e-60)))
-    return total
-
-
-@compiled
-def _looseness(bank: Bank, k: int) -> tuple[float, float]:
-    """Compliance of bearing and coupling beyond commissioning, m/N, and its variance."""
-    p = bank.covariance[k]
-    loose = bank.mean[k, LOOSENESS] + bank.mean[k, COUPLING]
-    variance = p[LOOSENESS, LOOSENESS] + p[COUPLING, COUPLING] + 2.0 * p[LOOSENESS, COUPLING]
-    return loose, max(variance, 0.0)
 
 
 @compiled
@@ -340,14 +303,15 @@ def _stiffness(
     """Series stiffness at the reference, N/m (5.3.2, 5.3.11): 1/k = C + C_n ((F_0/F)^(1/3) - 1)."""
     if math.isnan(limits.mass_tolerance) or bank.mean.shape[1] == TORQUE_STATES:
         return math.nan, math.nan, math.nan
-    value, square = 0.0, 0.0
+    value, square, joints = 0.0, 0.0, np.zeros(bank.mean.shape[1])
+    joints[LOOSENESS] = joints[COUPLING] = 1.0
     for i in range(len(rows)):
         k = rows[i]
         nut = bank.mean[k, NUT_COMPLIANCE]
         percent = math.exp(log_percent[i])
         load = max(percent, LEAST_NUT_LOAD_PERCENT)
         root = (model.fresh_percent / load) ** (1.0 / 3.0)
-        loose, variance = _looseness(bank, k)
+        loose, variance = _sum(bank.mean[k], bank.covariance[k], joints)
         compliance = model.compliance_m_per_n + loose + nut * (root - 1.0)
         slope = nut * root / 3.0 if percent > LEAST_NUT_LOAD_PERCENT else 0.0
         variance += (slope * sigma[i]) ** 2 + (limits.mass_tolerance * compliance) ** 2

@@ -135,22 +135,6 @@ def test_equal_modes_are_one_filter_and_follow_the_markov_chain(kind: str) -> No
         np.testing.assert_allclose(output.mode_probability, chance, atol=1e-12)
 
 
-@every_bank
-def test_continues_from_a_snapshot_bit_for_bit(kind: str) -> None:
-    problem = random_problem(7, count=40)
-    half = replace(problem, drives=problem.drives[:20], measurements=problem.measurements[:20])
-    bank, other = BANKS[kind](), BANKS[kind]()
-    empty = bank.snapshot()
-    run(bank, half)
-    other.restore(json.loads(json.dumps(bank.snapshot(), allow_nan=False)))
-    for step, measurement in problem.steps()[20:]:
-        first, second = bank.step(step, measurement), other.step(step, measurement)
-        assert all(np.array_equal(getattr(first, name), getattr(second, name)) for name in NAMES)
-    bank.restore(empty)
-    with pytest.raises(ValueError, match="reset"):
-        bank.step(*problem.steps()[0])
-
-
 @pytest.mark.parametrize("none", ["-inf", None])
 def test_a_mode_without_probability_comes_back_as_such(none: str | None) -> None:
     problem = random_problem(7, count=2)

@@ -134,27 +134,6 @@ def test_filterpy_gives_the_same_estimates() -> None:
     np.testing.assert_allclose(*np.array(pairs, dtype=float).T, rtol=0, atol=1e-9)
 
 
-def test_a_number_stands_for_ten_seconds_of_rest_and_no_longer() -> None:
-    frame, _ = recording("healthy", 20.0, 8)
-    rest = 15_000
-    end_s, angle = frame.time_s[-1], frame.channels[ANGLE][-1]
-    rng = np.random.default_rng(9)
-    time_s = np.concatenate([frame.time_s, end_s + np.arange(1, rest + 1) / RATE_HZ])
-    noise = 0.02 * rng.standard_normal(rest)
-    rested = SampleFrame(
-        time_s,
-        {
-            TORQUE: np.concatenate([frame.channels[TORQUE], noise]),
-            ANGLE: np.concatenate([frame.channels[ANGLE], np.full(rest, angle)]),
-        },
-    )
-    estimates = run(blocks_of(rested))
-    late = [e for e in estimates if e.time_s > end_s + 10.5]
-    assert {e.status for e in late} == {EstimateStatus.INSUFFICIENT_EXCITATION}
-    assert all(e.preload_percent is None and e.drag_torque_nm is None for e in late)
-    assert EstimateStatus.ESTIMATED in {e.status for e in estimates if e.time_s < end_s + 5.0}
-
-
 def changed(frame: SampleFrame, **channels: Floats) -> SampleFrame:
     return SampleFrame(frame.time_s, dict(frame.channels) | channels)
 
