@@ -94,8 +94,8 @@ def estimate_to_csv(
     with open_recording(machine, trace) as frames, replaced_file(out) as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        read = reported(frames, f"estimating {trace.name}", progress)
-        for rows, last in enumerate(offline.estimates(read), 1):
+        for last in offline.estimates(reported(frames, f"estimating {trace.name}", progress)):
+            rows += 1
             drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value
             numbers = (last.time_s, last.preload_percent, last.low, last.high)
             reasons = " ".join(reason.partition(":")[0] for reason in last.reasons)
