@@ -58,7 +58,7 @@ def test_pieces_give_the_rows_of_the_whole(
 def test_a_recording_on_a_clock_of_its_own_is_another_day(
     torn: int, trace_path: Path, tmp_path: Path
 ) -> None:
-    """What was known is known still, with less certainty; numbers come with the first motion.
+    """The estimate goes on from what was known, less surely, and has numbers with the first motion.
 
     Nothing is left of an interval that the recording before has not ended.
     """

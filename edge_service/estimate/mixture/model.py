@@ -169,6 +169,7 @@ def process_of(
     assert rating is not None
     size, coulomb = len(start.mean), commissioned.coulomb_nm
     two = size > TORQUE_STATES
+    wander_m2 = start.covariance[STRETCH_WANDER, STRETCH_WANDER] if two else 0.0
     moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
     moving_walk[WEARING] = settings.wear_walk**2
     return Process(
@@ -177,9 +178,7 @@ def process_of(
         moving_walk=moving_walk,
         together=2.0 * settings.together**2 / settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
-        stretch_wander_m=math.sqrt(start.covariance[STRETCH_WANDER, STRETCH_WANDER])
-        if two
-        else 0.0,
+        stretch_wander_m=math.sqrt(wander_m2),
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=1e-6 if two else 0.0,
         jumps=_jumps(size, start, model, settings),

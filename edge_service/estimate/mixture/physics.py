@@ -10,8 +10,8 @@ preload p = exp(PRELOAD)::
               + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s (c0 + c1 (x - x0)) G reversal
               F = (M0 + (1 - table mass) M) R a + s G (1 + guide) + V (1 + guide viscous) R v
 
-H is what hangs on the screw, gravity less the counterweight. The first is the balance of
-momentum (eq. 4.3.4) with the screw's drag proportional to its preload
+H is what hangs on the screw, gravity less the counterweight; an amplifier's offset passes for it.
+The first is the balance of momentum (eq. 4.3.4) with the screw's drag proportional to its preload
 (eq. 4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
 share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). No recording of a healthy axis
 can split what else differs between the directions (wind-up of the screw under the nut's drag,

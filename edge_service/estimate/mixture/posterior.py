@@ -274,9 +274,10 @@ def _sum(x: Floats, p: Floats, of: Floats) -> tuple[float, float]:
     """Mean and variance of a sum over the state, each element times `of`."""
     mean, variance = 0.0, 0.0
     for i in range(len(of)):
-        mean += of[i] * x[i]
-        for j in range(len(of)):
-            variance += of[i] * of[j] * p[i, j]
+        if of[i] != 0.0:
+            mean += of[i] * x[i]
+            for j in range(len(of)):
+                variance += of[i] * of[j] * p[i, j]
     return mean, max(variance, 0.0)
 
 
