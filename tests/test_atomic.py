@@ -7,11 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from edge_service.atomic import (
-    PRIVATE,
-    replaced_bytes,
-    replaced_file,
-)
+from edge_service.atomic import PRIVATE, replaced_bytes, replaced_file
 
 
 def test_a_file_appears_with_its_folder(tmp_path: Path) -> None:

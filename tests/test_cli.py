@@ -79,11 +79,7 @@ CONFIGURATIONS = (
     ("check-config", AXIS + "machine = 'effect.toml'", "effect.toml: effects: "),
     ("check-config", AXIS + "machine = 'mm.toml'", "axis.lead_m:"),
     ("check-config", "axes = []", "axes:"),
-    (
-        "check-config",
-        "[http]\nhost = '0.0.0.0'",
-        "http: '0.0.0.0' is not a loopback address: it",
-    ),
+    ("check-config", "[http]\nhost = '0.0.0.0'", "http: '0.0.0.0' is not a loopback address: it"),
     ("check-config", STORE + "[http]\nurl = 'https://mill'", "beyond loopback a token is needed"),
     ("run", "[http]\ncertificate = 'c'", "http: private_key: missing; certificate and private_key"),
     ("run", "[http]\n" + BOTH, "not in PEM format, or the key has a password"),
@@ -198,8 +194,7 @@ def test_the_command_starts_without_what_it_does_not_need(arguments: list[str]) 
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [["diagnose", "--unknown"], ["token", "x.toml", "--add", "kim", "--revoke", "kim"]],
+    "arguments", [["diagnose", "--unknown"], ["token", "x.toml", "--add", "kim", "--revoke", "kim"]]
 )
 def test_a_mistake_is_told_before_anything_is_loaded(arguments: list[str]) -> None:
     assert answered(arguments) == f"{BAD_INPUT}"

@@ -21,13 +21,7 @@ from edge_service.health.consistency import CHANNELS, Disagreement
 from edge_service.health.inputs import DataFaults
 from edge_service.http_api.words import words_in
 from edge_service.messages.codec import Header
-from edge_service.messages.event import (
-    AxisCondition,
-    Code,
-    Event,
-    Statement,
-    told,
-)
+from edge_service.messages.event import AxisCondition, Code, Event, Statement, told
 from edge_service.messages.features import Fault
 from edge_service.messages.health import (
     Alarm,

@@ -177,10 +177,6 @@ class WaveformTopic(BlockTopic[Waveform]):
         return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
 
 
-def _phase_column(phase: str, field: str) -> str:
-    return f"{phase}_{field}"
-
-
 class FeatureTopic(BlockTopic[FeatureBlock]):
     """One interval as one row: the fields of FeatureBlock, of its phases and of fast sensors.
 
@@ -191,7 +187,7 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
         name: next((unit for end, unit in _UNITS.items() if name.endswith(f"_{end}")), "")
         for name in (
             *FEATURE_FIELDS,
-            *(_phase_column(phase, field) for phase in PHASES for field in PHASE_FIELDS),
+            *(f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS),
         )
     }
 
@@ -200,7 +196,7 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
         row = {name: getattr(payload, name) for name in FEATURE_FIELDS}
         for phase in PHASES:
             part = getattr(payload, phase)
-            row |= {_phase_column(phase, field): getattr(part, field) for field in PHASE_FIELDS}
+            row |= {f"{phase}_{field}": getattr(part, field) for field in PHASE_FIELDS}
         row |= {each.name: each.value for each in payload.vibration}
         columns = {name: np.array([value], np.float64) for name, value in row.items()}
         return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
@@ -224,7 +220,7 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
             row[name] = int(row[name])
         row["fault"] = Fault(row["fault"])
         for phase in PHASES:
-            numbers = {field: row.pop(_phase_column(phase, field)) for field in PHASE_FIELDS}
+            numbers = {field: row.pop(f"{phase}_{field}") for field in PHASE_FIELDS}
             row[phase] = Phase(**numbers)
         fast = [name for name in row if "." in name]
         row["vibration"] = tuple(VibrationColumn(k, row.pop(k), units[k]) for k in fast)

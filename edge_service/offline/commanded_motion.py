@@ -5,14 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..models.motions.registry import (
-    MOTIONS,
-    Dwell,
-    MotionError,
-    MotionLimits,
-    Move,
-    Setpoints,
-)
+from ..models.motions.registry import MOTIONS, Dwell, MotionError, MotionLimits, Move, Setpoints
 from ..models.motions.route import samples_of
 
 ENDLESS_DURATION_S = 60.0

@@ -70,11 +70,7 @@ def recordings(folder: Path, condition: str, load: str) -> list[str]:
             part.append(np.column_stack((each[:, 0] + clock_s, torque, position)))
             clock_s = float(part[-1][-1, 0]) + 1.0
         columns = dict(
-            zip(
-                ("time_s", "torque_command_nm", "table_position_m"),
-                np.vstack(part).T,
-                strict=True,
-            )
+            zip(("time_s", "torque_command_nm", "table_position_m"), np.vstack(part).T, strict=True)
         )
         paths.append(written(folder / f"{condition}{start}.csv", columns))
     return paths

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from edge_service.bus.session import (
-    Bus,
-    BusConfigurationError,
-    BusSettings,
-    BusUnavailableError,
-)
+from edge_service.bus.session import Bus, BusConfigurationError, BusSettings, BusUnavailableError
 from edge_service.bus.settings import MOST_AT_ONCE
 from edge_service.messages.codec import Header
 from edge_service.messages.event import AxisCondition, Event
@@ -169,9 +164,7 @@ async def test_no_bus_to_join_is_one_clear_line(router: Bus) -> None:
         await Bus.open(BusSettings(router.endpoint, "client"))
 
 
-async def test_a_reader_that_rests_is_woken_by_what_comes_later_or_by_too_much(
-    router: Bus,
-) -> None:
+async def test_a_reader_that_rests_is_woken_by_what_comes_later_or_by_too_much(router: Bus) -> None:
     reader = router.subscribe(KEYS.all_axes(RAW), RAW)
     publishers = {axis: router.publisher(KEYS.key(axis, RAW), RAW, axis) for axis in "XY"}
     heard: list[str] = []

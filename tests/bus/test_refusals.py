@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.bus.reception import (
-    MOST_JUMP,
-    Arrival,
-    KeyRings,
-    Refusal,
-    Sender,
-)
+from edge_service.bus.reception import MOST_JUMP, Arrival, KeyRings, Refusal, Sender
 from edge_service.bus.session import Bus
 from edge_service.messages.codec import Header
 from edge_service.messages.keys import MachineKeys

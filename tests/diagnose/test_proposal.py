@@ -9,11 +9,7 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.experiment import (
-    DECISIVE,
-    healthy_session,
-    propose,
-)
+from edge_service.diagnose.experiment import DECISIVE, healthy_session, propose
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 

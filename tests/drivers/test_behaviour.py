@@ -18,12 +18,7 @@ import pytest
 import pytest_asyncio
 from pydantic import ValidationError
 
-from drivers.base import (
-    ENTRY_POINT_GROUP,
-    Driver,
-    DriverMisconfiguredError,
-    DriverUnavailableError,
-)
+from drivers.base import ENTRY_POINT_GROUP, Driver, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import driver_names
 from edge_service.messages.samples import CHANNELS, SampleFrame, is_bad
 

@@ -18,11 +18,7 @@ from edge_service.regression.inverse_dynamics import (
     fit_inverse_dynamics,
     regressors,
 )
-from edge_service.regression.prepared_run import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
+from edge_service.regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 from .conftest import setpoints_of
 
@@ -125,12 +121,7 @@ def test_what_needs_more_data_says_so_in_one_line() -> None:
 # ways, central differences, decimated by 10. They do not say how much they cut at the ends. The
 # three samples below were chosen because their residuals come out: any cut gives the parameters,
 # but 20 samples leave residuals up to 1.5 % smaller than theirs.
-PUBLISHED = {
-    "inertia": 95.1089,
-    "viscous": 203.5034,
-    "coulomb": 20.3935,
-    "offset": -3.1648,
-}
+PUBLISHED = {"inertia": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}
 
 
 @pytest.fixture(scope="module")

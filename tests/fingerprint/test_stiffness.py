@@ -16,11 +16,7 @@ from edge_service.messages.samples import ANGLE, TABLE_POSITION, Floats, SampleF
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.screw.nut_law import nut_stiffness
 from edge_service.regression.interval_estimate import around
-from edge_service.regression.prepared_run import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
+from edge_service.regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 from .conftest import FRESH, GUIDE_FORCE_N, production_setpoints
 

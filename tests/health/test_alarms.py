@@ -306,10 +306,7 @@ def test_wearing_too_fast_is_an_alarm_only_beyond_doubt():
     def trend(low: float, high: float) -> Trend:
         rate = {"value": 0.5 * (low + high), "low": low, "high": high}
         return Trend(
-            status=TrendStatus.FALLING,
-            reason="",
-            since_time_ns=0,
-            rate_percent_per_h=rate,
+            status=TrendStatus.FALLING, reason="", since_time_ns=0, rate_percent_per_h=rate
         )
 
     axis = _settled(rate_percent_per_1000_h=10.0)  # 0.7 points in 1000 h
@@ -356,8 +353,7 @@ def test_everything_outlives_a_restart():
 
 
 @pytest.mark.parametrize(
-    "damage",
-    [{"schema": "other/1"}, {"axis": "Y"}, {"alarms": 3}, {"series": {}}, {"use": None}],
+    "damage", [{"schema": "other/1"}, {"axis": "Y"}, {"alarms": 3}, {"series": {}}, {"use": None}]
 )
 def test_a_damaged_snapshot_is_refused(damage):
     axis = _settled()

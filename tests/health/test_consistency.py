@@ -90,11 +90,7 @@ def learned(seed: int) -> ConsistencyWatch:
 
 
 @pytest.mark.parametrize(
-    ("changed", "channel"),
-    [
-        ({"offset": 0.1}, "torque_nm"),
-        ({"play": 3e-6}, "transmission_m"),
-    ],
+    ("changed", "channel"), [({"offset": 0.1}, "torque_nm"), ({"play": 3e-6}, "transmission_m")]
 )
 def test_a_change_is_seen_within_four_stretches_and_dated(changed, channel):
     watch = learned(1)

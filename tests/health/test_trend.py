@@ -5,12 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from edge_service.health.alarms import slowest_loss
-from edge_service.health.wear.trend import (
-    MOST_POINTS,
-    PreloadHistory,
-    PreloadSteps,
-    preload_trend,
-)
+from edge_service.health.wear.trend import MOST_POINTS, PreloadHistory, PreloadSteps, preload_trend
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.dates import LAWS, ask_healthy, ask_of_a_law

@@ -8,12 +8,7 @@ from edge_service.messages.codec import Header
 from edge_service.messages.command import Command, Outcome
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
-from edge_service.messages.features import (
-    FEATURE_FIELDS,
-    Fault,
-    FeatureBlock,
-    Phase,
-)
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.health import (
     Alarm,
     AlarmKind,
@@ -90,9 +85,7 @@ PAYLOADS: dict[str, Any] = {
         {TORQUE: np.array([0.1, np.nan, 0.3]), ANGLE: np.array([1.0, 2.0, 3.0]), "own": TIME_S},
         {TORQUE: np.array([0, Quality.NO_VALUE, 0], np.uint8), ANGLE: np.zeros(3, np.uint8)},
     ),
-    "feat": FeatureBlock(
-        **(NUMBERS | {"cruising": Phase(0.05, 0.1, 0.2, 3.0, 4.0, 0.5)}),
-    ),
+    "feat": FeatureBlock(**(NUMBERS | {"cruising": Phase(0.05, 0.1, 0.2, 3.0, 4.0, 0.5)})),
     "preload": PreloadEstimate(
         time_s=1.5,
         status=EstimateStatus.ESTIMATED,

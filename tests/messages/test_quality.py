@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.messages.codec import CodecError, Header
-from edge_service.messages.samples import (
-    ANGLE,
-    TORQUE,
-    Quality,
-    SampleFrame,
-    is_bad,
-    is_uncertain,
-)
+from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, is_bad, is_uncertain
 from edge_service.messages.topics import RAW
 
 HEADER = Header(1, 2, 3, 4)

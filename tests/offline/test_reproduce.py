@@ -103,9 +103,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproductio
     return folder, reproduce(folder, seeds=1, progress=said.append), said
 
 
-def test_writes_both_files_and_nothing_else(
-    written: tuple[Path, Reproduction, list[str]],
-) -> None:
+def test_writes_both_files_and_nothing_else(written: tuple[Path, Reproduction, list[str]]) -> None:
     folder, result, said = written
     assert sorted(path.name for path in folder.iterdir()) == ["report.html", "reproduction.json"]
     numbers = json.loads((folder / "reproduction.json").read_text())
@@ -114,9 +112,7 @@ def test_writes_both_files_and_nothing_else(
     assert said
 
 
-def test_page_is_self_contained_and_complete(
-    written: tuple[Path, Reproduction, list[str]],
-) -> None:
+def test_page_is_self_contained_and_complete(written: tuple[Path, Reproduction, list[str]]) -> None:
     page = (written[0] / "report.html").read_text()
     assert not re.search(r'(src|href)="(?!#)', page.replace("xlink:href", "href"))
     assert not re.search(r"@import|url\((?!#)|<script", page)

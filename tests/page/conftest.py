@@ -103,12 +103,7 @@ def open_page(browser: Any, request: pytest.FixtureRequest) -> Iterator[Callable
 class Service:
     """The service in a thread of its own; `stop` ends it, `start` begins it at the same port."""
 
-    def __init__(
-        self,
-        folder: Path,
-        axes: dict[str, dict[str, Any]],
-        http: HttpConfig,
-    ) -> None:
+    def __init__(self, folder: Path, axes: dict[str, dict[str, Any]], http: HttpConfig) -> None:
         self._folder = folder
         self._http = http
         self._axes = axes

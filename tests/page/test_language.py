@@ -12,11 +12,7 @@ from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobCommand, JobState
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault
-from edge_service.messages.health import (
-    AlarmKind,
-    ComponentStatus,
-    ConsistencyState,
-)
+from edge_service.messages.health import AlarmKind, ComponentStatus, ConsistencyState
 from edge_service.messages.keys import COMPONENTS
 from edge_service.models.motions.registry import MOTIONS
 

@@ -62,11 +62,9 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
     unit, why = each.unit, "by its name"
     if unit not in _TIME_UNITS:
         usual = float(np.median(forward))
-        fitting = [
-            unit
-            for unit, scale in _TIME_UNITS.items()
-            if _RATES_HZ[0] <= 1.0 / (scale * usual) <= _RATES_HZ[1] * (1.0 + 1e-9)
-        ]
+        rates = {unit: 1.0 / (scale * usual) for unit, scale in _TIME_UNITS.items()}
+        low, high = _RATES_HZ[0], _RATES_HZ[1] * (1.0 + 1e-9)
+        fitting = [unit for unit, rate_hz in rates.items() if low <= rate_hz <= high]
         unit, why = (*fitting, "s")[0], "assumed: no unit gives a usual rate"
         if len(fitting) == 1:
             why = "the only unit that gives a rate between 10 Hz and 20 kHz"

@@ -51,13 +51,10 @@ class Known:
 
     def answered(self, question: Question, value: float | None) -> "Known":
         """The same with the answer to a question; the lead is asked for in mm."""
-        if value is None:
-            return self
         if question.option == "--lead":
-            return replace(self, lead_m=1e-3 * value)
-        if question.option == "--period":
-            return replace(self, period_s=value)
-        return replace(self, torque_constant=value)
+            return replace(self, lead_m=None if value is None else 1e-3 * value)
+        name = "period_s" if question.option == "--period" else "torque_constant"
+        return replace(self, **{name: value})
 
 
 @dataclass(slots=True)

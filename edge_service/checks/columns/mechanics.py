@@ -1,5 +1,6 @@
 """Inertia and friction of an axis whose torque's sign nobody has said, and what they answer."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -75,9 +76,7 @@ def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Me
     if min(len(ahead), len(back)) < _LEAST_PASSAGES:
         unknown = undetermined("N m", "too little steady motion both ways")
         return Mechanics(*nothing, unknown, unknown, False, most, seconds)
-    sigma = 0.5 * float(
-        np.hypot(np.std(ahead) / len(ahead) ** 0.5, np.std(back) / len(back) ** 0.5)
-    )
+    sigma = 0.5 * math.sqrt(np.var(ahead) / len(ahead) + np.var(back) / len(back))
     passages = float(min(len(ahead), len(back)))
     level = around(0.5 * float(ahead.mean() - back.mean()), sigma, "N m", passages)
     load = around(0.5 * float(ahead.mean() + back.mean()), sigma, "N m", passages)
@@ -91,32 +90,26 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     """
     settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
     fit = identify_inverse_dynamics(frames, settings)
-    names = ("inertia", "viscous", "coulomb", "offset")
-    inertia, viscous, coulomb, offset = (fit.parameters[name] for name in names)
+    found = [fit.parameters[name] for name in ("inertia", "viscous", "coulomb", "offset")]
     clock = clock_of([frame.time_s for frame in frames])
     if clock.is_slow:
-        inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
-    sign_is_told = not (inertia.holds(0.0) and coulomb.holds(0.0))
+        found[0] = undetermined(found[0].unit, TOO_SLOW.format(clock.rate_hz))
+    inertia, _, coulomb, _ = found
+    told = not (inertia.holds(0.0) and coulomb.holds(0.0))
     telling = coulomb if inertia.holds(0.0) else inertia
-    inverted = sign_is_told and telling.value < 0.0
-    if inverted:
-        inertia, viscous, coulomb, offset = (
-            each.scaled(-1.0, each.unit) for each in (inertia, viscous, coulomb, offset)
-        )
-    most = _most_inertia(frames, settings)
-    told = sign_is_told
+    inverted = told and telling.value < 0.0
+    way, most = -1.0 if inverted else 1.0, _most_inertia(frames, settings)
+    inertia, viscous, coulomb, offset = (each.scaled(way, each.unit) for each in found)
     return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds, told)
 
 
 def _most_inertia(frames: Sequence[SampleFrame], settings: PreparationSettings) -> float:
     """Inertia with which the strongest acceleration would take the largest torque, kg m2."""
-    torque, acceleration = [], []
-    for frame in frames:
-        for run in prepare(frame, settings):
-            torque.append(np.abs(run.channels[TORQUE][run.moving]))
-            acceleration.append(np.abs(run.acceleration_rad_s2[run.moving]))
-    strong = float(np.percentile(np.concatenate(acceleration), 99.0))
-    return float(np.percentile(np.concatenate(torque), 99.0)) / strong if strong > 0.0 else 0.0
+    runs = [run for frame in frames for run in prepare(frame, settings)]
+    torque = np.concatenate([np.abs(run.channels[TORQUE][run.moving]) for run in runs])
+    acceleration = np.concatenate([np.abs(run.acceleration_rad_s2[run.moving]) for run in runs])
+    strong = float(np.percentile(acceleration, 99.0))
+    return float(np.percentile(torque, 99.0)) / strong if strong > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)

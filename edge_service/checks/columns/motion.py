@@ -123,9 +123,8 @@ class Motion:
         return min(self._moving(quantity), key=lambda each: each.rank, default=None)
 
     def _link(self, target: str, source: str) -> Proportion | None:
-        return proportion(
-            *(changes(self._values[name], self._windows) for name in (target, source))
-        )
+        pair = (changes(self._values[name], self._windows) for name in (target, source))
+        return proportion(*pair)
 
     def _sure_link(self, target: str, source: str) -> Proportion | None:
         link = self._link(target, source)
@@ -181,24 +180,20 @@ class Motion:
 
     def _table(self, table: ColumnName, setpoint: ColumnName | None) -> None:
         self._choose(TABLE_POSITION, table, *self._length_unit(table, setpoint))
-        if table.quantity is Quantity.POSITION and all(
-            each.quantity is not Quantity.MOTOR_POSITION for each in self._names
-        ):
-            self._found.say(
-                TABLE_POSITION,
-                f"{table.name!r} is taken as measured at the table; if it is the motor's encoder, "
-                "there is no stretch of the screw in it",
-                assumed=True,
+        named = {each.quantity for each in self._names}
+        if table.quantity is Quantity.POSITION and Quantity.MOTOR_POSITION not in named:
+            words = (
+                f"{table.name!r} is taken as measured at the table; if it is the motor's encoder"
             )
+            words += ", there is no stretch of the screw in it"
+            self._found.say(TABLE_POSITION, words, assumed=True)
 
     def _motor(self, motor: ColumnName) -> None:
         lead = self._lead
         if motor.si_unit == "m" and lead is None:
-            self._found.say(
-                "lead_m",
-                f"cannot be told: the controller gives the motor's encoder as travel "
-                f"({motor.name!r} in {motor.unit})",
-            )
+            words = f"as travel ({motor.name!r} in {motor.unit})"
+            words = f"cannot be told: the controller gives the motor's encoder {words}"
+            self._found.say("lead_m", words)
             self._ask_lead()
         elif motor.si_unit == "m" and lead is not None:
             self._columns[ANGLE] = ColumnMap(motor.name, SI[motor.unit][0] * TURN / lead)
@@ -261,16 +256,12 @@ class Motion:
         link = self._link(table.column, motor) if table else None
         if table is None or link is None:
             return
-        resolution = max(
-            abs(table.scale) * _resolution(self._values[table.column]),
-            abs(table.scale * link.factor) * _resolution(self._values[motor]),
-        )
+        of_motor = abs(link.factor) * _resolution(self._values[motor])
+        resolution = abs(table.scale) * max(_resolution(self._values[table.column]), of_motor)
         if abs(table.scale) * link.residual < max(0.6 * resolution, _DERIVED * _USUAL_STRETCH_M):
             del self._columns[TABLE_POSITION]
-            self._found.say(
-                TABLE_POSITION,
-                f"left out: {table.column!r} is {motor!r} times a number, so no second encoder",
-            )
+            words = f"left out: {table.column!r} is {motor!r} times a number, so no second encoder"
+            self._found.say(TABLE_POSITION, words)
 
     def _from_error(self, setpoint: ColumnName | None) -> None:
         """Position as set point less error, where no column holds it."""
@@ -284,11 +275,9 @@ class Motion:
             self._found.say(TABLE_POSITION, f"{error.name!r} leads: it is position less set point")
             return
         self._columns[TABLE_POSITION] = ColumnMap(setpoint.name, SI[unit][0], minus=error.name)
-        self._found.say(
-            TABLE_POSITION,
-            f"{setpoint.name!r} less {error.name!r}, in {unit} ({why}): it comes "
-            f"{late:.0f} samples after the set point",
-        )
+        words = f"it comes {late:.0f} samples after the set point"
+        words = f"{setpoint.name!r} less {error.name!r}, in {unit} ({why}): {words}"
+        self._found.say(TABLE_POSITION, words)
 
     def _setpoint(self, setpoint: ColumnName) -> None:
         table = self._columns.get(TABLE_POSITION)

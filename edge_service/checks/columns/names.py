@@ -123,7 +123,6 @@ _SUFFIX_AXIS = re.compile(r"[_./ :]([XYZABCUVW]\d?|[Aa]x(?:is)?_?\d+)$")
 _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-zà-ÿ]+\d?|[A-Z]+\d?|\d+(?:st|nd)|#\d+")
 _NUMBERED = re.compile(r"#?\d+|col(?:umn)?_?\d+|ch(?:annel)?_?\d+|", re.IGNORECASE)
 
-
 _CANONICAL = {
     TIME: (Quantity.TIME, "s"),
     TORQUE: (Quantity.TORQUE, "N m"),
@@ -136,15 +135,11 @@ _CANONICAL = {
     EXTERNAL_FORCE: (Quantity.FORCE, "N"),
 }
 _CONTROLLER = {
-    short: (
-        Quantity.CURRENT if "Curr" in short or "CURR" in short else _CANONICAL[channel][0],
-        rank,
-    )
+    short: (Quantity.CURRENT if "curr" in short.lower() else _CANONICAL[channel][0], rank)
     for signals in (SINUMERIK_SIGNALS, EDGE_SIGNALS)
     for channel, shorts in signals.items()
     for rank, short in enumerate(shorts)
 }
-
 
 QUANTITIES = {
     **{channel: quantity for channel, (quantity, _) in _CANONICAL.items()},

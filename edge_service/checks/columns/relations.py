@@ -157,10 +157,9 @@ def lags(later: Floats, earlier: Floats) -> float:
     """Samples by which one position comes after another: the least squares shift, up to 50."""
     most = min(50, len(later) // 4)
     centre = slice(most, len(later) - most)
-    best, least = 0, math.inf
-    for shift in range(-most, most + 1):
+
+    def left(shift: int) -> float:
         moved = earlier[most - shift : len(earlier) - most - shift]
-        left = float(np.nanvar(later[centre] - moved))
-        if left < least:
-            best, least = shift, left
-    return float(best)
+        return float(np.nanvar(later[centre] - moved))
+
+    return float(min(range(-most, most + 1), key=left))

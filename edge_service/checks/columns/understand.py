@@ -85,11 +85,8 @@ def _best_effort(
 ) -> ColumnName | None:
     """A torque, else a current that follows the direction, else whatever does so."""
     for quantity in (Quantity.TORQUE, Quantity.CURRENT):
-        able = [
-            each
-            for each in names
-            if each.quantity is quantity and np.nanstd(values[each.name]) > 0.0
-        ]
+        able = [each for each in names if each.quantity is quantity]
+        able = [each for each in able if np.nanstd(values[each.name]) > 0.0]
         if able:
             return min(able, key=lambda each: (each.rank, -_share(values[each.name], speed)))
     volts = [each for each in names if each.quantity is Quantity.OTHER and each.unit in ("V", "%")]
@@ -124,11 +121,8 @@ def _effort_scale(
         return 1.0, f"{column.name!r}"
     what = "current" if column.quantity is Quantity.CURRENT else "effort"
     found.say(TORQUE, f"{column.name!r} is the drive's {what}; N m per {unit} are not known")
-    found.ask(
-        "--torque-constant",
-        f"Torque of the motor per {unit} of {column.name!r}, N m",
-        "inertia and friction in N m need it",
-    )
+    words = f"Torque of the motor per {unit} of {column.name!r}, N m"
+    found.ask("--torque-constant", words, "inertia and friction in N m need it")
     return None, ""
 
 
@@ -137,10 +131,7 @@ def _direction(name: str, effort: Floats, speed: Floats | None, found: Understan
     if speed is None or not is_unsigned(effort, speed):
         return ""
     channel = SETPOINT if SETPOINT in found.columns else TABLE_POSITION
-    found.say(
-        TORQUE,
-        f"{name!r} has no sign: it is positive both ways. It gets the sign of the direction, which "
-        "is right in steady motion and wrong while the axis brakes",
-        assumed=True,
-    )
+    words = f"{name!r} has no sign: it is positive both ways. It gets the sign of the direction, "
+    words += "which is right in steady motion and wrong while the axis brakes"
+    found.say(TORQUE, words, assumed=True)
     return found.columns[channel].column if channel in found.columns else ""

@@ -2,20 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
 from ...messages.samples import Floats
 from .names import ColumnName, Quantity
-from .relations import (
-    changes,
-    follows,
-    lags,
-    proportion,
-    smoothed_speed,
-    travelled,
-    whole_windows,
-)
+from .relations import changes, follows, lags, proportion, smoothed_speed, travelled, whole_windows
 
 _SURE = 0.95
 """Correlation over windows from which one column is the speed, or another position, of another."""
@@ -51,20 +44,17 @@ def _found(
     rest = [name for name in rest if np.mean(np.diff(values[name]) == 0.0) <= _STEPS]
     time_s = values[clock] if clock else np.arange(len(values[open_names[0]]), dtype=np.float64)
     windows = whole_windows(time_s)
-    pair = _position_and_speed(rest, values, time_s, windows)
-    if pair is None:
+    correlation, position, speed = _position_and_speed(rest, values, time_s, windows)
+    if correlation <= _SURE:
         return found
-    position, speed, _ = pair
     position = _later(position, [name for name in rest if name != speed], values, windows)
     found |= {position: Quantity.POSITION, speed: Quantity.SPEED}
     others = [name for name in rest if name not in (position, speed)]
     found |= _setpoint(others, values, position, windows)
     motion = smoothed_speed(values[position], time_s)
-    efforts = {
-        name: abs(follows(values[name], motion))
-        for name in others
-        if name not in found and not _same_ends(values[name], values[position])
-    }
+    others = [name for name in others if name not in found]
+    others = [name for name in others if not _same_ends(values[name], values[position])]
+    efforts = {name: abs(follows(values[name], motion)) for name in others}
     strongest = max(efforts, key=efforts.__getitem__, default="")
     if strongest and efforts[strongest] > _FRICTION:
         found[strongest] = Quantity.CURRENT
@@ -85,17 +75,14 @@ def is_clock(values: Floats) -> bool:
 
 def _position_and_speed(
     names: list[str], values: Mapping[str, Floats], time_s: Floats, windows: Floats
-) -> tuple[str, str, float] | None:
-    best: tuple[str, str, float] | None = None
-    for position in names:
-        moved = changes(values[position], windows)
-        for speed in names:
-            if speed == position:
-                continue
-            link = proportion(moved, travelled(values[speed], time_s, windows))
-            if link and link.correlation > (best[2] if best else _SURE):
-                best = (position, speed, link.correlation)
-    return best
+) -> tuple[float, str, str]:
+    """Greatest correlation of a column's changes with the integral of another, and those two."""
+    found = [(0.0, "", "")]
+    for position, speed in permutations(names, 2):
+        travel = travelled(values[speed], time_s, windows)
+        if link := proportion(changes(values[position], windows), travel):
+            found.append((link.correlation, position, speed))
+    return max(found, key=lambda each: each[0])
 
 
 def _later(position: str, names: list[str], values: Mapping[str, Floats], windows: Floats) -> str:

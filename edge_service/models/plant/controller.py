@@ -53,11 +53,7 @@ def gains_for(
 
 @compiled
 def command_torque(
-    gains: Gains,
-    setpoint: Floats,
-    position_m: float,
-    speed_rad_s: float,
-    integral_nm: float,
+    gains: Gains, setpoint: Floats, position_m: float, speed_rad_s: float, integral_nm: float
 ) -> tuple[float, float]:
     """Torque command, N m, and the integral part for the next period, N m.
 

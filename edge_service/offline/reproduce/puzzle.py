@@ -30,10 +30,7 @@ from ..recordings import Progress, silent
 from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, write_study
 
 BENCH = {"guide_force_n": 0.0, "table_mass_kg": 20.0}
-HIDDEN = (
-    "stribeck:excess_nm=0.1,speed_rad_s=4",
-    "warmup:excess_nm=0.08,time_constant_s=200",
-)
+HIDDEN = ("stribeck:excess_nm=0.1,speed_rad_s=4", "warmup:excess_nm=0.08,time_constant_s=200")
 """Beside the Coulomb friction and the falling stiffness that the bench has anyway."""
 SESSION = (("acceleration", None), ("friction", None), ("warmup", 60.0), ("production", 40.0))
 ROUNDS = 2

@@ -18,13 +18,7 @@ from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
 from edge_service.estimate.imm.bank import CompiledBank, run_bank
 from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.health.store.history import CHUNKS_S, HOUR_S, History, put_chunk
-from edge_service.health.store.rows import (
-    QUANTITIES,
-    ROW,
-    STATUSES,
-    aggregate,
-    between,
-)
+from edge_service.health.store.rows import QUANTITIES, ROW, STATUSES, aggregate, between
 from edge_service.health.store.store import Store
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.samples import CHANNELS, Floats, SampleFrame

@@ -10,13 +10,7 @@ from typing import Any
 
 import pytest
 
-from ...bench.real_machines import (
-    ACTUATOR_TOML,
-    DATA,
-    SCREW_TOML,
-    recordings,
-    screw_actuator,
-)
+from ...bench.real_machines import ACTUATOR_TOML, DATA, SCREW_TOML, recordings, screw_actuator
 from ..conftest import diagnosed
 
 """At one speed and without the sign of the current all of these are the same."""

@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.base import DriverUnavailableError
-from drivers.folder.driver import (
-    BETWEEN_S,
-    Arrivals,
-    FolderConfig,
-    FolderDriver,
-    has_proper_end,
-)
+from drivers.folder.driver import BETWEEN_S, Arrivals, FolderConfig, FolderDriver, has_proper_end
 from edge_service.messages.samples import TABLE_POSITION, TORQUE, SampleFrame
 
 from ..bench import CONTEXT

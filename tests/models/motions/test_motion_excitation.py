@@ -7,12 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.models.motions.excitation import (
-    Chirp,
-    Multisine,
-    Shaken,
-    Wave,
-)
+from edge_service.models.motions.excitation import Chirp, Multisine, Shaken, Wave
 from edge_service.models.motions.registry import MOTIONS, MotionLimits
 
 BENCH = MotionLimits(0.04, 0.76)

@@ -66,9 +66,7 @@ AXES = st.fixed_dictionaries(
 @pytest.mark.parametrize("name", OF_MOVES)
 @given(axis=AXES, jerk_m_s3=st.floats(5.0, 2000.0), clip=st.booleans())
 @settings(
-    max_examples=25,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_moves_keep_every_limit_or_are_refused_in_one_line(
     name: str, machine: Machine, axis: dict[str, float], jerk_m_s3: float, clip: bool
@@ -202,10 +200,7 @@ def test_reversals_are_of_the_stated_sizes_at_three_positions_from_either_side()
         for station in (0.16, 0.4, 0.64)
         for way in (1, -1)
         for size in sizes
-        for step in (
-            (station, -way * size),
-            (round(station - way * size * 1e-6, 9), way * size),
-        )
+        for step in ((station, -way * size), (round(station - way * size * 1e-6, 9), way * size))
     ]
     assert steps == expected
 
