@@ -151,7 +151,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 938,
-    "checks": 3601,
+    "checks": 3598,
     "cli": 1340,
     "config": 631,
     "diagnose": 5046,
@@ -161,15 +161,15 @@ MOST_LINES = {
     "fingerprint": 2942,
     "health": 4849,
     "http_api": 2480,
-    "messages": 2062,
-    "models": 5793,
+    "messages": 2057,
+    "models": 5791,
     "nodes": 2941,
-    "offline": 5604,
+    "offline": 5603,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,
     "beside the rooms": 796,
-    "tests": 47236,
+    "tests": 47228,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 387

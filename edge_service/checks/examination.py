@@ -22,23 +22,8 @@ from ..messages.samples import (
     SampleFrame,
 )
 from ..models.machine import Machine
-from .clock import check_clock
+from . import positions, signals, torque
 from .finding import Finding, Verdict
-from .positions import (
-    check_encoder_lag,
-    check_lead,
-    check_motor_speed,
-    check_setpoint,
-    check_table_speed,
-)
-from .signals import (
-    check_columns,
-    check_limits,
-    check_signals,
-    check_stroke,
-    check_temperature,
-)
-from .torque import check_torque
 
 SLACK_S = 1.0
 """Shorter halves of a recording are not asked whether they show a mistake as well."""
@@ -49,96 +34,91 @@ class Check:
     """One entry of the registry.
 
     Attributes:
-        needed: channels without which there is nothing to check.
         compared: what is held against what.
         remedy: what to do where it doubts.
+        needed: channels without which there is nothing to check.
     """
 
-    name: str
-    needed: AbstractSet[str]
     run: Callable[[Machine, Sequence[SampleFrame]], Finding]
     compared: str
     remedy: str
+    needed: AbstractSet[str] = frozenset()
+
+    @property
+    def name(self) -> str:
+        """Name by which it is told."""
+        return self.run.__name__.removeprefix("check_")
 
 
 CHECKS: tuple[Check, ...] = (
     Check(
-        "rate",
-        frozenset(),
-        check_clock,
+        signals.check_rate,
         "steps of time_s; speeds and inertia that would need another unit of time",
         "give the unit in columns.time_s, as in { column = ..., scale = 1e-3 }",
     ),
     Check(
-        "signals",
-        frozenset(),
-        check_signals,
+        signals.check_signals,
         "every channel against its own first value",
         "check that the device is switched on and the right channel is recorded",
     ),
     Check(
-        "lead",
-        {ANGLE, TABLE_POSITION},
-        check_lead,
+        signals.check_samples,
+        "every sample of torque and positions against its neighbours",
+        "look for lost or late telegrams, overflows and slow channels; record all at one rate",
+    ),
+    Check(
+        positions.check_lead,
         "table_position_m over motor_angle_rad against axis.lead_m",
         "check axis.lead_m, and the scales of columns.motor_angle_rad and .table_position_m",
+        {ANGLE, TABLE_POSITION},
     ),
     Check(
-        "encoder_lag",
-        {ANGLE, TABLE_POSITION},
-        check_encoder_lag,
+        positions.check_encoder_lag,
         "times of table_position_m and motor_angle_rad",
         "record both encoders at the same instant",
+        {ANGLE, TABLE_POSITION},
     ),
     Check(
-        "setpoint",
-        {SETPOINT},
-        check_setpoint,
+        positions.check_setpoint,
         "position against position_setpoint_m, in motion and at rest",
         "check axis.lead_m and the scales of the position and of columns.position_setpoint_m",
+        {SETPOINT},
     ),
     Check(
-        "motor_speed",
-        {ANGLE, MOTOR_SPEED},
-        check_motor_speed,
+        positions.check_motor_speed,
         "motor_speed_rad_s against the rate of motor_angle_rad",
         "check the scale of columns.motor_speed_rad_s",
+        {ANGLE, MOTOR_SPEED},
     ),
     Check(
-        "table_speed",
-        {TABLE_POSITION, TABLE_SPEED},
-        check_table_speed,
+        positions.check_table_speed,
         "table_speed_m_s against the rate of table_position_m",
         "check the scale of columns.table_speed_m_s",
+        {TABLE_POSITION, TABLE_SPEED},
     ),
     Check(
-        "torque",
-        {TORQUE},
-        check_torque,
+        torque.check_torque,
         "torque_command_nm against acceleration and direction, and model.inertia_kg_m2",
         "check sign and scale of columns.torque_command_nm, axis.lead_m and model.inertia_kg_m2, "
         "or whether it needs faster samples",
+        {TORQUE},
     ),
     Check(
-        "limits",
-        frozenset(),
-        check_limits,
+        signals.check_limits,
         "greatest speed and torque against axis.max_speed_rad_s and axis.max_torque_nm",
         "check the scales of the columns, or the limits in the machine file",
     ),
     Check(
-        "stroke",
-        {TABLE_POSITION},
-        check_stroke,
+        signals.check_stroke,
         "range of table_position_m against axis.stroke_m",
         "check the zero and the scale of columns.table_position_m, and axis.stroke_m",
+        {TABLE_POSITION},
     ),
     Check(
-        "temperature",
-        {TEMPERATURE},
-        check_temperature,
+        signals.check_temperature,
         "range of temperature_c against what a machine can have",
         "check the scale and the offset of columns.temperature_c",
+        {TEMPERATURE},
     ),
 )
 """Checks in the order in which they are told: what spoils the others comes first."""
@@ -154,7 +134,7 @@ def check_plausibility(
         unread: columns of the files that are no channel; None where there are no files.
     """
     channels = {name for frame in recordings for name in frame.channels}
-    found = [] if unread is None else [check_columns(channels, unread)]
+    found = [] if unread is None else [signals.check_columns(channels, unread)]
     has_limits = bool(machine.axis.max_speed_rad_s or machine.axis.max_torque_nm)
     for check in CHECKS:
         if check.needed <= channels and (check.name != "limits" or has_limits):
@@ -173,8 +153,8 @@ def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) 
     long = [frame for frame in recordings if np.ptp(frame.time_s) > 2.0 * SLACK_S]
     first = [frame.part(slice(0, len(frame) // 2)) for frame in long]
     second = [frame.part(slice(len(frame) // 2, None)) for frame in long]
-    halves = [_judged(check, machine, half) for half in (first, second) if half]
-    return replace(found, forbids=all(each.verdict is not Verdict.FITS for each in halves))
+    halves = [_judged(check, machine, half).verdict for half in (first, second) if half]
+    return replace(found, forbids=Verdict.FITS not in halves)
 
 
 def _judged(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:

@@ -75,11 +75,9 @@ def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
     name, least_ms = "encoder_lag", 1e3 * LEAST_LAG_S
     if not lag.determined:
         return Finding(name, Verdict.UNKNOWN, f"cannot tell: {lag.note}", lag, 0.0)
-    if lag.low > least_ms:
-        sentence = f"linear encoder lags rotary by {lag.value:.2g} ms"
-        return Finding(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
-    if lag.high < -least_ms:
-        sentence = f"linear encoder leads rotary by {-lag.value:.2g} ms"
+    if lag.low > least_ms or lag.high < -least_ms:
+        way = "lags" if lag.value > 0.0 else "leads"
+        sentence = f"linear encoder {way} rotary by {abs(lag.value):.2g} ms"
         return Finding(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
     if lag.high - lag.low > 10.0 * least_ms:
         return Finding(name, Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)

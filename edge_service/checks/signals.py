@@ -1,5 +1,7 @@
-"""Checks of channels by themselves: read, measured, and within what an axis can reach."""
+"""Checks of channels by themselves: read in time, measured, and within what an axis can reach."""
 
+import contextlib
+import math
 import re
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
@@ -7,24 +9,34 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 
 from ..messages.features import FAULT_WORDS, Fault
+from ..messages.row_faults import THETA, T, U, X
 from ..messages.samples import (
     ANGLE,
     CHANNELS,
+    MOTOR_SPEED,
     SETPOINT,
     TABLE_POSITION,
+    TABLE_SPEED,
     TEMPERATURE,
+    TIME,
     TORQUE,
     Floats,
     SampleFrame,
 )
 from ..models.machine import Machine
-from .finding import Finding, Verdict
-from .sampling import motion_speeds
+from ..recordings.conditioning import with_angle
+from .channel_regression import regress_channel
+from .finding import FACTOR_TOLERANCE, Finding, Verdict
+from .live.channel_check import LONGER
+from .live.excursions import longest_rows, mend
+from .live.repeats import held
+from .sampling import clock_of, motion_speeds
+from .torque import INERTIA_FACTOR, measured_inertia
 
-_STUCK = {
-    TORQUE: Fault.TORQUE_STUCK,
-    ANGLE: Fault.ANGLE_STUCK,
-    TABLE_POSITION: Fault.TABLE_STUCK,
+_MEASURED = {
+    TORQUE: (U, Fault.TORQUE_STUCK, Fault.TORQUE_OUTLIERS),
+    ANGLE: (THETA, Fault.ANGLE_STUCK, Fault.ANGLE_OUTLIERS),
+    TABLE_POSITION: (X, Fault.TABLE_STUCK, Fault.TABLE_OUTLIERS),
 }
 LEAST_S = 1.0
 """Shorter recordings may well repeat a value, and show no motion to be judged."""
@@ -39,6 +51,54 @@ STROKE_SLACK = 0.02
 LIMIT_SLACK = 1.5
 """Drives overshoot their speed by tenths, and motors give half more than rated for a moment."""
 TEMPERATURES_C = (-40.0, 150.0)
+FASTEST_HZ = 1e5
+"""No controller records an axis faster; a clock in minutes or hours would seem to."""
+UNITS = {"milliseconds": "1e-3", "microseconds": "1e-6", "nanoseconds": "1e-9", "minutes": "60.0"}
+"""Unit that a clock may count in place of seconds -> its scale to seconds."""
+FEW = 5e-4
+"""Share of samples that may seem to be none of a drive's."""
+
+
+def check_rate(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Rate, gaps and jitter, and a unit of time that speeds and inertia contradict."""
+    clock = clock_of([frame.time_s for frame in recordings])
+    said = clock.as_text()
+    odd = clock.is_slow or clock.rate_hz > FASTEST_HZ
+    unit = _other_unit(machine, recordings) if odd else ""
+    if unit:
+        remedy = f"give the unit in columns.{TIME}, as in {{ column = ..., scale = {UNITS[unit]} }}"
+        sentence = f"{TIME} looks like {unit}, not seconds: {said}"
+        return Finding("rate", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=True)
+    if clock.is_slow:
+        said += "; too slow to follow the torque between samples: intervals will be wide"
+        remedy = "record faster if the controller can"
+        return Finding("rate", Verdict.DOUBTFUL, said, remedy=remedy)
+    return Finding("rate", Verdict.FITS, said)
+
+
+def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
+    """Unit that every witness needs; nothing where there is none, or one contradicts.
+
+    A speed is too large by the factor of the clock, an inertia by its square.
+    """
+    witnesses = []  # ratio to what it should be, and the factor by which it may be off
+    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
+        with contextlib.suppress(ValueError):
+            factor = regress_channel(recordings, speed, position, derivative=1).factor
+            if factor.determined and factor.low > 0.0:
+                witnesses.append((factor.value, 1.0 + 5.0 * FACTOR_TOLERANCE))
+    if any(TORQUE in frame.channels for frame in recordings):
+        with contextlib.suppress(ValueError):
+            inertia = measured_inertia(machine, recordings)
+            if inertia.determined and inertia.low > 0.0:
+                ratio = inertia.value / machine.model.inertia_kg_m2.value
+                witnesses.append((math.sqrt(ratio), math.sqrt(INERTIA_FACTOR)))
+    for unit, scale in UNITS.items():
+        if witnesses and all(
+            abs(math.log(ratio * float(scale))) < math.log(within) for ratio, within in witnesses
+        ):
+            return unit
+    return ""
 
 
 def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
@@ -50,27 +110,21 @@ def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
         return ", ".join(repr(name) for name in names[:_SHOWN]) + more
 
     named = [name for name in unread if name]
-    likely = [name for name in named if _TORQUE.search(name)]
-    if TORQUE in channels:
-        sentence = "torque and position are read" if channels & {ANGLE, TABLE_POSITION} else ""
-        sentence = sentence or f"neither {ANGLE} nor {TABLE_POSITION} is read"
-        fits = Verdict.FITS if channels & {ANGLE, TABLE_POSITION} else Verdict.DOUBTFUL
-        return Finding("columns", fits, sentence, compared=compared)
-    if likely:
+    likely = [name for name in named if TORQUE not in channels and _TORQUE.search(name)]
+    verdict, remedy = Verdict.DOUBTFUL, ""
+    if TORQUE in channels and channels & {ANGLE, TABLE_POSITION}:
+        verdict, sentence = Verdict.FITS, "torque and position are read"
+    elif TORQUE in channels:
+        sentence = f"neither {ANGLE} nor {TABLE_POSITION} is read"
+    elif likely:
         sentence = f"no column is read as {TORQUE}, though there is {listed(likely)}"
         remedy = f"add columns.{TORQUE} = {{ column = {likely[0]!r}, scale = ... }}"
     else:
         sentence = f"no column is read as {TORQUE}"
         sentence += f"; not read: {listed(named)}" if named else ""
         remedy = f"name the column of the torque or current in columns.{TORQUE}"
-    return Finding(
-        "columns",
-        Verdict.DOUBTFUL,
-        sentence,
-        compared=compared,
-        remedy=remedy,
-        forbids=bool(likely),
-    )
+    forbids = bool(likely)
+    return Finding("columns", verdict, sentence, compared=compared, remedy=remedy, forbids=forbids)
 
 
 def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -82,23 +136,44 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     if sum(float(np.ptp(frame.time_s)) for frame in recordings if len(frame)) < LEAST_S:
         raise ValueError(f"less than {LEAST_S:g} s")
     there = [name for name in CHANNELS if any(name in frame.channels for frame in recordings)]
-    empty = [name for name in there if not _values(recordings, name).size]
-    spans = {name: np.ptp(_values(recordings, name)) for name in there if name not in empty}
-    still = [name for name, span in spans.items() if span == 0.0]
-    moving = [name for name in (ANGLE, TABLE_POSITION, SETPOINT) if name in {*there} - {*still}]
-    measured = [name for name in _STUCK if name in there]
-    if measured and set(measured) <= {*still, *empty}:
-        said = f"{', '.join(measured)}: not one value changes: the device is off, or not connected"
+    values = {name: _values(recordings, name) for name in there}
+    still = [name for name in there if not values[name].size or np.ptp(values[name]) == 0.0]
+    moving = {ANGLE, TABLE_POSITION, SETPOINT} & {*there} - {*still}
+    stuck = [name for name in _MEASURED if name in still]
+    if stuck and not any(name in there and name not in still for name in _MEASURED):
+        said = f"{', '.join(stuck)}: not one value changes: the device is off, or not connected"
         return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
-    if TORQUE in {*still, *empty} and moving:
-        fault = Fault.NO_TORQUE if TORQUE in empty else Fault.TORQUE_STUCK
+    if TORQUE in still and moving:
+        fault = Fault.TORQUE_STUCK if values[TORQUE].size else Fault.NO_TORQUE
         said = f"{TORQUE}: {FAULT_WORDS[fault]}"
         return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
-    stuck = [name for name in measured if name in {*still, *empty}]
     if stuck and moving:
-        said = "; ".join(f"{name}: {FAULT_WORDS[_STUCK[name]]}" for name in stuck)
+        said = "; ".join(f"{name}: {FAULT_WORDS[_MEASURED[name][1]]}" for name in stuck)
         return Finding("signals", Verdict.DOUBTFUL, said)
     return Finding("signals", Verdict.FITS, "what is measured changes")
+
+
+def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+    """Find samples that no drive can make, and channels that are slower than the others."""
+    period_s = clock_of([frame.time_s for frame in recordings]).period_s
+    known = machine.commissioned
+    usual_s = (0.0, 0.0, 0.0) if known is None or known.hold_s is None else known.hold_s
+    hold_s, bits = [0.0, 0.0, 0.0], []
+    for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+        rows = np.full((len(frame), 8), np.nan)
+        rows[:, T] = frame.time_s
+        for k, (name, (column, _, _)) in enumerate(_MEASURED.items()):
+            rows[:, column] = frame.channels.get(name, np.nan)
+            hold_s[k] = max(hold_s[k], period_s * (held(rows[:, column], np.nan)[0] - 1.0))
+        bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
+    said, found = [], np.concatenate(bits)
+    for k, (name, (_, _, kind)) in enumerate(_MEASURED.items()):
+        if hold_s[k] > LONGER * usual_s[k] + 0.5 * period_s:
+            said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.2g} ms only")
+        if (share := float(np.mean(found & int(kind) != 0))) > FEW:
+            said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
+    verdict = Verdict.DOUBTFUL if said else Verdict.FITS
+    return Finding("samples", verdict, "; ".join(said) or "each sample goes with its neighbours")
 
 
 def check_stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import AfterValidator, PlainSerializer, PlainValidator
 
-from ..checks.live.channel_check import ChannelCheck, ChannelState
+from ..checks.live.channel_check import WITHOUT_TABLE, ChannelCheck, ChannelState
 from ..checks.live.channel_limits import ChannelLimits
+from ..checks.live.excursions import BEFORE, BEHIND, FIRST, longest_rows, mend
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.row_faults import T
 from ..messages.samples import (
@@ -21,15 +22,9 @@ from ..messages.samples import (
     SampleFrame,
     is_uncertain,
 )
-from ..messages.stored import Stored, decoded, encoded
+from ..messages.stored import Stored, StoredFloats
 from .rows import RowScreen, Screened, table_of
-from .statistics import (
-    MAX_SPEED_RAD_S,
-    DownsampleSettings,
-    MotionHistory,
-    absent_block,
-    summarise,
-)
+from .statistics import MAX_SPEED_RAD_S, DownsampleSettings, MotionHistory, absent_block, summarise
 
 _LEARN_ROWS = 16  # rows from which the native period is learned
 _DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
@@ -37,31 +32,17 @@ _MAX_HOLE_ROWS = 6  # native periods without a row that are bridged; more is a g
 _DIRECTION_WINDOW_S = 0.004  # half width of the difference that gives the direction
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
 _MOST_DOUBTED = 1024
-_OF_TABLE = (
-    Fault.NO_TABLE
-    | Fault.TABLE_STUCK
-    | Fault.TABLE_DISAGREES
-    | Fault.TABLE_DOUBTED
-    | Fault.TABLE_SHIFTED
-)
+_OF_TABLE = WITHOUT_TABLE | Fault.NO_TABLE | Fault.TABLE_SHIFTED | Fault.TABLE_OUTLIERS
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
-_SNAPSHOT_SCHEMA: Literal["downsampler/4"] = "downsampler/4"
+_SNAPSHOT_SCHEMA: Literal["downsampler/5"] = "downsampler/5"
 
 
-def _stored_rows(text: object) -> Floats:
-    if not isinstance(text, str):
-        raise ValueError("expected text")
-    return decoded(text, np.float64).reshape(-1, 8)
-
-
-def _stored_faults(text: object) -> Integers:
-    if not isinstance(text, str):
-        raise ValueError("expected text")
-    return decoded(text, np.int64)
-
-
-_Rows = Annotated[Floats, PlainValidator(_stored_rows), PlainSerializer(encoded)]
-_Faults = Annotated[Integers, PlainValidator(_stored_faults), PlainSerializer(encoded)]
+_Rows = Annotated[StoredFloats, AfterValidator(lambda rows: rows.reshape(-1, 8))]
+_Faults = Annotated[
+    Integers,
+    PlainValidator(lambda faults: np.array(faults, np.int64)),
+    PlainSerializer(lambda faults: faults.tolist()),
+]
 
 
 @dataclass(slots=True, eq=False)
@@ -73,6 +54,7 @@ class _Segment:
         fault: (n,), bits of Fault found just before each row.
         first: first row of the current interval.
         seen: rows that were searched for gaps.
+        mended: rows that were searched for samples that no drive can make.
         history: motion before the current interval.
     """
 
@@ -80,6 +62,7 @@ class _Segment:
     fault: _Faults = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     first: int = 0
     seen: int = 0
+    mended: int = 0
     history: MotionHistory = field(default_factory=MotionHistory)
 
     def split(self, row: int) -> "_Segment":
@@ -88,12 +71,18 @@ class _Segment:
         self.rows, self.fault = self.rows[:row], self.fault[:row]
         return rest
 
+    def mend(self, longest: int, stop: int) -> None:
+        """Replace samples that no drive can make, of the rows before `stop`."""
+        self.fault |= mend(self.rows, self.mended, stop, longest)
+        self.mended = max(self.mended, stop)
+
     def forget(self, reach: int) -> None:
         """Keep only what later differences need."""
-        drop = max(0, self.first - reach - 1)
+        drop = max(0, min(self.first, self.mended) - reach - 1)
         self.rows, self.fault = self.rows[drop:], self.fault[drop:]
         self.first -= drop
         self.seen = max(0, self.seen - drop)
+        self.mended = max(0, self.mended - drop)
 
 
 @dataclass(slots=True, eq=False)
@@ -101,6 +90,8 @@ class _State:
     """Everything that the next samples meet, as it is stored.
 
     Attributes:
+        longest: rows of the longest excursion that is looked for.
+        ahead: rows behind an interval that its statistics and that search need.
         absent: interval -> bits of Fault, of values that its rows lack.
         doubted: intervals with samples that the source doubts.
         pending_fault: end of a segment without an interval left to report it.
@@ -109,11 +100,13 @@ class _State:
         faults: name of a fault -> intervals that had it.
     """
 
-    schema: Literal["downsampler/4"] = _SNAPSHOT_SCHEMA
+    schema: Literal["downsampler/5"] = _SNAPSHOT_SCHEMA
     screen: RowScreen | None = None
     segment: _Segment = field(default_factory=_Segment)
     period_s: float | None = None
     reach: int = 1
+    longest: int = 0
+    ahead: int = 1
     absent: dict[int, int] = field(default_factory=dict)
     doubted: Annotated[set[int], PlainSerializer(sorted)] = field(default_factory=set)
     pending_fault: int = 0
@@ -140,8 +133,7 @@ class Downsampler:
         self._settings = settings
         self._ratio = ratio_m_per_rad
         self._channels = ChannelCheck(
-            settings.channels or ChannelLimits.of_ratio(ratio_m_per_rad),
-            MAX_SPEED_RAD_S,
+            settings.channels or ChannelLimits.of_ratio(ratio_m_per_rad), MAX_SPEED_RAD_S
         )
         self._state = _State()
 
@@ -163,6 +155,11 @@ class Downsampler:
         return self._state.faults
 
     @property
+    def hold_s(self) -> Floats:
+        """Mean time for which torque, motor angle and table repeat a value, s, (3,)."""
+        return self._channels.state.hold_s
+
+    @property
     def due_s(self) -> float:
         """Time of the sample that completes the current interval, s; -inf while it is unknown."""
         state, segment = self._state, self._state.segment
@@ -170,7 +167,7 @@ class Downsampler:
             return -np.inf
         interval = self._interval_of(segment.rows[segment.first, T])
         end_s = (interval + 1 - _GRID_SLACK) * self._settings.interval_s
-        return end_s + (state.reach - 0.5) * state.period_s
+        return end_s + (state.ahead - 0.5) * state.period_s
 
     def push(self, frame: SampleFrame) -> list[FeatureBlock]:
         """Take the next samples; return the intervals that they complete."""
@@ -216,12 +213,14 @@ class Downsampler:
                 return blocks
             state.period_s = float(np.median(np.diff(segment.rows[:_LEARN_ROWS, T])))
             state.reach = max(1, round(_DIRECTION_WINDOW_S / state.period_s))
+            state.longest = longest_rows(state.period_s)
+            state.ahead = state.reach + (state.longest + BEHIND if state.longest else 0)
         while (gap := self._next_gap(state.period_s)) is not None:
             rest = state.segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
             blocks += self._absent_before(self._interval_of(rest.rows[0, T]))
             state.segment = rest
-        return blocks + self._cut(look_ahead=state.reach)
+        return blocks + self._cut(state.ahead)
 
     def _interval_of(self, time_s: float) -> int:
         return int(np.floor(time_s / self._settings.interval_s + _GRID_SLACK))
@@ -268,13 +267,14 @@ class Downsampler:
         if state.period_s is None or len(segment.rows) < 2:
             return []
         blocks = []
+        segment.mend(state.longest, len(segment.rows) - look_ahead + state.reach * bool(look_ahead))
         time_s = segment.rows[segment.first :, T]
         interval = np.floor(time_s / self._settings.interval_s + _GRID_SLACK)
         for end in (np.flatnonzero(np.diff(interval)) + 1 + segment.first).tolist():
             if end + look_ahead >= len(segment.rows):
                 break
             blocks.append(self._summarise(end))
-        segment.forget(state.reach)
+        segment.forget(max(state.reach, BEFORE + FIRST))
         if state.absent:  # those before the current interval were bridged or reported
             current = self._interval_of(segment.rows[segment.first, T])
             state.absent = {i: lacking for i, lacking in state.absent.items() if i >= current}

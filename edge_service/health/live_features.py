@@ -11,8 +11,8 @@ from .inputs import fault_name
 KEPT = 3000
 _QUALITY_MEMORY = 600
 _LOST_BY = {
-    "torque": Fault.NO_TORQUE | Fault.TORQUE_STUCK,
-    "motor angle": Fault.NO_POSITION | Fault.ANGLE_STUCK,
+    "torque": Fault.NO_TORQUE | Fault.TORQUE_STUCK | Fault.TORQUE_HELD,
+    "motor angle": Fault.NO_POSITION | Fault.ANGLE_STUCK | Fault.ANGLE_HELD,
     "table position": Fault.NO_TABLE,
 }
 _CHANNELS = (*_LOST_BY, "temperature", "external force")

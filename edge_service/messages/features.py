@@ -28,6 +28,12 @@ class Fault(IntFlag):
     TABLE_SHIFTED = 1 << 15  # its level may be another than before it was doubted
     TORQUE_STUCK = 1 << 16  # with STUCK: the torque repeats one value
     ANGLE_STUCK = 1 << 17  # with STUCK: the motor angle repeats one value
+    TORQUE_OUTLIERS = 1 << 18  # samples of the torque that no drive can make were left out
+    ANGLE_OUTLIERS = 1 << 19
+    TABLE_OUTLIERS = 1 << 20
+    TORQUE_HELD = 1 << 21  # it repeats its values for longer than at commissioning
+    ANGLE_HELD = 1 << 22
+    TABLE_HELD = 1 << 23
 
 
 FAULT_WORDS = {
@@ -49,20 +55,18 @@ FAULT_WORDS = {
     Fault.TABLE_SHIFTED: "the zero of the linear encoder may have shifted",
     Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
     Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",
+    Fault.TORQUE_OUTLIERS: "samples of the torque that no drive can make, left out",
+    Fault.ANGLE_OUTLIERS: "samples of the motor angle that no drive can make, left out",
+    Fault.TABLE_OUTLIERS: "samples of the linear encoder that no drive can make, left out",
+    Fault.TORQUE_HELD: "the torque repeats its values for longer than at commissioning",
+    Fault.ANGLE_HELD: "the motor angle repeats its values for longer than at commissioning",
+    Fault.TABLE_HELD: "the linear encoder repeats its values for longer than at commissioning",
 }
 """Kind of fault -> its words, wherever it is told."""
 
-UNUSABLE = (
-    Fault.GAP
-    | Fault.TIME_BACKWARDS
-    | Fault.STUCK
-    | Fault.IMPLAUSIBLE
-    | Fault.NO_TORQUE
-    | Fault.NO_POSITION
-)
+UNUSABLE = Fault.GAP | Fault.TIME_BACKWARDS | Fault.STUCK | Fault.IMPLAUSIBLE
+UNUSABLE |= Fault.NO_TORQUE | Fault.NO_POSITION | Fault.TORQUE_HELD | Fault.ANGLE_HELD
 """An interval with one of these is no good data."""
-DOUBTFUL = Fault.HOLE | Fault.SATURATED | Fault.DOUBTED | Fault.SPARSE
-"""An interval with one of these may be read, with doubt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,11 +156,6 @@ class FeatureBlock:
     def usable(self) -> bool:
         """Return whether an estimator may read this interval as good data."""
         return not self.fault & UNUSABLE
-
-    @property
-    def uncertain(self) -> bool:
-        """Usable, but something in it was bridged or limited."""
-        return self.usable and bool(self.fault & DOUBTFUL)
 
 
 PHASE_FIELDS = tuple(field.name for field in fields(Phase))

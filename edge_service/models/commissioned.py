@@ -58,6 +58,8 @@ class CommissionedConfig(_Table):
     transmission: TransmissionConfig | None = None
     sample_period_s: float | None = Field(None, gt=0.0, exclude_if=_is_none)
     """Time between the samples behind it; None of those as fast as a drive holds its torque."""
+    hold_s: tuple[float, float, float] | None = Field(None, exclude_if=_is_none)
+    """For how long torque, motor angle and table repeat a value; 0: new in each sample."""
     interval_s: float | None = Field(None, ge=0.001, le=10.0, exclude_if=_is_none)
     """Length of a block of features; None: 0.1 s."""
     assumed_fresh: bool | None = Field(None, exclude_if=_is_none)  # said, not shown

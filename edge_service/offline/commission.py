@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import tomlkit
 
 from ..atomic import replaced_file
@@ -13,6 +15,7 @@ from ..estimate.commissioning.phases import CommissioningError, observed_limits
 from ..estimate.commissioning.shares import doubt_of_fresh_screw
 from ..messages.features import FeatureBlock
 from ..messages.interval import Interval, printed
+from ..messages.samples import Floats
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
@@ -61,10 +64,10 @@ def commission_to_file(
         interval_s = nominal.commissioned.interval_s
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
-    recordings = [_blocks(trace, nominal, limits, interval_s, progress) for trace in traces]
+    recordings, hold_s = _read(traces, uncommissioned, limits, interval_s, progress)
     observed = observed_limits(recordings)
     if observed != limits:
-        recordings = [_blocks(trace, nominal, observed, interval_s, progress) for trace in traces]
+        recordings, hold_s = _read(traces, uncommissioned, observed, interval_s, progress)
     progress("identifying the axis")
     try:
         machine = commissioned(recordings, nominal, observed)
@@ -72,7 +75,8 @@ def commission_to_file(
         names = ", ".join(str(trace) for trace in traces)
         raise ConfigError(f"{names}: {error}") from error
     doubt = doubt_of_fresh_screw(nominal, machine)
-    more: dict[str, float | bool] = {} if interval_s is None else {"interval_s": interval_s}
+    more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist())}
+    more |= {} if interval_s is None else {"interval_s": interval_s}
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
@@ -119,17 +123,22 @@ def _not_as_fresh(
     return unlike
 
 
-def _blocks(
-    trace: Path,
+def _read(
+    traces: Sequence[Path],
     machine: Machine,
     limits: SteadyLimits,
     interval_s: float | None,
     progress: Progress,
-) -> list[FeatureBlock]:
-    downsampler = make_downsampler(machine, limits, interval_s)
-    with open_recording(machine, trace) as reader:
-        frames = reported(reader, f"reading {trace.name}", progress)
-        return [block for frame in frames for block in downsampler.push(frame)]
+) -> tuple[list[list[FeatureBlock]], Floats]:
+    """Blocks of each recording, and for how long its channels repeat a value, s, (3,)."""
+    found, hold_s = [], np.zeros(3)
+    for trace in traces:
+        downsampler = make_downsampler(machine, limits, interval_s)
+        with open_recording(machine, trace) as reader:
+            frames = reported(reader, f"reading {trace.name}", progress)
+            found.append([block for frame in frames for block in downsampler.push(frame)])
+        hold_s = np.maximum(hold_s, downsampler.hold_s)
+    return found, hold_s
 
 
 def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:

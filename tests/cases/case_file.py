@@ -24,6 +24,9 @@ class Edit(Strict):
     unsigned: list[str] = []
     stuck: list[str] = []
     missing: list[str] = []
+    value: dict[str, float] = {}
+    old_rows: dict[str, int] = {}
+    held_rows: dict[str, int] = {}
     noise: dict[str, float] = {}
     drag_nm: float = Field(0.0, description="added to the torque, with the sign of the speed")
     repeated_rows: float = 0.0
@@ -31,9 +34,9 @@ class Edit(Strict):
     clock_jump_s: float = 0.0
     clock_restart: bool = False
     between_s: tuple[float, float] | None = Field(
-        None, description="only there: scale, shift, stuck, missing"
+        None, description="only there: scale, shift, stuck, missing, value, old_rows"
     )
-    share: float = Field(1.0, description="of the cells that go missing")
+    share: float = Field(1.0, description="of the cells: missing, value, old_rows")
 
 
 class Foreign(Strict):

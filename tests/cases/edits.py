@@ -37,6 +37,13 @@ def _in_place(columns: Columns, edit: Edit, rng: np.random.Generator) -> None:
         columns[name][there] = columns[name][there][0]
     for name in edit.missing:
         columns[name][there & (rng.random(len(there)) < edit.share)] = np.nan
+    for name, value in edit.value.items():
+        columns[name][there & (rng.random(len(there)) < edit.share)] = value
+    for name, rows in edit.old_rows.items():
+        late = np.flatnonzero(there & (rng.random(len(there)) < edit.share))
+        columns[name][late] = columns[name][np.maximum(late - rows, 0)]
+    for name, rows in edit.held_rows.items():
+        columns[name] = np.repeat(columns[name][::rows], rows)[: len(there)]
     for name, deviation in edit.noise.items():
         columns[name][there] = deviation * rng.standard_normal(there.sum())
 

@@ -40,7 +40,6 @@ def test_a_slow_moving_axis_is_not_stuck_and_its_samples_are_called_sparse(rate_
     for block in blocks:
         assert block.fault == (Fault.SPARSE if sparse else Fault.NONE)
         assert block.usable
-        assert block.uncertain == sparse
         assert block.speed_start_rad_s == pytest.approx(SPEED_RAD_S)
 
 

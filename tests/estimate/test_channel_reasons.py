@@ -45,6 +45,9 @@ MACHINE = Machine.model_validate(
         (Fault.STUCK | Fault.TORQUE_STUCK, ["torque_stuck"]),
         (Fault.STUCK | Fault.ANGLE_STUCK, ["angle_stuck"]),
         (Fault.NO_TORQUE | Fault.NO_POSITION, ["torque_missing", "angle_missing"]),
+        (Fault.TORQUE_OUTLIERS | Fault.TABLE_OUTLIERS, ["torque_outliers", "table_outliers"]),
+        (Fault.ANGLE_OUTLIERS | Fault.TORQUE_HELD, ["angle_outliers", "torque_held"]),
+        (Fault.NO_TABLE | Fault.TABLE_HELD | Fault.ANGLE_HELD, ["angle_held", "table_held"]),
     ],
 )
 def test_each_fault_of_a_channel_has_its_code(fault: Fault, codes: list[str]) -> None:

@@ -192,7 +192,7 @@ def test_every_check_says_what_it_compares_and_what_to_do(healthy: SampleFrame) 
 def test_an_axis_that_is_what_it_says_raises_no_doubt(healthy: SampleFrame) -> None:
     findings = examined(MACHINE, healthy)
     assert {each.verdict for each in findings.values()} == {Verdict.FITS}
-    assert len(findings) == 10
+    assert len(findings) == 11
     lead = findings["lead"].figure
     assert lead is not None
     assert lead.low <= 20.0 + 1e-3
@@ -319,5 +319,5 @@ def test_slow_samples_are_called_slow_and_nothing_else(healthy: SampleFrame, eve
 def test_channels_that_are_not_there_are_not_judged(healthy: SampleFrame) -> None:
     only = SampleFrame(healthy.time_s, {TORQUE: healthy.channels[TORQUE]})
     findings = examined(MACHINE, only)
-    assert set(findings) == {"rate", "signals", "torque"}
+    assert set(findings) == {"rate", "signals", "samples", "torque"}
     assert findings["torque"].verdict is Verdict.UNKNOWN

@@ -4,17 +4,17 @@ A channel that fails is doubted at once; the linear encoder is believed again af
 the screw for a while, and its level counts as new then.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...messages.features import FAULT_WORDS, Fault
 from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
-from ...messages.stored import Number
+from ...messages.stored import Number, StoredFloats
 from .channel_limits import ChannelLimits
-from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, limits_of, pieces_of
-from .repeats import EncoderResolution, OpenRun, followed, standing
+from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, parted_m, pieces_of
+from .repeats import FORGET, OpenRun, followed, held, standing
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
@@ -24,29 +24,30 @@ SETTLED_S = 60.0
 """A fault within so much motion after a trial doubles the next one."""
 LOST_S = 1.0
 """A channel that was missing for longer may have been reset."""
-_ALONE = "preload from torque alone"
-_CODES = {
-    Fault.TORQUE_STUCK: "torque_stuck",
+_SMOOTH = 1.0 / 16.0
+"""Of the noise of the last interval."""
+LONGER = 1.5
+"""Factor on the hold of a channel at commissioning from which on its lag is another."""
+_HELD = ((U, Fault.TORQUE_HELD), (THETA, Fault.ANGLE_HELD), (X, Fault.TABLE_HELD))
+_OF_ALL = Fault.TORQUE_STUCK | Fault.NO_TORQUE | Fault.TORQUE_OUTLIERS | Fault.TORQUE_HELD
+_OF_ALL |= Fault.ANGLE_STUCK | Fault.NO_POSITION | Fault.ANGLE_OUTLIERS | Fault.ANGLE_HELD
+_OF_ALL |= Fault.TABLE_OUTLIERS
+WITHOUT_TABLE = Fault.TABLE_STUCK | Fault.TABLE_DISAGREES | Fault.TABLE_DOUBTED | Fault.TABLE_HELD
+_MISSING_CODES = {
     Fault.NO_TORQUE: "torque_missing",
-    Fault.ANGLE_STUCK: "angle_stuck",
     Fault.NO_POSITION: "angle_missing",
-}
-_OF_TABLE = {
-    Fault.TABLE_STUCK: "table_stuck",
-    Fault.TABLE_DISAGREES: "table_disagrees",
-    Fault.TABLE_DOUBTED: "table_doubted",
     Fault.NO_TABLE: "table_missing",
 }
 
 
 def channel_reasons(fault: Fault) -> tuple[str, ...]:
-    """Caveats on the channels of an interval; for the table, the first that applies."""
-    said = [f"{code}: {FAULT_WORDS[kind]}" for kind, code in _CODES.items() if kind in fault]
-    table = [kind for kind in _OF_TABLE if kind in fault][:1]
-    said += [f"{_OF_TABLE[kind]}: {FAULT_WORDS[kind]}; {_ALONE}" for kind in table]
-    if Fault.TABLE_SHIFTED in fault:
-        said.append(f"table_shifted: {FAULT_WORDS[Fault.TABLE_SHIFTED]}")
-    return tuple(said)
+    """Caveats on the channels of an interval; for the table, the first that keeps it out."""
+    without = (list(fault & WITHOUT_TABLE) or list(fault & Fault.NO_TABLE))[:1]
+    return tuple(
+        f"{_MISSING_CODES.get(kind, str(kind.name).lower())}: {FAULT_WORDS[kind]}"
+        + ("; preload from torque alone" if kind in without else "")
+        for kind in (*(fault & _OF_ALL), *without, *(fault & Fault.TABLE_SHIFTED))
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +104,6 @@ class _Trial:
             self.needed_s, self.since_s, self.returned = 0.0, 0.0, True
 
 
-@dataclass(slots=True)
-class _Torque:
-    """Least and most torque of the interval before, and the value at which it is stuck, N m."""
-
-    least: Number = np.nan
-    most: Number = np.nan
-    stuck: Number = np.nan
-
-
 @dataclass(slots=True, eq=False)
 class ChannelState:
     """Everything on which the next interval is checked.
@@ -119,15 +111,21 @@ class ChannelState:
     Attributes:
         agreement: of the encoders; `level` is that before the linear one was doubted.
         table_run, angle_run: of a repeated value, in which the channels end.
+        least_step, hold_s: of torque, motor angle and table: least step from row to row, in their
+            units; time for which they repeat a value, s; (3,) each.
+        torque_nm: least and most of the interval before, and the value at which it is stuck, (3,).
+        noise_m: of the difference between the encoders from row to row.
     """
 
     agreement: Agreement = field(default_factory=Agreement)
     level: Agreement = field(default_factory=Agreement)
-    resolution: EncoderResolution = field(default_factory=EncoderResolution)
+    noise_m: Number = 0.0
     trial: _Trial = field(default_factory=_Trial)
     table_run: OpenRun = field(default_factory=OpenRun)
     angle_run: OpenRun = field(default_factory=OpenRun)
-    torque: _Torque = field(default_factory=_Torque)
+    torque_nm: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
+    least_step: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
+    hold_s: StoredFloats = field(default_factory=lambda: np.zeros(3))
 
 
 class ChannelCheck:
@@ -138,7 +136,9 @@ class ChannelCheck:
     """
 
     def __init__(self, limits: ChannelLimits, fastest_rad_s: float) -> None:
-        self._limits, self._numbers = limits, limits_of(limits)
+        self._limits = limits
+        first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
+        self._numbers = np.array([*first, limits.length_m, limits.stretch_m(1.0)])
         self._fastest_rad_s = fastest_rad_s
         self.state = ChannelState()
 
@@ -149,24 +149,42 @@ class ChannelCheck:
 
     def torque_stays(self, torque: Floats, stuck: bool) -> bool:
         """Flag of a torque (n,) that continues with the value that it was stuck at."""
-        state = self.state.torque
-        goes_on = bool(torque[0] == state.stuck)
+        known_nm = self.state.torque_nm
+        goes_on = bool(torque[0] == known_nm[2])
         whole = goes_on and bool((torque == torque[0]).all())
-        state.stuck = float(torque[-1]) if stuck or whole else np.nan
+        known_nm[2] = torque[-1] if stuck or whole else np.nan
         return goes_on
 
     def check(self, inside: Floats, ahead: Floats) -> Verdict:
-        """Check the positions of an interval.
+        """Check the channels of an interval.
 
         Args:
             inside: (n + 1, 8), the last row begins the next interval.
             ahead: (m, 8), rows after these that are known already.
         """
+        held_longer, verdict = self._held_longer(inside), self._check_positions(inside, ahead)
+        if Fault.TABLE_HELD in held_longer:
+            return Verdict(verdict.fault | held_longer | Fault.NO_TABLE, False, False)
+        return replace(verdict, fault=verdict.fault | held_longer)
+
+    def _held_longer(self, inside: Floats) -> Fault:
+        """Channels that repeat their values for longer than at commissioning."""
+        fault, state, usual_s = Fault.NONE, self.state, self._limits.hold_s
+        period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
+        for k, (column, kind) in enumerate(_HELD):
+            rows, state.least_step[k] = held(inside[:, column], state.least_step[k])
+            hold_s = period_s * (rows - 1.0)
+            state.hold_s[k] = max(hold_s, state.hold_s[k] / FORGET)
+            if usual_s is not None and hold_s > LONGER * usual_s[k] + 0.5 * period_s:
+                fault |= kind
+        return fault
+
+    def _check_positions(self, inside: Floats, ahead: Floats) -> Verdict:
         way = inside[:, THETA] * self._limits.ratio_m_per_rad
-        state, table, torque = self.state, inside[:, X], self.state.torque
-        least, most = float(inside[:, U].min()), float(inside[:, U].max())
-        span_nm = float(np.fmax(most, torque.most) - np.fmin(least, torque.least))
-        torque.least, torque.most = least, most
+        state, table = self.state, inside[:, X]
+        before, least, most = state.torque_nm.copy(), inside[:, U].min(), inside[:, U].max()
+        state.torque_nm[:2] = least, most
+        span_nm = float(np.fmax(most, before[1]) - np.fmin(least, before[0]))
         if np.isnan(table).any():
             return self._without_table(inside, way)
         state.trial.missing_s = 0.0
@@ -192,10 +210,14 @@ class ChannelCheck:
         if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
             state.agreement.interrupt()
             return _verdict(state.trial, Fault.NONE, has_stretch=False)
-        limits, resolution, table = self._limits, state.resolution, inside[:, X]
+        limits, table = self._limits, inside[:, X]
         pieces = pieces_of(inside, limits.ratio_m_per_rad, limits.skew_s)
         speed_m_s = float(np.abs(pieces[:, SPEED]).max())
-        resolution_m, stretch_m = resolution.run_m(speed_m_s), limits.stretch_m(span_nm)
+        period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
+        steps_m = state.least_step[1] * limits.ratio_m_per_rad + state.least_step[2]
+        lags_s = state.hold_s[1:].sum()
+        resolution_m = 4.0 * (steps_m + (2.0 * period_s + lags_s) * speed_m_s)  # of one value
+        stretch_m = limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
         angle_m, _ = standing(way, table, state.angle_run)
         if angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
@@ -205,15 +227,14 @@ class ChannelCheck:
         tables = np.concatenate([table, later[:, X]])
         ways = np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad])
         table_m, open_m = standing(tables, ways, state.table_run)
-        period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
-        rough = np.array([resolution.noise_m, resolution.lag_s(period_s), span_nm])
-        pushed = state.agreement.closed
-        parted_m = state.agreement.parted_m(pieces, self._numbers, rough)
-        hidden_m = stretch_m + (0.0 if pushed and state.agreement.closed else limits.play_m)
+        rough = np.array([state.noise_m, lags_s, span_nm])
+        agreement, pushed = state.agreement, state.agreement.closed
+        apart_m = parted_m(pieces, agreement.contact, agreement.anchors, self._numbers, rough)
+        hidden_m = stretch_m + (0.0 if pushed and agreement.closed else limits.play_m)
         table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
-        if table_stands or parted_m > 0.0:
+        if table_stands or apart_m > 0.0:
             _doubt(state)
-            stuck = table_stands or open_m > 0.5 * parted_m
+            stuck = table_stands or open_m > 0.5 * apart_m
             why = Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES
             return Verdict(why | Fault.NO_TABLE, False, False)
         suspect = max(angle_m, table_m) > resolution_m
@@ -226,9 +247,9 @@ class ChannelCheck:
         state, trial, speeds = self.state, self.state.trial, pieces[:, SPEED]
         turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
         moving = np.abs(speeds) > RESTING_RAD_S * self._limits.ratio_m_per_rad
-        one_way = bool(moving.all()) and bool((speeds[0] * speeds > 0.0).all())
         duration_s = float(inside[-1, T] - inside[0, T])
-        state.resolution.learn(inside[:, X], way, duration_s if one_way else 0.0)
+        noise_m = float(np.median(np.abs(np.diff(way - inside[:, X]))))
+        state.noise_m += _SMOOTH * (noise_m - state.noise_m)
         if trial.doubted and moving.any():
             trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
         trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)

@@ -35,6 +35,7 @@ class ChannelLimits:
         compliance_m_per_n: stretch per force, on the generous side.
         length_m: of the screw that warms up.
         skew_s: lag of the table's samples at commissioning.
+        hold_s: for which torque, motor angle and table repeated a value then; None if unknown.
     """
 
     ratio_m_per_rad: float
@@ -42,6 +43,7 @@ class ChannelLimits:
     compliance_m_per_n: float = 1.0 / SOFTEST_N_PER_M
     length_m: float = LONGEST_SCREW_M
     skew_s: float = 0.0
+    hold_s: tuple[float, float, float] | None = None
 
     @classmethod
     def of_ratio(cls, ratio_m_per_rad: float) -> "ChannelLimits":
@@ -77,6 +79,7 @@ def channel_limits(machine: Machine) -> ChannelLimits:
         _compliance(machine),
         machine.axis.screw_length_m or machine.axis.stroke_m or LONGEST_SCREW_M,
         0.0 if transmission is None else transmission.clock_skew_s,
+        None if commissioned is None else commissioned.hold_s,
     )
 
 

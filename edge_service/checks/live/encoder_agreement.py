@@ -13,7 +13,7 @@ from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...models.compiled import compiled
-from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH, ChannelLimits
+from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
@@ -45,12 +45,6 @@ _Contact = Annotated[StoredFloats, AfterValidator(lambda each: each.reshape(5))]
 _Anchors = Annotated[StoredFloats, AfterValidator(lambda each: each.reshape(4, 5))]
 
 
-def limits_of(limits: ChannelLimits) -> Floats:
-    """Limits in their places, (5,)."""
-    first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
-    return np.array([*first, limits.length_m, limits.stretch_m(1.0)])
-
-
 @dataclass(slots=True, eq=False)
 class Agreement:
     """Comparison of both encoders with earlier pieces at which they agreed.
@@ -77,14 +71,13 @@ class Agreement:
         """Return whether play cannot hide between the encoders."""
         return bool(self.contact[CLOSED])
 
-    def parted_m(self, pieces: Floats, limits: Floats, rough: Floats) -> float:
-        """Take the next pieces (k, 5), as of `pieces_of`; the parting of the encoders
-        beyond a sound axis' limits at the first that does, m, or 0. `rough`: noise, lag, span."""
-        return _parted_m(pieces, self.contact, self.anchors, limits, rough)
-
     def is_elsewhere(self, piece: Floats, limits: Floats, rough: Floats) -> bool:
         """Piece at another level than the last that agreed."""
-        return _is_elsewhere(piece, self.anchors, limits, rough)
+        return any(
+            abs(piece[PARTED] - each[PARTED])
+            > limits[PLAY] + _allowed_m(each, piece, limits, rough)
+            for each in self.anchors[[HELD, REST]]
+        )
 
 
 @compiled
@@ -116,13 +109,13 @@ def _rests(piece: Floats, limits: Floats) -> bool:
 
 
 @compiled
-def _parted_m(
+def parted_m(
     pieces: Floats, contact: Floats, anchors: Floats, limits: Floats, rough: Floats
 ) -> float:
     """Take pieces up to the first at which the encoders part beyond a sound axis' limits, m, or 0.
 
     Args:
-        pieces: (k, 5).
+        pieces: (k, 5), as of `pieces_of`.
         contact: (5,), changed in place.
         anchors: (4, 5), changed in place.
         limits: (5,).
@@ -140,19 +133,16 @@ def _parted_m(
             play_m = limits[PLAY] if name in (HELD, REST) else 0.0
             if apart_m > play_m + _allowed_m(anchors[name], piece, limits, rough):
                 return float(apart_m)
-        _remember(piece, contact, anchors, resting)
+        if np.isnan(anchors[HELD, TIME]):
+            anchors[HELD] = piece
+        if resting:
+            anchors[REST] = piece
+        if contact[CLOSED] != 0.0:
+            if np.isnan(anchors[BEGUN, TIME]):
+                anchors[BEGUN] = piece
+            anchors[NEWEST] = piece
+            anchors[HELD] = piece
     return 0.0
-
-
-@compiled
-def _is_elsewhere(piece: Floats, anchors: Floats, limits: Floats, rough: Floats) -> bool:
-    """Piece at another level than the last that agreed."""
-    for name in (HELD, REST):
-        if not np.isnan(anchors[name, TIME]):
-            apart_m = abs(piece[PARTED] - anchors[name, PARTED])
-            if apart_m > limits[PLAY] + _allowed_m(anchors[name], piece, limits, rough):
-                return True
-    return False
 
 
 @compiled
@@ -185,11 +175,8 @@ def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> fl
     most_m_s = BRAKING_RAD_S2 * limits[RATIO] * (piece[TIME] - contact[PUSHED_TIME])
     pushing = along != 0.0 and along == contact[DIRECTION] and piece[TORQUE] * along > 0.0
     pushing = pushing and gained_m_s >= -most_m_s
-    contact[DIRECTION], contact[PUSHED_SPEED], contact[PUSHED_TIME] = (
-        along,
-        piece[SPEED],
-        piece[TIME],
-    )
+    contact[DIRECTION] = along
+    contact[PUSHED_SPEED], contact[PUSHED_TIME] = piece[SPEED], piece[TIME]
     if not pushing:
         contact[PUSHED_FROM] = np.nan
         return 0.0
@@ -200,16 +187,3 @@ def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> fl
     span_nm = torque_nm if torque_nm > rough[SPAN] else rough[SPAN]
     hidden_m = limits[PLAY] + _stretch_m(span_nm, limits)
     return 1.0 if abs(piece[WAY] - contact[PUSHED_FROM]) >= hidden_m else 0.0
-
-
-@compiled
-def _remember(piece: Floats, contact: Floats, anchors: Floats, resting: bool) -> None:
-    if np.isnan(anchors[HELD, TIME]):
-        anchors[HELD] = piece
-    if resting:
-        anchors[REST] = piece
-    if contact[CLOSED] != 0.0:
-        if np.isnan(anchors[BEGUN, TIME]):
-            anchors[BEGUN] = piece
-        anchors[NEWEST] = piece
-        anchors[HELD] = piece

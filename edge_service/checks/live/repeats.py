@@ -1,7 +1,6 @@
-"""Runs of one repeated value with the travel meanwhile, and what resolution explains of them."""
+"""Runs of one repeated value with the travel meanwhile, and channels that hold their values."""
 
-import math
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,16 +10,17 @@ from ...models.compiled import compiled
 
 LEAST_ROWS = 4
 """Rows from which a value counts as repeated; a slow channel holds each for long."""
-_FORGET = 1.0 + 1.0 / 256.0
+FORGET = 1.0 + 1.0 / 256.0
 """Growth of the least step per interval: a channel may become coarser."""
-_SMOOTH = 1.0 / 16.0
-_LEAST_CHANGES = 5
-_HELD = 1.5
-"""Periods from which a channel is slower than the rows."""
+_LEAST_LEAPS = 5
+HELD_SHARE = 0.3
+"""Of the rows of a channel that leaps, from which on it is held: they repeat a value before."""
+_LEAP, _LONGEST_RUN = 3.0, 40
+"""Times the least step of a channel: what resolution holds goes on by one or two. What stands for
+more rows is at rest, or stuck."""
 
 
-@dataclass(frozen=True, slots=True)
-class OpenRun:
+class OpenRun(NamedTuple):
     """Run of one value in which the rows so far end.
 
     Attributes:
@@ -35,6 +35,7 @@ class OpenRun:
     high_m: Number = -np.inf
 
 
+@compiled
 def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, float]:
     """Longest travel of another channel (n,) while one, (n,), n > 0, stood still, m.
 
@@ -44,18 +45,10 @@ def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, f
     Args:
         before: run in which the earlier rows end.
     """
-    return _caught_up(values, other_m, before.value, before.rows, before.low_m, before.high_m)
-
-
-@compiled
-def _caught_up(
-    values: Floats, other_m: Floats, value: float, earlier: int, low_m: float, high_m: float
-) -> tuple[float, float]:
-    """See `standing`; `earlier` rows of `value` came before, the other within its reach."""
     caught_up_m, count = 0.0, len(values)
     rows, low, high = 0, np.inf, -np.inf
-    if values[0] == value:
-        rows, low, high = earlier, low_m, high_m
+    if values[0] == before.value:
+        rows, low, high = before.rows, before.low_m, before.high_m
     for row in range(count):
         rows += 1
         low, high = min(low, other_m[row]), max(high, other_m[row])
@@ -83,65 +76,23 @@ def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
     return OpenRun(float(values[-1]), rows, low, high)
 
 
-@dataclass(slots=True)
-class ChannelResolution:
-    """Usual step and hold time of one channel; NaN before they are known.
+@compiled
+def held(values: Floats, least: float) -> tuple[float, float]:
+    """Mean rows of a value of a channel (n,) that repeats it and leaps on, else 1; and least step.
 
-    The least over the intervals is taken: motion only adds to the step, coarse steps at slow
-    motion only add to the hold.
-
-    Attributes:
-        step_m: least usual step, as way of the axis: resolution or noise.
-        hold_s: least usual time between two steps of the moving axis.
+    `least` is that so far, NaN if unknown.
     """
-
-    step_m: Number = math.nan
-    hold_s: Number = math.nan
-
-    def learn(self, way_m: Floats, moved_s: float) -> None:
-        """Take a channel (n,) of an interval with motion in one direction for `moved_s`."""
-        steps = np.abs(np.diff(way_m))
-        steps = steps[steps > 0.0]
-        if len(steps) < _LEAST_CHANGES:
-            return
-        self.step_m = _less(self.step_m, _middle(steps))
-        if moved_s > 0.0:
-            self.hold_s = _less(self.hold_s, moved_s / len(steps))
-
-    def way_m(self, speed_m_s: float) -> float:
-        """Longest usual way between two steps, m; infinite while nothing is known."""
-        way = self.step_m + self.hold_s * speed_m_s
-        return math.inf if math.isnan(way) else way
-
-
-@dataclass(slots=True)
-class EncoderResolution:
-    """Resolution of both position channels, and the noise of their difference."""
-
-    table: ChannelResolution = field(default_factory=ChannelResolution)
-    angle: ChannelResolution = field(default_factory=ChannelResolution)
-    noise_m: Number = 0.0
-
-    def learn(self, table_m: Floats, way_m: Floats, moved_s: float) -> None:
-        """Take both channels (n,) of an interval that is believed."""
-        self.table.learn(table_m, moved_s)
-        self.angle.learn(way_m, moved_s)
-        noise_m = _middle(np.abs(np.diff(way_m - table_m)))
-        self.noise_m += _SMOOTH * (noise_m - self.noise_m)
-
-    def run_m(self, speed_m_s: float) -> float:
-        """Longest way during one value of either channel that resolution explains, m."""
-        return 4.0 * (self.table.way_m(speed_m_s) + self.angle.way_m(speed_m_s))
-
-    def lag_s(self, period_s: float) -> float:
-        """Lag of a channel slower than the rows, s."""
-        held = [each.hold_s for each in (self.table, self.angle) if each.hold_s > _HELD * period_s]
-        return sum(held)
-
-
-def _middle(values: Floats) -> float:
-    return float(np.sort(values)[len(values) // 2])
-
-
-def _less(known: float, new: float) -> float:
-    return new if math.isnan(known) else min(_FORGET * known, new)
+    rounding, now = 1e-9 * np.abs(values).max(), np.inf
+    for step in np.abs(values[1:] - values[:-1]):
+        if rounding < step < now:
+            now = step
+    least = now if np.isnan(least) else min(FORGET * least, now)
+    begun, leaps, repeats = 0, 0, 0
+    for row in range(1, len(values)):
+        step = abs(values[row] - values[row - 1])
+        if step >= _LEAP * least and begun and row - begun <= _LONGEST_RUN:
+            leaps, repeats = leaps + 1, repeats + row - begun - 1
+        if step != 0.0:
+            begun = row
+    is_held = leaps >= _LEAST_LEAPS and repeats > HELD_SHARE * (leaps + repeats)
+    return (1.0 + repeats / leaps if is_held else 1.0), least

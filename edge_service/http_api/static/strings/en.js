@@ -248,6 +248,12 @@ export const en = {
   "fault.table_shifted": "linear encoder shifted",
   "fault.torque_stuck": "torque stuck",
   "fault.angle_stuck": "motor angle stuck",
+  "fault.torque_outliers": "outliers of the torque",
+  "fault.angle_outliers": "outliers of the motor angle",
+  "fault.table_outliers": "outliers of the linear encoder",
+  "fault.torque_held": "torque new too seldom",
+  "fault.angle_held": "motor angle new too seldom",
+  "fault.table_held": "linear encoder new too seldom",
 
   "history": "Preload so far, and where it is heading",
   "history.span": "Span of the history",
