@@ -47,6 +47,9 @@ MODEL_ERROR_SHARE = 0.02
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
+READ_ABOVE = 0.15
+"""Reach of ln(preload) above its bound for the median: cut there, a fresh preload would be told too
+low by half its error."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, whole friction, table mass,
 compliance."""
@@ -115,7 +118,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     weight /= sum_of(weight)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(MOST_SHARE * model.fresh_percent)
-    values[0] = _quantile(0.5, weight, mean, sigma, most)
+    values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
     values[1], values[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)

@@ -116,26 +116,26 @@ class Another:
         variance = self.cov[:, PRELOAD, PRELOAD] + MODEL_ERROR**2
         variance += (MODEL_ERROR_SHARE * (self.q - math.log(FRESH))) ** 2
         self.sigma = np.sqrt(variance)
-        self.log_percent = truncnorm(-np.inf, (MOST - self.q) / self.sigma, self.q, self.sigma)
         self.two = self.mean.shape[1] > NUT_COMPLIANCE
         self.guide_nm = RATIO * GUIDE_N if self.two else 0.0
         self.bearing_nm = BEARING_NM + RATIO * GUIDE_N - self.guide_nm
 
-    def below(self, percent: float) -> float:
-        return float(self.weight @ self.log_percent.cdf(math.log(percent)))
+    def below(self, percent: float, most: float = MOST) -> float:
+        within = truncnorm(-np.inf, (most - self.q) / self.sigma, self.q, self.sigma)
+        return float(self.weight @ within.cdf(math.log(percent)))
 
-    def quantile(self, probability: float) -> float:
+    def quantile(self, probability: float, most: float = MOST) -> float:
         def missing(x: float) -> float:
-            return float(self.weight @ self.log_percent.cdf(x)) - probability
+            return self.below(math.exp(x), most) - probability
 
-        return math.exp(brentq(missing, -30.0, MOST, xtol=1e-13))
+        return math.exp(brentq(missing, -30.0, most, xtol=1e-13))
 
     def preload(self) -> tuple[float, float, float]:
         low, high = self.quantile(0.025), self.quantile(0.975)
         if high < UNDETERMINED_SHARE * FRESH and low < 0.5 * UNDETERMINED_SHARE * FRESH:
             low = 0.0
         high = max(high, UNDETERMINED_HIGH_SHARE * FRESH)
-        median = self.quantile(0.5)
+        median = min(self.quantile(0.5, MOST + posterior.READ_ABOVE), FRESH)
         return median, min(low, median), max(high, median)
 
     def spread(self, mean: Floats, variance: Floats) -> tuple[float, float]:
