@@ -157,7 +157,7 @@ MOST_LINES = {
     "diagnose": 5046,
     "downsample": 1245,
     "drivers": 3824,
-    "estimate": 5157,
+    "estimate": 5153,
     "fingerprint": 2942,
     "health": 4849,
     "http_api": 2480,
@@ -291,6 +291,8 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"to an assumed {said.looseness * 100:g} %".replace("0.", ".") in text
     assert f"{said.uneven_share:.0%} of the growth (assumed)".replace("%", " %") in text
     assert f"twist of the screw: {said.twist * 100:g} +- {said.twist * 100:g} %" in text
+    assert f"by {said.torque_scale * 100:g} +- {said.torque_scale * 100:g} % (magnets" in text
+    assert f"commissioned one to {said.payload * 100:g} %".replace("0.", ".") in text
 
 
 LOCKS = ("requirements.lock", "requirements-dev.lock")

@@ -11,8 +11,6 @@ KNOWN_LIMITS = {
 """Cases that the estimator does not solve yet (its README, Limits), by their file."""
 LIMITED_CASES = (
     "test_what_the_model_does_not_know_is_not_taken_for_a_loss[backlash",
-    "test_what_is_there_from_the_first_sample_is_no_loss[torque_gain_error",
-    "test_preload_that_was_lost_before_the_first_sample_is_reported[0.25]",
     "test_preload_does_not_come_back_over_night_on_a_cold_axis[True]",
 )
 

@@ -18,6 +18,7 @@ from .state import (
     SPEED_ERROR_START,
     STRETCH_WANDER,
     TORQUE_OFFSET,
+    TORQUE_SCALE,
     TORQUE_STATES,
     TORQUE_WANDER,
     WEAR_RATE,
@@ -66,7 +67,8 @@ def drift(
     back_s = _settled_s(process.assumed.friction_s, elapsed_s)
     for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
         p[i, i] += process.walk[i] * back_s
-    p[TORQUE_OFFSET, TORQUE_OFFSET] += process.walk[TORQUE_OFFSET] * back_s
+    for i in (TORQUE_OFFSET, TORQUE_SCALE):
+        p[i, i] += process.walk[i] * back_s
     if x.shape[0] > TORQUE_STATES:
         warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
         for i in range(TORQUE_STATES, x.shape[0]):

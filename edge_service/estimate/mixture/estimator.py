@@ -26,6 +26,7 @@ from .state import (
     INERTIA_TORQUE,
     NUT_FRICTION,
     PAYLOAD,
+    TORQUE_SCALE,
     TORQUE_STATES,
     MixtureSettings,
     Reading,
@@ -34,7 +35,7 @@ from .state import (
 )
 from .step import step
 
-_SNAPSHOT_SCHEMA = "mixture-preload/7"
+_SNAPSHOT_SCHEMA = "mixture-preload/8"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
@@ -47,7 +48,7 @@ FURTHEST_M, FURTHEST_APART_M = 1e4, 5e-3
 """No axis is longer, nor is its encoders' difference, nor changes that as much between phases."""
 SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
-INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.15
+INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.13
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 SLOWER = 1.5
@@ -253,6 +254,7 @@ class MixturePreloadEstimator:
         load_kg = model.table_mass_kg if len(state) > TORQUE_STATES else math.inf
         for name, value, low, high in (
             ("friction", float(max(state[NUT_FRICTION : GUIDE_VISCOUS + 1])), -1.0, _MOST_FRICTION),
+            ("torque", float(state[TORQUE_SCALE]), -INERTIA_OFF, INERTIA_OFF),
             ("payload", float(state[PAYLOAD]), -0.8 * load_kg, _MOST_LOAD * load_kg),
         ):
             if not low <= value <= high:

@@ -27,6 +27,7 @@ from .state import (
     STOPPED_S,
     SURPRISE,
     TABLE_MASS,
+    TORQUE_SCALE,
     TORQUE_STATES,
     TOTAL_LOSS,
     WEAR_RATE,
@@ -52,10 +53,10 @@ _BOTH = 3
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY = 0.05
-_OTHER_LOAD, _OTHER_NUT = 0.3, 0.02
+_WORN_PER_DAY = 0.1
+_OTHER_LOAD, _OTHER_NUT = 0.05, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
-KEPT = (PRELOAD, PAYLOAD, LOOSENESS, COUPLING, NUT_COMPLIANCE, TABLE_MASS)
+KEPT = (PRELOAD, LOOSENESS, COUPLING, NUT_COMPLIANCE, TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
 
 
@@ -269,8 +270,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     """Hypotheses of the axis at the start: levels of its preload, with and without a load.
 
-    For the first seconds these stand for themselves, one of them free to wander (the half that is
-    left, in the slot of wear); then the likeliest is accepted.
+    For the first seconds these stand for themselves; then the likeliest is accepted.
     """
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.half - settings.none
@@ -280,7 +280,7 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
         (_NONE, _NONE_SIGMA, settings.none),
     )
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
-    slots = iter((STEADY, WEARING, *CHALLENGERS))
+    slots = iter((STEADY, *CHALLENGERS))
     for load, load_share in loads:
         if load and len(start.mean) == TORQUE_STATES:
             continue
@@ -292,6 +292,8 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
             bank.mean[slot, PRELOAD] += math.log(share)
             bank.covariance[slot] = start.covariance + load * start.load
             bank.covariance[slot, PRELOAD, PRELOAD] = sigma**2
+            if load:
+                _renew(bank, slot, TORQUE_SCALE, 0.0, 0.0)
             bank.log_weight[slot] = math.log(load_share * level_share)
             bank.alive[slot] = 1
     bank.moments[LEARNING] = 1.0
@@ -319,6 +321,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     if len(start.mean) > TORQUE_STATES:
         copy_to(bank, LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
         _renew(bank, LOAD_SLOT, PAYLOAD, 0.0, 0.0)
+        _renew(bank, LOAD_SLOT, TORQUE_SCALE, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
     bank.force[:] = 0.0
     bank.force_n[:] = 0.0

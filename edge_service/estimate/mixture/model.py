@@ -8,44 +8,10 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.machine import Machine
 from ...models.screw.nut_law import nut_deflection
-from .state import (
-    CHALLENGERS,
-    CLOCK_SKEW,
-    COUPLING,
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
-    GUIDE_FRICTION,
-    GUIDE_VISCOUS,
-    HYPOTHESES,
-    LOAD,
-    LOOSENESS,
-    LOOSENING,
-    LOSS,
-    LUBRICATION,
-    MAP,
-    MAP_STATES,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    OFFSET_RATE,
-    PAYLOAD,
-    PRELOAD,
-    REVERSAL,
-    SLOPE_RATE,
-    STOP_CHALLENGERS,
-    STRETCH_STATES,
-    STRETCH_WANDER,
-    TABLE_MASS,
-    TORQUE_OFFSET,
-    TORQUE_STATES,
-    TORQUE_WANDER,
-    WEAR_RATE,
-    WEARING,
-    AxisModel,
-    MixtureSettings,
-    Process,
-)
+from . import state
+from .state import AxisModel, MixtureSettings, Process
 
-FRICTIONS = tuple(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
+FRICTIONS = tuple(range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1))
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 SHORT_PHASE_S = 0.1
@@ -114,38 +80,41 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     commissioned = machine.commissioned
     assert commissioned is not None
     t = commissioned.transmission
-    size = STRETCH_STATES if t else TORQUE_STATES
+    size = state.STRETCH_STATES if t else state.TORQUE_STATES
     mean, sigma = np.zeros(size), np.zeros(size)
-    mean[PRELOAD], sigma[PRELOAD] = math.log(model.fresh_percent), settings.start
-    mean[TORQUE_OFFSET] = commissioned.torque_offset_nm
+    mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.start
+    mean[state.TORQUE_OFFSET] = commissioned.torque_offset_nm
     drifts = settings.together > 0.0
-    sigma[WEAR_RATE] = settings.wear_rate
-    sigma[TORQUE_OFFSET] = 0.03 * commissioned.coulomb_nm * drifts
-    sigma[TORQUE_WANDER] = settings.wander * commissioned.coulomb_nm
-    sigma[PAYLOAD] = 0.01 * model.table_mass_kg * drifts
+    sigma[state.WEAR_RATE] = settings.wear_rate
+    sigma[state.TORQUE_OFFSET] = 0.03 * commissioned.coulomb_nm * drifts
+    mean[state.TORQUE_SCALE] = sigma[state.TORQUE_SCALE] = settings.torque_scale * drifts
+    sigma[state.TORQUE_WANDER] = settings.wander * commissioned.coulomb_nm
+    sigma[state.PAYLOAD] = settings.payload * model.table_mass_kg * drifts
     if t:
-        mean[CLOCK_SKEW] = t.clock_skew_s
-        mean[NUT_COMPLIANCE] = t.nut_share * model.compliance_m_per_n
-        sigma[ENCODER_OFFSET], sigma[ENCODER_SLOPE] = 1e-4, 1e-4
-        sigma[OFFSET_RATE], sigma[SLOPE_RATE], sigma[CLOCK_SKEW] = 2e-8, 5e-8, 2e-6
-        sigma[NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
-        sigma[LOOSENESS] = sigma[COUPLING] = settings.looseness * model.compliance_m_per_n
-        mean[TABLE_MASS] = settings.twist
+        mean[state.CLOCK_SKEW] = t.clock_skew_s
+        mean[state.NUT_COMPLIANCE] = t.nut_share * model.compliance_m_per_n
+        sigma[state.ENCODER_OFFSET], sigma[state.ENCODER_SLOPE] = 1e-4, 1e-4
+        sigma[state.OFFSET_RATE], sigma[state.SLOPE_RATE] = 2e-8, 5e-8
+        sigma[state.CLOCK_SKEW] = 2e-6
+        sigma[state.NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
+        sigma[state.LOOSENESS] = settings.looseness * model.compliance_m_per_n
+        sigma[state.COUPLING] = sigma[state.LOOSENESS]
+        mean[state.TABLE_MASS] = settings.twist
         mass = machine.model.table_mass_kg
         known = mass.sigma / mass.value if mass is not None else 0.0
-        sigma[TABLE_MASS] = math.hypot(known, settings.twist)
-        sigma[REVERSAL] = settings.reversal
+        sigma[state.TABLE_MASS] = math.hypot(known, settings.twist)
+        sigma[state.REVERSAL] = settings.reversal
         noise_m = 0.5 * math.sqrt(model.stretch_density / SHORT_PHASE_S)
         guide_m = model.compliance_m_per_n * settings.wander * model.guide_n
-        sigma[STRETCH_WANDER] = math.hypot(noise_m, guide_m)
-        sigma[MAP:] = settings.uneven_m / np.arange(1, MAP_STATES + 1)
+        sigma[state.STRETCH_WANDER] = math.hypot(noise_m, guide_m)
+        sigma[state.MAP :] = settings.uneven_m / np.arange(1, state.MAP_STATES + 1)
     covariance = np.diag(sigma**2)
     spread = settings.start_share**2
     covariance += spread * _frictions(size, settings.together, settings.apart)
     load = np.zeros((size, size))
-    load[PAYLOAD, PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
-    load[GUIDE_FRICTION, GUIDE_FRICTION] = 0.1**2
-    load[TORQUE_OFFSET, TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
+    load[state.PAYLOAD, state.PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
+    load[state.GUIDE_FRICTION, state.GUIDE_FRICTION] = 0.1**2
+    load[state.TORQUE_OFFSET, state.TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
     return Start(mean, covariance, load)
 
 
@@ -168,10 +137,10 @@ def process_of(
     rating = machine.axis.dynamic_load_rating_n
     assert rating is not None
     size, coulomb = len(start.mean), commissioned.coulomb_nm
-    two = size > TORQUE_STATES
-    wander_m2 = start.covariance[STRETCH_WANDER, STRETCH_WANDER] if two else 0.0
-    moving_walk = np.full(HYPOTHESES, settings.preload_walk**2)
-    moving_walk[WEARING] = settings.wear_walk**2
+    two = size > state.TORQUE_STATES
+    wander_m2 = start.covariance[state.STRETCH_WANDER, state.STRETCH_WANDER] if two else 0.0
+    moving_walk = np.full(state.HYPOTHESES, settings.preload_walk**2)
+    moving_walk[state.WEARING] = settings.wear_walk**2
     return Process(
         assumed=settings,
         walk=_walk(size, coulomb, settings),
@@ -182,8 +151,8 @@ def process_of(
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=1e-6 if two else 0.0,
         jumps=_jumps(size, start, model, settings),
-        priors=_priors(CHALLENGERS, settings.hazard, two),
-        stop_priors=_priors(STOP_CHALLENGERS, settings.stop_hazard, two),
+        priors=_priors(state.CHALLENGERS, settings.hazard, two),
+        stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, two),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
         loosened_m_per_n=0.5 * settings.loosened * model.compliance_m_per_n,
         force_n=settings.force * rating,
@@ -195,31 +164,34 @@ def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
     walk = np.zeros(size)
     for i in FRICTIONS:
         walk[i] = 2.0 * settings.apart**2 / settings.friction_s
-    walk[TORQUE_OFFSET] = (5e-4 * coulomb_nm) ** 2 * (settings.together > 0.0)
-    if size > TORQUE_STATES:
-        walk[ENCODER_OFFSET], walk[ENCODER_SLOPE] = 3e-8**2, 6e-8**2
-        walk[OFFSET_RATE], walk[SLOPE_RATE] = 1e-8**2, 2.5e-8**2
-        walk[MAP:] = 3e-8**2
-        walk[REVERSAL] = 2.0 * settings.reversal**2 / settings.friction_s
+    if settings.together > 0.0:
+        walk[state.TORQUE_SCALE] = settings.torque_scale**2 / settings.motor_s
+        walk[state.TORQUE_OFFSET] = (5e-4 * coulomb_nm) ** 2
+    if size > state.TORQUE_STATES:
+        walk[state.ENCODER_OFFSET], walk[state.ENCODER_SLOPE] = 3e-8**2, 6e-8**2
+        walk[state.OFFSET_RATE], walk[state.SLOPE_RATE] = 1e-8**2, 2.5e-8**2
+        walk[state.MAP :] = 3e-8**2
+        walk[state.CLOCK_SKEW] = 2e-7**2
+        walk[state.REVERSAL] = 2.0 * settings.reversal**2 / settings.friction_s
     return walk
 
 
 def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings) -> Floats:
     """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n)."""
-    jumps = np.zeros((HYPOTHESES, size, size))
-    jumps[LOSS, PRELOAD, PRELOAD] = settings.loss**2
-    jumps[LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
-    jumps[LOAD] = start.load
-    if size > TORQUE_STATES:
-        for i in (LOOSENESS, COUPLING):
-            jumps[LOOSENING, i, i] = (settings.loosened * model.compliance_m_per_n) ** 2
+    jumps = np.zeros((state.HYPOTHESES, size, size))
+    jumps[state.LOSS, state.PRELOAD, state.PRELOAD] = settings.loss**2
+    jumps[state.LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
+    jumps[state.LOAD] = start.load
+    if size > state.TORQUE_STATES:
+        for i in (state.LOOSENESS, state.COUPLING):
+            jumps[state.LOOSENING, i, i] = (settings.loosened * model.compliance_m_per_n) ** 2
     return jumps
 
 
 def _priors(slots: tuple[int, ...], hazard: float, two: bool) -> Floats:
     """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
-    priors = np.full(HYPOTHESES, -np.inf)
+    priors = np.full(state.HYPOTHESES, -np.inf)
     for slot in slots:
-        if two or slot not in (LOAD, LOOSENING):
+        if two or slot not in (state.LOAD, state.LOOSENING):
             priors[slot] = math.log(hazard)
     return priors

@@ -3,8 +3,9 @@
 With s the direction, x the table position, a and v acceleration and speed of the motor, and the
 preload p = exp(PRELOAD)::
 
-    torque    J a + R^2 M a + s (k p m(x) (1 + nut) + B (1 + bearing) + R G (1 + guide) + St(v))
-              + D (1 + viscous) v + A |v| + offset + s wander + J (w1 - w0) / T
+    torque    (1 + scale) (J a + R^2 M a + D (1 + viscous) v + A |v| + offset + s wander
+              + s (k p m(x) (1 + nut) + B (1 + bearing) + R G (1 + guide) + St(v))
+              + J (w1 - w0) / T)
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
               + (c0 + c1 (x - x0) - cn) F + loose (F + H) + coupling (F + H + s drag / R)
               + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s (c0 + c1 (x - x0)) G reversal
@@ -47,6 +48,7 @@ from .state import (
     STRETCH_WANDER,
     TABLE_MASS,
     TORQUE_OFFSET,
+    TORQUE_SCALE,
     TORQUE_WANDER,
     VISCOUS,
     AxisModel,
@@ -125,7 +127,10 @@ def expected_torque(
     value += slope[PRELOAD]
     for i in range(BEARING_FRICTION, SPEED_ERROR_END + 1):
         value += slope[i] * x[i]
-    return float(value)
+    for i in range(TORQUE_SCALE):
+        slope[i] *= 1.0 + x[TORQUE_SCALE]
+    slope[TORQUE_SCALE] = value
+    return float(value * (1.0 + x[TORQUE_SCALE]))
 
 
 @inlined

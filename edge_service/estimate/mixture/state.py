@@ -17,18 +17,20 @@ from ...messages.stored import decoded, encoded
 PRELOAD, WEAR_RATE = range(2)  # ln of percent of the load rating; its growth per s of motion
 NUT_FRICTION, BEARING_FRICTION, GUIDE_FRICTION, VISCOUS, GUIDE_VISCOUS = range(2, 7)
 PAYLOAD, TORQUE_OFFSET, TORQUE_WANDER, SPEED_ERROR_START, SPEED_ERROR_END = range(7, 12)
+TORQUE_SCALE = 12
 """Mass beyond commissioning, kg; gravity with the amplifier's offset, and friction that wanders
-along the way, N m; error of the speed at both ends of the phase, rad/s."""
-TORQUE_STATES = 12
-ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(12, 17)
+along the way, N m; error of the speed at both ends of the phase, rad/s; torque that is read beyond
+what acts, a share: the torque constant falls as the motor warms."""
+TORQUE_STATES = 13
+ENCODER_OFFSET, ENCODER_SLOPE, OFFSET_RATE, SLOPE_RATE, CLOCK_SKEW = range(13, 18)
 """Travel by the motor less that of the table at the reference, m, and along the stroke; rates of
 both with the screw's temperature, per s; delay of the linear encoder, s."""
-NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, COUPLING, REVERSAL, STRETCH_WANDER = range(17, 23)
+NUT_COMPLIANCE, TABLE_MASS, LOOSENESS, COUPLING, REVERSAL, STRETCH_WANDER = range(18, 24)
 """Of the fresh nut, m/N; error of the mass behind the commissioned compliance, a share; compliance
 beyond commissioning of bearing or belt, and of the coupling, which twists under the drag too, m/N;
 change of the stretch at a reversal, a share of what the guide made it; difference of the encoders
 that wanders along the way, m."""
-MAP = 23  # the first coefficient of cos(j pi x / stroke), j = 2, 3, ...: uneven growth, m
+MAP = 24  # the first coefficient of cos(j pi x / stroke), j = 2, 3, ...: uneven growth, m
 MAP_STATES = 4
 STRETCH_STATES = MAP + MAP_STATES
 
@@ -96,6 +98,9 @@ class MixtureSettings(NamedTuple):
     together: float = 0.10  # of all frictions alike, by lubrication and temperature
     apart: float = 0.07  # of each on its own
     warmth: float = 0.35  # most friction that warmth takes, with one encoder; any share as likely
+    torque_scale: float = 0.01  # more is read, give or take as much: magnets lose .1 % per kelvin
+    motor_s: float = 1800.0  # in which a motor warms
+    payload: float = 0.003  # of the table's mass, where the load is the commissioned one
     friction_s: float = 600.0  # time in which friction returns to what was commissioned
     start_share: float = 1.25  # factor on it at the start of a session, another day's
     wander: float = 0.02  # friction that wanders along the way, over the Coulomb friction
@@ -104,7 +109,7 @@ class MixtureSettings(NamedTuple):
     axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
     preload_walk: float = 0.005  # of ln(preload) per sqrt(s) of motion
     wear_walk: float = 0.06  # the same, wearing fast
-    wear_rate: float = 1e-3  # of ln(preload) per s of motion
+    wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.3  # of ln(preload) at the start

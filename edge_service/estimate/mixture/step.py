@@ -31,6 +31,7 @@ from .state import (
     PRELOAD,
     STOPPED_S,
     SURPRISE,
+    TORQUE_SCALE,
     TORQUE_STATES,
     AxisModel,
     Bank,
@@ -94,6 +95,9 @@ def step(
         drift(bank, k, model, process, reading, elapsed_s)
         compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
         error_nm[k] = innovation.error[0]
+        error_nm[k] += (
+            bank.mean[k, TORQUE_SCALE] * model.inertia_kg_m2 * reading.acceleration_rad_s2
+        )
         assess(bank, k, model, process, begins, compliance, two, innovation, assessed)
         _correct_unforced(bank, k, model, assessed, two, innovation)
     _reweigh(bank, process, assessed)
