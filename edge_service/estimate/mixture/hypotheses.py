@@ -270,7 +270,8 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     """Hypotheses of the axis at the start: levels of its preload, with and without a load.
 
-    For the first seconds these stand for themselves; then the likeliest is accepted.
+    For the first seconds these stand for themselves, beside a fresh preload that wears fast; then
+    the likeliest is accepted.
     """
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.half - settings.none
@@ -296,6 +297,7 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
                 _renew(bank, slot, TORQUE_SCALE, 0.0, 0.0)
             bank.log_weight[slot] = math.log(load_share * level_share)
             bank.alive[slot] = 1
+    copy_to(bank, WEARING, STEADY, bank.log_weight[STEADY] + math.log(settings.hazard))
     bank.moments[LEARNING] = 1.0
     return bank
 

@@ -186,7 +186,8 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank = initial_bank(START, SETTINGS)
-    bank.log_weight[[STEADY, *CHALLENGERS]] = (-9.0, -1.0, -0.5, -9.0, -9.0, -9.0)
+    bank.log_weight[:LOSS] = -9.0
+    bank.log_weight[[*CHALLENGERS]] = (-1.0, -0.5, -9.0, -9.0, -9.0)
     adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]

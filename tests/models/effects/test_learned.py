@@ -23,14 +23,8 @@ from edge_service.models.machine import Machine
 NODES = 41
 NO_MODEL = {
     *("noise_density_nm2_s", "noise_slow_rad_s", "noise_density_m2_s", "edge_noise_rad2_s2"),
-    *(
-        "motion_s",
-        "slowest_rad_s",
-        "cruise_rad_s2",
-        "assumed_fresh",
-        "sample_period_s",
-        "interval_s",
-    ),
+    *("motion_s", "slowest_rad_s", "cruise_rad_s2", "assumed_fresh"),
+    *("sample_period_s", "interval_s", "hold_s"),
     *("stretch_sigma_s2", "map_sigma_m", "nut_share", "nut_share_sigma"),
 }
 """Values of certainty, noise and steadiness; the nut's share of a spring known as a whole."""
@@ -95,7 +89,7 @@ def modelled(machine: Machine, moved: Motion) -> tuple[Floats, Floats]:
 
 def expected(machine: Machine, moved: Motion) -> tuple[Floats, Floats]:
     """The same from the estimator's equations."""
-    settings = ASSUMED._replace(twist=0.0)
+    settings = ASSUMED._replace(twist=0.0, torque_scale=0.0)
     model = axis_model(machine)
     x = start_of(machine, model, settings).mean
     slope, found = np.zeros(len(x)), []
