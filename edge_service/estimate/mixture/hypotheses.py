@@ -332,7 +332,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
 
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
-    """Begin a new session from the preload, the load and the looseness of the last one."""
+    """Begin a new session from the preload and the looseness of the last one."""
     kept = KEPT if len(start.mean) > TORQUE_STATES else (PRELOAD,)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     for i in kept:
