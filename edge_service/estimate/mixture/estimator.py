@@ -21,7 +21,7 @@ from .posterior import fault_limits, posterior_of
 from .state import MixtureSettings, Reading, bank_snapshot, restored_bank
 from .step import step
 
-_SNAPSHOT_SCHEMA = "mixture-preload/8"
+_SNAPSHOT_SCHEMA = "mixture-preload/9"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
@@ -36,6 +36,8 @@ SHIFTED_M = 1e-3
 """Standard deviation of the level of a linear encoder that has come back."""
 INERTIA_SEEN_NM2_S, INERTIA_OFF = 0.01, 0.13
 """From how much acceleration, and from which share off, torque and motion contradict each other."""
+RAPID_SEEN_S, RAPID_FORCED = 5.0, 0.6
+"""From how much rapid motion, and from which share of it under a force, no model fits."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 SLOWER = 1.5
 """Factor on the time between the samples of commissioning from which on the noise that it found
@@ -234,6 +236,14 @@ class MixturePreloadEstimator:
                     f"model_mismatch: accelerating takes {100 * (1 + off):.0f} % of the torque "
                     "that it took at commissioning, even allowing for payload: check torque "
                     "constant, lead and units"
+                )
+        if moments[state.RAPID_S] > RAPID_SEEN_S:
+            forced = float(moments[state.RAPID_FORCED_S] / moments[state.RAPID_S])
+            if forced > RAPID_FORCED:
+                return (
+                    f"model_mismatch: no preload explains {100 * forced:.0f} % of the rapids: a "
+                    "force would act there, where nothing cuts; check encoders, load and machine "
+                    "file, or run `edge-service diagnose`"
                 )
         mean = self._bank.mean[leader_of(self._bank)]
         model = self._model

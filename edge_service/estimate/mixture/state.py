@@ -51,7 +51,9 @@ likeliest initial hypothesis is accepted; innovation squared of the leader; fast
 motion for which a process force has lasted."""
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
 """Sums over half a minute of J a times the error of the torque, and of (J a)^2, (N m)^2 s."""
-MOMENTS = 8
+RAPID_S, RAPID_FORCED_S = range(8, 10)
+"""Rapid motion lately, and how much of it was taken for one under a process force."""
+MOMENTS = 10
 
 
 class AxisModel(NamedTuple):

@@ -29,6 +29,8 @@ OUTLIER = 20.0
 """Normalised innovation squared beyond which a hypothesis has no explanation: its likelihood has
 a tail flatter than a normal distribution's, and the phase corrects it little or not at all."""
 _RAPID = 0.4
+RAPID_MEMORY_S = 8.0
+"""Rapid motion over which the share of process forces in it is averaged."""
 _ALIKE = 0.5
 _NEVER = 1e-12
 _LEAST_PERCENT = 0.02
@@ -163,8 +165,14 @@ def _watch_inertia(
 def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
     """Time for which a force has lasted, updated; doubted at intervals as if the axis had stopped.
 
-    Another load or lubricant may look like a lasting force.
+    Another load or lubricant may look like a lasting force. No process acts in rapids: a force
+    there stands for what the model lacks.
     """
+    if abs(r.speed_rad_s) > _RAPID * bank.moments[state.FASTEST_RAD_S]:
+        keep = math.exp(-r.steady_s / RAPID_MEMORY_S)
+        bank.moments[state.RAPID_S] = keep * bank.moments[state.RAPID_S] + r.steady_s
+        forced_s = keep * bank.moments[state.RAPID_FORCED_S] + (0.0 if calm else r.steady_s)
+        bank.moments[state.RAPID_FORCED_S] = forced_s
     if calm:
         bank.moments[state.FORCED_S] = 0.0
         return

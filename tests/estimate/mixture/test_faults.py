@@ -49,3 +49,14 @@ def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
     assert said.low is not None
     assert said.high is not None
     assert said.low <= AXIS.fresh_percent <= said.high
+
+
+@pytest.mark.parametrize(
+    "effect", ["quadratic_friction", "torque_ripple:amplitude_nm=0.08", "encoder_eccentricity"]
+)
+def test_what_no_preload_explains_is_not_read_as_one(effect: str) -> None:
+    said = answer_to(effect)
+    if said.low is None or said.high is None:
+        assert said.reasons[0].partition(":")[0] in ("model_mismatch", "process_force")
+    else:
+        assert said.low <= AXIS.fresh_percent <= said.high
