@@ -29,6 +29,8 @@ MODEL_ERROR_SHARE = 0.02
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
+OPENING = 2.0**1.5
+"""Axial force over the preload from which on one half of the nut is unloaded (Hertz contacts)."""
 READ_ABOVE = 0.15
 """Reach of ln(preload) above its bound for the median: cut there, a fresh preload would be told too
 low by half its error."""
@@ -101,7 +103,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
     values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
-    values[1], values[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
+    values[1], values[2] = _interval(weight, mean, sigma, most, model)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)
     values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
@@ -221,12 +223,19 @@ def _quantile(
 
 @compiled
 def _interval(
-    weight: Floats, mean: Floats, sigma: Floats, most: float, fresh_percent: float
+    weight: Floats, mean: Floats, sigma: Floats, most: float, model: AxisModel
 ) -> tuple[float, float]:
-    """95 % interval, %."""
+    """95 % interval, %.
+
+    Under a standing force one half of a nut with less preload than `open_percent` carries nothing:
+    how much less shows neither in its stiffness nor in its drag.
+    """
+    fresh_percent = model.fresh_percent
+    open_percent = abs(model.hanging_n) / OPENING * fresh_percent / model.fresh_preload_n
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
-    if high < UNDETERMINED_SHARE * fresh_percent and low < 0.5 * UNDETERMINED_SHARE * fresh_percent:
+    lost = high < UNDETERMINED_SHARE * fresh_percent
+    if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * fresh_percent * lost):
         low = 0.0
     return low, max(high, UNDETERMINED_HIGH_SHARE * fresh_percent)
 
