@@ -24,7 +24,7 @@ TABLE_FAULTS = ("payload", "looseness")
 """Faults that only the second encoder shows."""
 MODEL_ERROR = 0.015
 """Error of ln(preload) by the cube root law and the drag's proportion near a fresh preload."""
-MODEL_ERROR_SHARE = 0.02
+MODEL_ERROR_SHARE = 0.2
 """Its growth with the distance from the fresh preload, as a share."""
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may

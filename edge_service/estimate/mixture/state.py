@@ -134,7 +134,7 @@ class MixtureSettings(NamedTuple):
     growth_s: float = 300.0  # time constant of a warming screw
     evidence: float = 0.5  # share of a log-likelihood that counts: errors outlast a phase
     most_nats: float = 10.0  # most that one phase says against a hypothesis: it may be spoiled
-    force: float = 0.125  # process forces over the dynamic load rating
+    force: float = 0.05  # process forces over the dynamic load rating
     force_error: float = 0.1  # of their compliance
     force_share: float = 0.03  # of phases in which one begins
     rapid_share: float = 0.005  # the same of rapids
