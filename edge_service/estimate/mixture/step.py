@@ -16,7 +16,7 @@ from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
 from . import state
 from .drift import drift
-from .hypotheses import FORCED, adapt_hypotheses, leader_of, normalise
+from .hypotheses import FORCED, STOP_S, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, noise_of
 from .state import AxisModel, Bank, Process, Reading
 
@@ -29,6 +29,7 @@ OUTLIER = 20.0
 """Normalised innovation squared beyond which a hypothesis has no explanation: its likelihood has
 a tail flatter than a normal distribution's, and the phase corrects it little or not at all."""
 _RAPID = 0.4
+_USUAL_SIGMA, _SHIFTED_SIGMA, _SHIFTED_M = 3.0, 8.0, 5e-6
 RAPID_MEMORY_S = 8.0
 """Rapid motion over which the share of process forces in it is averaged."""
 _ALIKE = 0.5
@@ -77,6 +78,10 @@ def step(
             continue
         drift(bank, k, model, process, reading, elapsed_s)
         compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
+        if two and elapsed_s > STOP_S and _is_shifted(innovation):
+            at = state.ENCODER_OFFSET
+            bank.covariance[k, at, at] += innovation.error[1] * innovation.error[1]
+            compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
         error_nm[k] = innovation.error[0]
         error_nm[k] += (
             bank.mean[k, state.TORQUE_SCALE] * model.inertia_kg_m2 * reading.acceleration_rad_s2
@@ -93,6 +98,15 @@ def step(
     if not calm:
         return math.nan
     return float(assessed.nis[leader] / 2.0 if two else assessed.nis[leader])
+
+
+@inlined
+def _is_shifted(innovation: Innovation) -> bool:
+    """Return whether the linear encoder has got another zero: the stretch errs, the torque not."""
+    e, s = innovation.error, innovation.covariance
+    usual = e[0] * e[0] < _USUAL_SIGMA * _USUAL_SIGMA * s[0, 0]
+    far = e[1] * e[1] > _SHIFTED_SIGMA * _SHIFTED_SIGMA * s[1, 1]
+    return usual and far and abs(e[1]) > _SHIFTED_M
 
 
 @inlined
