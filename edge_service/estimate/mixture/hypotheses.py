@@ -22,7 +22,7 @@ _SOON_S = 0.3
 _LEAST_SHARE = math.log(1e-3)
 _ALIVE = 2.0
 _GAINED = 1.0
-_BOTH = 3
+BOTH = 3
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
@@ -122,7 +122,7 @@ def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bo
     """Return whether a challenger has led for long enough, in both directions, by a margin."""
     if leader in (state.STEADY, state.WEARING) or not calm:
         return False
-    seen = bank.age_s[leader] >= process.assumed.confirm_s and bank.directions[leader] == _BOTH
+    seen = bank.age_s[leader] >= process.assumed.confirm_s and bank.directions[leader] == BOTH
     return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.assumed.margin)
 
 

@@ -14,6 +14,7 @@ from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.modes import LEVELS_PERCENT
 from . import state
+from .hypotheses import BOTH, FORCED
 from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
@@ -37,6 +38,8 @@ low by half its error."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, whole friction, table mass,
 compliance."""
+DOUBTED = 0.4
+"""Most weight of challengers that have explained one direction only."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
 _STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVELS)
 _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
@@ -100,6 +103,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     rows = places(bank.alive)
     weight = np.exp(bank.log_weight[rows])
     weight /= sum_of(weight)
+    _doubt_one_direction(bank, rows, weight)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
     values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
@@ -135,6 +139,23 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     for i in range(_LEVEL, _SIZE):
         values[i] = min(max(values[i], 0.0), 1.0)
     return values
+
+
+@compiled
+def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
+    """Let challengers only widen the answer that explain one direction, and that by a force.
+
+    What errs along the way, as a screw that grows unevenly does, looks like a step until the axis
+    turns.
+    """
+    doubted = np.zeros(len(rows))
+    for i in range(len(rows)):
+        one = bank.directions[rows[i]] != BOTH and bank.force[rows[i]] > FORCED
+        doubted[i] = weight[i] if one and rows[i] in state.CHALLENGERS else 0.0
+    share = sum_of(doubted)
+    if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
+        rest = (1.0 - DOUBTED) / max(1.0 - share, 1e-12)
+        weight += (rest - 1.0) * (weight - doubted) + (DOUBTED / share - 1.0) * doubted
 
 
 @compiled
