@@ -157,7 +157,7 @@ MOST_LINES = {
     "diagnose": 5046,
     "downsample": 1245,
     "drivers": 3824,
-    "estimate": 5025,
+    "estimate": 4801,
     "fingerprint": 2942,
     "health": 4849,
     "http_api": 2480,
@@ -169,10 +169,10 @@ MOST_LINES = {
     "recordings": 3335,
     "regression": 1087,
     "beside the rooms": 796,
-    "tests": 47223,
+    "tests": 47204,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 387
+MOST_FILES = 384
 """Modules of the product."""
 
 
