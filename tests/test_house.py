@@ -158,7 +158,7 @@ MOST_LINES = {
     "downsample": 1245,
     "drivers": 3824,
     "estimate": 4801,
-    "fingerprint": 2942,
+    "fingerprint": 2796,
     "health": 4849,
     "http_api": 2480,
     "messages": 2057,
@@ -169,10 +169,10 @@ MOST_LINES = {
     "recordings": 3335,
     "regression": 1087,
     "beside the rooms": 796,
-    "tests": 47204,
+    "tests": 47194,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 384
+MOST_FILES = 382
 """Modules of the product."""
 
 
