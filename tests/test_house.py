@@ -164,7 +164,7 @@ MOST_LINES = {
     "messages": 2057,
     "models": 5791,
     "nodes": 2941,
-    "offline": 5603,
+    "offline": 5548,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,
@@ -172,7 +172,7 @@ MOST_LINES = {
     "tests": 47194,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 382
+MOST_FILES = 380
 """Modules of the product."""
 
 
