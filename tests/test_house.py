@@ -157,22 +157,22 @@ MOST_LINES = {
     "diagnose": 5046,
     "downsample": 1245,
     "drivers": 3824,
-    "estimate": 5045,
-    "fingerprint": 2942,
+    "estimate": 4801,
+    "fingerprint": 2796,
     "health": 4849,
     "http_api": 2480,
     "messages": 2057,
     "models": 5791,
     "nodes": 2941,
-    "offline": 5603,
+    "offline": 5548,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,
     "beside the rooms": 796,
-    "tests": 47223,
+    "tests": 46768,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 387
+MOST_FILES = 380
 """Modules of the product."""
 
 

@@ -19,8 +19,7 @@ from ..messages.samples import Floats
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
-from .examination import require_sound
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, open_recording, reported, require_sound, silent
 from .report.quantities import tolerated
 
 _IDENTIFIED = (

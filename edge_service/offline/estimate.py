@@ -15,8 +15,7 @@ from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.estimated_axis import DAMAGED, UNKNOWN_STOP_S, Kept, StateError, identity_of
 from ..nodes.stages import make_downsampler, make_estimator
-from .examination import require_sound
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, open_recording, reported, require_sound, silent
 
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
 
