@@ -24,8 +24,9 @@ TABLE_FAULTS = ("payload", "looseness")
 """Faults that only the second encoder shows."""
 MODEL_ERROR = 0.015
 """Error of ln(preload) by the cube root law and the drag's proportion near a fresh preload."""
-MODEL_ERROR_SHARE = 0.2
-"""Its growth with the distance from the fresh preload, as a share."""
+MODEL_ERROR_SHARE, DRAG_ERROR_SHARE = 0.2, 0.02
+"""Its growth with the distance from the fresh preload, as a share: the exponent of the nut's law,
+1/3 for Hertz contacts, is known to a fifth (assumed); error of the drag per preload."""
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
@@ -69,7 +70,7 @@ def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -
     commissioned, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
     assert commissioned is not None
     table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
-    error = MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance)
+    error = DRAG_ERROR_SHARE if drag is None else max(DRAG_ERROR_SHARE, drag.tolerance)
     tolerance = math.nan if table is None else table.tolerance
     return FaultLimits(error, tolerance, commissioned.coulomb_nm, assumed)
 
@@ -198,7 +199,8 @@ def _log_preloads(
     mean, sigma = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
         mean[i] = bank.mean[rows[i], state.PRELOAD]
-        share = limits.error_share * (mean[i] - math.log(model.fresh_percent))
+        share = max(MODEL_ERROR_SHARE, limits.error_share)
+        share *= mean[i] - math.log(model.fresh_percent)
         variance = max(bank.covariance[rows[i], state.PRELOAD, state.PRELOAD], 0.0)
         sigma[i] = math.sqrt(variance + MODEL_ERROR * MODEL_ERROR + share * share)
     return mean, sigma

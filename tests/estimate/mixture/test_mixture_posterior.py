@@ -10,6 +10,7 @@ from scipy.stats import norm, truncnorm
 
 from edge_service.estimate.imm.modes import LEVELS_PERCENT
 from edge_service.estimate.mixture import posterior, state
+from edge_service.estimate.mixture.hypotheses import BOTH, FORCED
 from edge_service.estimate.mixture.posterior import Posterior
 from edge_service.estimate.mixture.state import Bank, empty_bank
 from edge_service.messages.samples import Floats
@@ -28,6 +29,7 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     bank.alive[rng.integers(state.HYPOTHESES)] = 1
     bank.log_weight[:] = np.log(rng.dirichlet(np.full(state.HYPOTHESES, 0.3)) + 1e-6)
     bank.force[:] = rng.random(state.HYPOTHESES)
+    bank.directions[:] = rng.integers(1, 4, state.HYPOTHESES)
     sigma = np.sqrt(np.diag(start.covariance))
     sigma[state.PRELOAD] = rng.uniform(0.02, 0.8)
     base = start.mean.copy()
@@ -69,6 +71,13 @@ class Another:
         self.mean, self.cov = bank.mean[rows], bank.covariance[rows]
         self.weight = np.exp(bank.log_weight[rows])
         self.weight /= self.weight.sum()
+        slots = np.flatnonzero(rows)
+        doubted = np.isin(slots, state.CHALLENGERS) & (bank.directions[slots] != BOTH)
+        doubted &= bank.force[slots] > FORCED
+        share = self.weight[doubted].sum()
+        if share > posterior.DOUBTED:
+            self.weight[doubted] *= posterior.DOUBTED / share
+            self.weight[~doubted] *= (1.0 - posterior.DOUBTED) / max(1.0 - share, 1e-12)
         self.force = float(self.weight @ bank.force[rows])
         self.q = self.mean[:, state.PRELOAD]
         variance = self.cov[:, state.PRELOAD, state.PRELOAD] + posterior.MODEL_ERROR**2
@@ -90,10 +99,8 @@ class Another:
 
     def preload(self) -> tuple[float, float, float]:
         low, high = self.quantile(0.025), self.quantile(0.975)
-        if (
-            high < posterior.UNDETERMINED_SHARE * axis.FRESH
-            and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH
-        ):
+        lost = high < posterior.UNDETERMINED_SHARE * axis.FRESH
+        if lost and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH:
             low = 0.0
         high = max(high, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
         median = min(self.quantile(0.5, MOST + posterior.READ_ABOVE), axis.FRESH)
@@ -183,7 +190,7 @@ class TorqueAlone:
         fresh_nm = axis.PER_PERCENT_NM * axis.FRESH
         other_nm = (axis.COULOMB_NM - fresh_nm) * (warm + 0.07 * other)
         screw_nm = axis.PER_PERCENT_NM * self.percent
-        error_nm = posterior.MODEL_ERROR_SHARE * (fresh_nm - screw_nm) * rng.standard_normal(draws)
+        error_nm = posterior.DRAG_ERROR_SHARE * (fresh_nm - screw_nm) * rng.standard_normal(draws)
         every_nm = screw_nm * (warm + 0.07 * nut) + other_nm + error_nm
         every_nm += 0.1 * both * warm * (screw_nm + axis.COULOMB_NM - fresh_nm)
         self.weights = self._weights(bank, every_nm)
