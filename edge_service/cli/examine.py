@@ -39,6 +39,14 @@ def commission(
     machine: MachineFile,
     axis_number: AxisNumber,
     out: Annotated[Path, Option("Machine file to write.")],
+    tests: Annotated[
+        tuple[Path, ...],
+        Option(
+            "Recording of `motion chirp`, for an axis with one encoder; may be repeated, three of "
+            "different days are wanted.",
+            "--test",
+        ),
+    ],
     assume_fresh: Annotated[
         bool, Option("Treat the screw as fresh although recordings or data sheet say otherwise.")
     ],
@@ -59,6 +67,7 @@ def commission(
         traces,
         out,
         axis_number,
+        tests,
         assume_fresh=assume_fresh,
         interval_s=interval,
         progress=progress,

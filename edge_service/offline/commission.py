@@ -12,15 +12,17 @@ from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
-from ..estimate.commissioning.shares import doubt_of_fresh_screw
+from ..estimate.commissioning.shares import doubt_of_fresh_screw, learned_notch
+from ..fingerprint.response.notch import notch_of
 from ..messages.features import FeatureBlock
 from ..messages.interval import Interval, printed
 from ..messages.samples import Floats
+from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .examination import require_sound
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, open_recording, read_recording, reported, silent
 from .report.quantities import tolerated
 
 _IDENTIFIED = (
@@ -42,6 +44,7 @@ def commission_to_file(
     traces: Sequence[Path],
     out: Path,
     axis_number: int | None = None,
+    tests: Sequence[Path] = (),
     *,
     assume_fresh: bool = False,
     interval_s: float | None = None,
@@ -50,13 +53,14 @@ def commission_to_file(
     """Write the commissioned machine file; returns what was learned.
 
     Args:
+        tests: recordings of `motion chirp`, of different days, for an axis with one encoder.
         assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
             they leave it open it is assumed, said, and kept in the file.
         interval_s: of the blocks from now on; that of the machine file unless given.
 
     Raises ConfigError, TraceError, ExaminationError.
     """
-    if any(out.resolve() == given.resolve() for given in traces):
+    if any(out.resolve() == given.resolve() for given in (*traces, *tests)):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file, axis_number)
     require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
@@ -77,6 +81,9 @@ def commission_to_file(
     doubt = doubt_of_fresh_screw(nominal, machine)
     more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist())}
     more |= {} if interval_s is None else {"interval_s": interval_s}
+    if tests:
+        shaken = [_notch(nominal, each) for each in tests]
+        more["notch"] = learned_notch(shaken, nominal, machine)
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
@@ -141,6 +148,16 @@ def _read(
     return found, hold_s
 
 
+def _notch(machine: Machine, test: Path) -> Notch:
+    try:
+        notch = notch_of(read_recording(machine, test))
+    except ValueError as error:
+        raise ConfigError(f"--test {test}: {error}") from error
+    if notch is None:
+        raise ConfigError(f"--test {test}: nothing shakes the axis on a slow feed (motion chirp)")
+    return notch
+
+
 def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     model = document["model"]
     for name in _IDENTIFIED:
@@ -152,7 +169,7 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     document.pop("commissioned", None)
     learned = tomlkit.table()
     values = machine.commissioned.model_dump(mode="json", exclude_none=True)
-    for name in sorted(values, key=lambda name: name == "transmission"):  # a table comes last
+    for name in sorted(values, key=lambda name: isinstance(values[name], dict)):  # tables come last
         learned[name] = values[name]
     effects = document.pop("effects", None)  # tables after an array of tables would join it
     document["commissioned"] = learned
@@ -199,6 +216,13 @@ def _learned(
             lines.append(
                 "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
             )
+    if learned.notch is not None:
+        notch = learned.notch
+        lines.append(
+            f"  antiresonance {notch.antiresonance_hz:.4g} Hz by {notch.repeats} tests, compliance "
+            f"+- {100.0 * notch.compliance_scatter:.2g} % from day to day, nut's share "
+            f"{notch.nut_share:.2f} +- {notch.nut_share_sigma:.2f}"
+        )
     if doubt is not None:
         lines.append(f"  the screw is assumed to be fresh: {doubt}")
     for name, read in unlike.items():
@@ -216,6 +240,7 @@ def _learned(
         "guide_force_n": guides_n,
         "bearing_drag_nm": bearings_nm,
         "stretch": stretch,
+        "notch": learned.notch,
         "assumed_fresh_because": doubt,
         "not_as_fresh_percent": unlike,
     }
