@@ -40,12 +40,7 @@ def commission(
     axis_number: AxisNumber,
     out: Annotated[Path, Option("Machine file to write.")],
     tests: Annotated[
-        tuple[Path, ...],
-        Option(
-            "Recording of `motion chirp`, for an axis with one encoder; may be repeated, three of "
-            "different days are wanted.",
-            "--test",
-        ),
+        tuple[Path, ...], Option("Recording of `motion chirp`; repeat for other days.", "--test")
     ],
     assume_fresh: Annotated[
         bool, Option("Treat the screw as fresh although recordings or data sheet say otherwise.")

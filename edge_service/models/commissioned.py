@@ -40,18 +40,14 @@ class TransmissionConfig(_Table):
 
 
 class Notch(_Table):
-    """Antiresonance by a test of shaking on a slow feed: the table swings against a held motor.
-
-    `inertia_ratio` is M R^2 / J, of the table over motor and screw; `place_rad` and `feed_rad_s`
-    are the motor's angle and speed in the middle of the test.
-    """
+    """Antiresonance by a test of shaking on a slow feed: the table swings against a held motor."""
 
     antiresonance_hz: float = Field(gt=0.0)
     antiresonance_sigma_hz: float = Field(ge=0.0)
     damping_ratio: float = Field(gt=0.0)
-    inertia_ratio: float = Field(gt=0.0)
+    inertia_ratio: float = Field(gt=0.0)  # M R^2 / J, of the table over motor and screw
     inertia_ratio_sigma: float = Field(ge=0.0)
-    place_rad: float
+    place_rad: float  # mean angle of the motor
     feed_rad_s: float = Field(gt=0.0)
     friction_nm: float | None = None  # half of what the torque differs between the directions
 

@@ -70,22 +70,17 @@ class OfflineEstimate:
         notch = notch_of(joined(frames)) if frames else None
         if notch is None:
             return None
-        self._follow(frames[0])
         self._end_s = float(np.fmax.reduce(frames[-1].time_s))
         return self._estimator.take_test(notch, self._end_s)
-
-    def _follow(self, frame: SampleFrame) -> None:
-        """Go on from a restored state with a recording that begins with this frame."""
-        if self._restored and len(frame):
-            self._restored = False
-            if np.fmin.reduce(frame.time_s) <= self._end_s:  # on a clock of its own
-                self._downsampler = make_downsampler(self._machine)
-                self._estimator.resume(UNKNOWN_STOP_S)
 
     def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:
         """One estimate per completed interval, as the service would publish it."""
         for frame in frames:
-            self._follow(frame)
+            if self._restored and len(frame):
+                self._restored = False
+                if np.fmin.reduce(frame.time_s) <= self._end_s:  # on a clock of its own
+                    self._downsampler = make_downsampler(self._machine)
+                    self._estimator.resume(UNKNOWN_STOP_S)
             for block in self._downsampler.push(frame):
                 self._end_s = block.time_s
                 self._estimator.update(block)
