@@ -215,13 +215,18 @@ def test_fewer_tests_than_wanted_leave_a_wide_answer() -> None:
 
 def coverage(machines: list[tuple[Axis, Machine, list[tuple[float, Notch]]]]) -> None:
     """Intervals of all hold, and those of shares from .25 on are narrow."""
-    held, widths = [], []
+    held, widths, asked = [], [], 0
     for axis, machine, seen in machines:
         for preload, notch in seen:
-            told = estimator(machine).take_test(notch, 40.0)
+            asked += 1
+            try:
+                told = estimator(machine).take_test(notch, 40.0)
+            except RefusedTestError:
+                continue
             held.append(holds(told, preload))
             if axis.share >= 0.25:
                 widths.append(width(told))
+    assert len(held) > 0.9 * asked
     assert np.mean(held) > 0.93
     assert np.median(widths) < 3.0
 

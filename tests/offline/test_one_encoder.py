@@ -54,11 +54,11 @@ def test_the_commands_lead_from_tests_to_a_preload(tmp_path: Path) -> None:
         out = tmp_path / "e.csv"
         test = simulated("chirp", 7, preload)
         run("estimate", test, "--machine", learned, "--state", state, "--out", out)
-        (row,) = csv.DictReader(out.open())
+        (row,) = csv.DictReader(out.read_text().splitlines())
         assert row["status"] == "estimated"
         assert float(row["low"]) <= preload <= float(row["high"])
         read.append(float(row["preload_percent"]))
     assert read == sorted(read, reverse=True)
     words = ("commission", healthy, "--test", healthy, "--machine", machine, "--assume-fresh")
     refused = CliRunner().invoke(cli, [*map(str, words), "--out", str(tmp_path / "no.toml")])
-    assert "nothing shakes the axis on a slow feed" in refused.output
+    assert "nothing shakes the axis on a slow feed" in str(refused.exception)
