@@ -114,7 +114,7 @@ def test_an_axis_that_is_never_tested_is_estimated_as_one_without_tests(
     [
         ({"place_rad": 0.3 / AXIS.radius_m}, "another place"),
         ({"feed_rad_s": 0.012 / AXIS.radius_m}, "a feed of"),
-        ({"inertia_ratio_sigma": 0.1}, "M R.2 / J is known"),
+        ({"inertia_ratio": 0.6, "inertia_ratio_sigma": 0.1}, "another payload"),
         ({"antiresonance_hz": 1.1 * AXIS.antiresonance_hz}, "stiffer than the fresh axis"),
         ({"antiresonance_hz": 0.4 * AXIS.antiresonance_hz}, "coupling and bearings"),
     ],
