@@ -13,9 +13,9 @@ from scipy import ndimage
 from ...messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from ...models.commissioned import Notch
 from ...recordings.conditioning import UniformRun, uniform_runs
-from .control_response import measure_control_response, modes_of
+from .control_response import modes_of
 from .frequency_response import FrequencyResponse, drive_response, sampling_correction
-from .two_mass_fit import LOWEST_HZ, shakes
+from .two_mass_fit import LOWEST_HZ, TwoMassFit, fit_two_mass, modes, shakes
 
 LEAST_S = 5.0
 ROUGH = 0.1
@@ -43,16 +43,17 @@ def notch_of(recording: SampleFrame) -> Notch | None:
     if any(np.mean(np.sign(feed) * _speed(run) <= 0.0) > _TURNED_BACK for run, feed in ways):
         raise ValueError(_TURNS)
     measured = _as_sampled(drive_response([SampleFrame(r.time_s, r.channels) for r, _ in ways]))
-    figures, (_, *fitted) = measure_control_response(measured, speed_over_torque=True)
-    found, share = figures["antiresonance_hz"], figures.get("table_share")
-    if not fitted or share is None or not (found.determined and share.determined):
+    fit = fit_two_mass(measured.within(LOWEST_HZ, math.inf), correlated=True)
+    figures = modes(fit)
+    found, share = figures["antiresonance_hz"], figures["table_share"]
+    if not (found.determined and share.determined):
         raise ValueError(f"no antiresonance: {found.note or 'the fit is not determined'}")
     notch_hz = found.value
     if notch_hz * ways[0][0].period_s > MOST_SHARE:
         raise ValueError(
             f"an antiresonance of {notch_hz:.4g} Hz needs {3.0 * notch_hz:.0f} samples/s"
         )
-    _check(measured, fitted[0].x, fitted[0].y, notch_hz)
+    _check(measured, fit, notch_hz)
     if found.sigma > MOST_ERROR * notch_hz:
         raise ValueError(f"the antiresonance of {notch_hz:.4g} Hz is known to {found.sigma:.2g} Hz")
     level_nm = {feed > 0.0: float(np.mean(run.channels[TORQUE])) for run, feed in ways}
@@ -117,24 +118,21 @@ def _as_sampled(measured: FrequencyResponse) -> FrequencyResponse:
     return replace(measured, response=measured.response / held, period_s=0.0)
 
 
-def _check(measured: FrequencyResponse, fit_hz: Floats, fitted: Floats, notch_hz: float) -> None:
+def _check(measured: FrequencyResponse, fit: TwoMassFit, notch_hz: float) -> None:
     """Require a response that two masses explain around their antiresonance. Raises ValueError."""
     near = measured.within(notch_hz / NEAR, notch_hz * NEAR)
     coherence = float(np.sum(near.coherence)) / (notch_hz * (NEAR - 1.0 / NEAR))
-    expected = np.interp(near.frequency_hz, fit_hz, fitted)
-    misfits = np.log(expected / np.abs(near.response))
-    misfit = float(np.median(np.abs(misfits - np.median(misfits))))  # a torque constant may be off
     if coherence < LEAST_COHERENCE:
         raise ValueError(
             f"coherence of {coherence:.2f} around the antiresonance, expected {LEAST_COHERENCE:g}"
         )
+    misfits = np.log(np.abs(fit.response(near.frequency_hz) / near.response))
+    misfit = float(np.median(np.abs(misfits - np.median(misfits))))  # a torque constant may be off
     if misfit > MOST_MISFIT:
         raise ValueError(
             f"two masses miss the response by {misfit:.0%}, expected {MOST_MISFIT:.0%}"
         )
-    for mode in modes_of(measured.coherent(_SURE)):
-        apart = abs(math.log(mode.antiresonance_hz / notch_hz))
-        if math.log(1.05) < apart < math.log(BESIDE):
-            raise ValueError(
-                f"a second mode at {mode.antiresonance_hz:.4g} Hz beside {notch_hz:.4g} Hz"
-            )
+    others = [mode.antiresonance_hz for mode in modes_of(measured.coherent(_SURE))]
+    for other_hz in sorted(others, key=lambda hz: abs(math.log(hz / notch_hz)))[1:]:
+        if abs(math.log(other_hz / notch_hz)) < math.log(BESIDE):
+            raise ValueError(f"a second mode at {other_hz:.4g} Hz beside {notch_hz:.4g} Hz")
