@@ -157,7 +157,7 @@ MOST_LINES = {
     "diagnose": 5046,
     "downsample": 1245,
     "drivers": 3824,
-    "estimate": 5155,
+    "estimate": 5025,
     "fingerprint": 2942,
     "health": 4849,
     "http_api": 2480,

@@ -12,23 +12,9 @@ import numpy as np
 
 from ..messages.features import Phase
 from ..messages.samples import Floats
+from ..models.effects import contribution as of
 from ..models.effects.baseline import Baseline, Motion
-from ..models.effects.contribution import (
-    Change,
-    Constant,
-    Contribution,
-    DryFriction,
-    LoadFriction,
-    Over,
-    Play,
-    PreslidingWindUp,
-    Shift,
-    SmoothTorque,
-    Strain,
-    TableForce,
-    ViscousFriction,
-    Warming,
-)
+from ..models.effects.contribution import Change, Constant, Contribution, Over, Play
 from ..models.effects.effect import ActiveEffect, Term
 from ..models.effects.registry import machine_effects
 from ..models.effects.signature import torque_signature, transmission_signature
@@ -121,12 +107,12 @@ def _steady(one: ActiveEffect) -> bool:
 
 def _fleeting(contribution: Contribution) -> bool:
     match contribution:
-        case DryFriction(over, curve, _) | SmoothTorque(over, curve, _) | Shift(_, over, curve):
+        case of.DryFriction(over, curve) | of.SmoothTorque(over, curve) | of.Shift(_, over, curve):
             is_fading = over is Over.TIME and bool(np.ptp(curve(_MOMENTS_S)) > 0.0)
             return is_fading or over is Over.TEMPERATURE
-        case TableForce() | Strain() | ViscousFriction() | Warming():
+        case of.TableForce() | of.Strain() | of.ViscousFriction() | of.Warming():
             return True
-        case PreslidingWindUp() | LoadFriction() | Play():
+        case of.PreslidingWindUp() | of.LoadFriction() | Play():
             return False
         case Change(quantity, _):
             return quantity in _DYNAMIC

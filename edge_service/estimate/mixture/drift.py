@@ -4,29 +4,9 @@ import math
 
 from ...messages.samples import Floats
 from ...models.compiled import inlined
+from . import state
 from .physics import mapped
-from .state import (
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
-    GUIDE_VISCOUS,
-    NUT_FRICTION,
-    OFFSET_RATE,
-    PRELOAD,
-    REVERSAL,
-    SLOPE_RATE,
-    SPEED_ERROR_END,
-    SPEED_ERROR_START,
-    STRETCH_WANDER,
-    TORQUE_OFFSET,
-    TORQUE_SCALE,
-    TORQUE_STATES,
-    TORQUE_WANDER,
-    WEAR_RATE,
-    AxisModel,
-    Bank,
-    Process,
-    Reading,
-)
+from .state import AxisModel, Bank, Process, Reading
 
 
 @inlined
@@ -36,47 +16,47 @@ def drift(
     """Predict a hypothesis over the time since the phase before, in place."""
     x, p = bank.mean[k], bank.covariance[k]
     keep = math.exp(-elapsed_s / process.assumed.friction_s)
-    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
         _fade(x, p, i, keep)
     spread = process.together * (1.0 - keep * keep) / 2.0 * process.assumed.friction_s
-    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
-        for j in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+        for j in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
             p[i, j] += spread
-    if x.shape[0] > TORQUE_STATES:
-        _fade(x, p, REVERSAL, keep)
+    if x.shape[0] > state.TORQUE_STATES:
+        _fade(x, p, state.REVERSAL, keep)
     keep = math.exp(-r.steady_s / process.assumed.wander_s)
-    _fade(x, p, TORQUE_WANDER, keep)
-    p[TORQUE_WANDER, TORQUE_WANDER] += process.torque_wander_nm**2 * (1.0 - keep * keep)
+    _fade(x, p, state.TORQUE_WANDER, keep)
+    p[state.TORQUE_WANDER, state.TORQUE_WANDER] += process.torque_wander_nm**2 * (1.0 - keep * keep)
     if model.edge_rad2_s2 > 0.0:
         _pass_on(x, p, model.edge_rad2_s2, r.follows)
-    if x.shape[0] > TORQUE_STATES:
+    if x.shape[0] > state.TORQUE_STATES:
         way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
         keep = math.exp(-way_m / process.assumed.wander_m)
-        _fade(x, p, STRETCH_WANDER, keep)
-        slope2 = x[ENCODER_SLOPE] ** 2 + p[ENCODER_SLOPE, ENCODER_SLOPE]
+        _fade(x, p, state.STRETCH_WANDER, keep)
+        slope2 = x[state.ENCODER_SLOPE] ** 2 + p[state.ENCODER_SLOPE, state.ENCODER_SLOPE]
         uneven_m2 = (process.assumed.uneven_share * model.stroke_m) ** 2 * slope2
         unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
         wander_m2 = process.stretch_wander_m**2 + uneven_m2 + unknown_m**2
-        p[STRETCH_WANDER, STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
+        p[state.STRETCH_WANDER, state.STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
         keep = math.exp(-elapsed_s / process.assumed.growth_s)
         grown_s = process.assumed.growth_s * (1.0 - keep)
-        _grow(x, p, ENCODER_OFFSET, OFFSET_RATE, grown_s)
-        _grow(x, p, ENCODER_SLOPE, SLOPE_RATE, grown_s)
-        _fade(x, p, OFFSET_RATE, keep)
-        _fade(x, p, SLOPE_RATE, keep)
+        _grow(x, p, state.ENCODER_OFFSET, state.OFFSET_RATE, grown_s)
+        _grow(x, p, state.ENCODER_SLOPE, state.SLOPE_RATE, grown_s)
+        _fade(x, p, state.OFFSET_RATE, keep)
+        _fade(x, p, state.SLOPE_RATE, keep)
     back_s = _settled_s(process.assumed.friction_s, elapsed_s)
-    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
         p[i, i] += process.walk[i] * back_s
-    for i in (TORQUE_OFFSET, TORQUE_SCALE):
+    for i in (state.TORQUE_OFFSET, state.TORQUE_SCALE):
         p[i, i] += process.walk[i] * back_s
-    if x.shape[0] > TORQUE_STATES:
+    if x.shape[0] > state.TORQUE_STATES:
         warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
-        for i in range(TORQUE_STATES, x.shape[0]):
-            p[i, i] += process.walk[i] * (back_s if i == REVERSAL else warm_s)
-    if p[WEAR_RATE, WEAR_RATE] > 0.0:
-        _grow(x, p, PRELOAD, WEAR_RATE, r.steady_s)
-        p[WEAR_RATE, WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s
-    p[PRELOAD, PRELOAD] += process.moving_walk[k] * r.steady_s
+        for i in range(state.TORQUE_STATES, x.shape[0]):
+            p[i, i] += process.walk[i] * (back_s if i == state.REVERSAL else warm_s)
+    if p[state.WEAR_RATE, state.WEAR_RATE] > 0.0:
+        _grow(x, p, state.PRELOAD, state.WEAR_RATE, r.steady_s)
+        p[state.WEAR_RATE, state.WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s
+    p[state.PRELOAD, state.PRELOAD] += process.moving_walk[k] * r.steady_s
 
 
 @inlined
@@ -108,7 +88,7 @@ def _grow(x: Floats, p: Floats, i: int, rate: int, time_s: float) -> None:
 @inlined
 def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
     """Begin a phase with the speed's error at the end of the one before, or with a new one."""
-    first, last = SPEED_ERROR_START, SPEED_ERROR_END
+    first, last = state.SPEED_ERROR_START, state.SPEED_ERROR_END
     x[first] = x[last] if follows else 0.0
     x[last] = 0.0
     for j in range(x.shape[0]):

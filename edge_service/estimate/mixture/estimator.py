@@ -13,26 +13,12 @@ from ...models.steady_limits import LONGEST_HOLD_S
 from ..effect_compensation import EffectCompensation
 from ..interface import Engine, UnsuitableMachineError
 from ..validity import Validity
+from . import state
 from .gathering import SteadyInterval, gathered, interval_snapshot, restored_interval
 from .hypotheses import continue_after_stop, initial_bank, leader_of
 from .model import axis_model, process_of, start_of
 from .posterior import fault_limits, posterior_of
-from .state import (
-    ASSUMED,
-    ENCODER_OFFSET,
-    FORCED_S,
-    GUIDE_VISCOUS,
-    INERTIA_ERROR,
-    INERTIA_TORQUE,
-    NUT_FRICTION,
-    PAYLOAD,
-    TORQUE_SCALE,
-    TORQUE_STATES,
-    MixtureSettings,
-    Reading,
-    bank_snapshot,
-    restored_bank,
-)
+from .state import MixtureSettings, Reading, bank_snapshot, restored_bank
 from .step import step
 
 _SNAPSHOT_SCHEMA = "mixture-preload/8"
@@ -71,7 +57,7 @@ _STORED: Stored[_Last] = Stored(_Last)
 class MixturePreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
-    def __init__(self, machine: Machine, settings: MixtureSettings = ASSUMED) -> None:
+    def __init__(self, machine: Machine, settings: MixtureSettings = state.ASSUMED) -> None:
         if machine.commissioned is None:
             raise ValueError("the mixture estimator needs a commissioned machine file")
         self._settings = settings
@@ -112,8 +98,8 @@ class MixturePreloadEstimator:
         """Take the next interval."""
         if Fault.TABLE_SHIFTED in block.fault and Fault.NO_TABLE not in block.fault:
             self._last.stretch_m = None
-            if self._bank.mean.shape[1] > TORQUE_STATES:
-                self._bank.covariance[:, ENCODER_OFFSET, ENCODER_OFFSET] += SHIFTED_M**2
+            if self._bank.mean.shape[1] > state.TORQUE_STATES:
+                self._bank.covariance[:, state.ENCODER_OFFSET, state.ENCODER_OFFSET] += SHIFTED_M**2
         calm, used_s = [], 0.0
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
@@ -231,7 +217,7 @@ class MixturePreloadEstimator:
 
     def _forced(self) -> str | None:
         """Reason why the motion seen corrects nothing; None if it does."""
-        if self._bank.moments[FORCED_S] < FORCED_REPORTED_S:
+        if self._bank.moments[state.FORCED_S] < FORCED_REPORTED_S:
             return None
         return (
             "process_force: a force has acted on the table in all recent motion; needs rapids or "
@@ -241,21 +227,22 @@ class MixturePreloadEstimator:
     def _implausible(self) -> str | None:
         """Reason why no axis can be as the leading hypothesis says; None if one can."""
         moments = self._bank.moments
-        if moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
-            off = float(moments[INERTIA_ERROR] / moments[INERTIA_TORQUE])
+        if moments[state.INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
+            off = float(moments[state.INERTIA_ERROR] / moments[state.INERTIA_TORQUE])
             if abs(off) > INERTIA_OFF:
                 return (
                     f"model_mismatch: accelerating takes {100 * (1 + off):.0f} % of the torque "
                     "that it took at commissioning, even allowing for payload: check torque "
                     "constant, lead and units"
                 )
-        state = self._bank.mean[leader_of(self._bank)]
+        mean = self._bank.mean[leader_of(self._bank)]
         model = self._model
-        load_kg = model.table_mass_kg if len(state) > TORQUE_STATES else math.inf
+        friction = float(max(mean[state.NUT_FRICTION : state.GUIDE_VISCOUS + 1]))
+        load_kg = model.table_mass_kg if len(mean) > state.TORQUE_STATES else math.inf
         for name, value, low, high in (
-            ("friction", float(max(state[NUT_FRICTION : GUIDE_VISCOUS + 1])), -1.0, _MOST_FRICTION),
-            ("torque", float(state[TORQUE_SCALE]), -INERTIA_OFF, INERTIA_OFF),
-            ("payload", float(state[PAYLOAD]), -0.8 * load_kg, _MOST_LOAD * load_kg),
+            ("friction", friction, -1.0, _MOST_FRICTION),
+            ("torque", float(mean[state.TORQUE_SCALE]), -INERTIA_OFF, INERTIA_OFF),
+            ("payload", float(mean[state.PAYLOAD]), -0.8 * load_kg, _MOST_LOAD * load_kg),
         ):
             if not low <= value <= high:
                 return (

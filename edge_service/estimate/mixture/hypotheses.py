@@ -8,36 +8,9 @@ answer is contested for as long as it stands.
 import math
 
 from ...models.compiled import compiled
+from . import state
 from .model import Start
-from .state import (
-    BEFORE,
-    CHALLENGERS,
-    COUPLING,
-    LEARNING,
-    LOAD,
-    LOOSENESS,
-    LOOSENING,
-    LOSS,
-    NUT_COMPLIANCE,
-    PAYLOAD,
-    PRELOAD,
-    SINCE_SPAWN_S,
-    STEADY,
-    STOP_CHALLENGERS,
-    STOPPED_S,
-    SURPRISE,
-    TABLE_MASS,
-    TORQUE_SCALE,
-    TORQUE_STATES,
-    TOTAL_LOSS,
-    WEAR_RATE,
-    WEARING,
-    Bank,
-    MixtureSettings,
-    Process,
-    Reading,
-    empty_bank,
-)
+from .state import Bank, MixtureSettings, Process, Reading, empty_bank
 
 FORCED = 0.2
 """Probability of a process force above which a phase corrects nothing."""
@@ -56,7 +29,7 @@ DAY_S = 86_400.0
 _WORN_PER_DAY = 0.1
 _OTHER_LOAD, _OTHER_NUT = 0.05, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
-KEPT = (PRELOAD, LOOSENESS, COUPLING, NUT_COMPLIANCE, TABLE_MASS)
+KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
 
 
@@ -88,9 +61,9 @@ def adapt_hypotheses(
     corrected. `calm`: no process force acts.
     """
     moments, motion_s = bank.moments, reading.steady_s
-    moments[SINCE_SPAWN_S] += motion_s
+    moments[state.SINCE_SPAWN_S] += motion_s
     if elapsed_s > STOP_S:
-        moments[STOPPED_S] = min(elapsed_s, _LONGEST_STOP_S)
+        moments[state.STOPPED_S] = min(elapsed_s, _LONGEST_STOP_S)
     side = 1 if reading.direction > 0.0 else 2
     oldest = 0.0
     for k in range(bank.alive.shape[0]):
@@ -99,7 +72,7 @@ def adapt_hypotheses(
                 bank.age_s[k] += motion_s
                 bank.directions[k] |= side
             oldest = max(oldest, bank.age_s[k])
-    if moments[LEARNING] > 0.0:
+    if moments[state.LEARNING] > 0.0:
         if oldest >= process.assumed.learn_s:
             _end_initialisation(bank, process)
         return
@@ -107,29 +80,29 @@ def adapt_hypotheses(
     base = accepted(bank)
     if _is_confirmed(bank, process, leader, base, calm):
         _promote(bank, process, leader, base)
-        leader = base = STEADY
+        leader = base = state.STEADY
     log_spawn = math.log(process.assumed.spawn_s)
-    if moments[STOPPED_S] > 0.0:
-        log_time = math.log(moments[STOPPED_S])
-        moments[STOPPED_S] = 0.0
-        for k in STOP_CHALLENGERS:
+    if moments[state.STOPPED_S] > 0.0:
+        log_time = math.log(moments[state.STOPPED_S])
+        moments[state.STOPPED_S] = 0.0
+        for k in state.STOP_CHALLENGERS:
             _spawn_unless_running(bank, process, k, base, leader, process.stop_priors[k] + log_time)
-        for k in (LOSS, TOTAL_LOSS):
+        for k in (state.LOSS, state.TOTAL_LOSS):
             _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
-    since = moments[SINCE_SPAWN_S]
-    surprised = moments[SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
+    since = moments[state.SINCE_SPAWN_S]
+    surprised = moments[state.SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.assumed.spawn_s or surprised:
-        moments[SINCE_SPAWN_S] = 0.0
-        _restart(bank, STEADY, WEARING)
-        _restart(bank, WEARING, STEADY)
-        for k in CHALLENGERS:
+        moments[state.SINCE_SPAWN_S] = 0.0
+        _restart(bank, state.STEADY, state.WEARING)
+        _restart(bank, state.WEARING, state.STEADY)
+        for k in state.CHALLENGERS:
             _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
 
 
 @compiled
 def leader_of(bank: Bank) -> int:
     """Slot of the likeliest hypothesis."""
-    best, weight = STEADY, -math.inf
+    best, weight = state.STEADY, -math.inf
     for k in range(bank.alive.shape[0]):
         if bank.alive[k] and bank.log_weight[k] > weight:
             best, weight = k, bank.log_weight[k]
@@ -139,14 +112,15 @@ def leader_of(bank: Bank) -> int:
 @compiled
 def accepted(bank: Bank) -> int:
     """Slot of the accepted hypothesis, from which challengers are spawned: STEADY or WEARING."""
-    wearing = bank.alive[WEARING] and bank.log_weight[WEARING] > bank.log_weight[STEADY]
-    return WEARING if wearing else STEADY
+    weight = bank.log_weight
+    wearing = bank.alive[state.WEARING] and weight[state.WEARING] > weight[state.STEADY]
+    return state.WEARING if wearing else state.STEADY
 
 
 @compiled
 def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bool) -> bool:
     """Return whether a challenger has led for long enough, in both directions, by a margin."""
-    if leader in (STEADY, WEARING) or not calm:
+    if leader in (state.STEADY, state.WEARING) or not calm:
         return False
     seen = bank.age_s[leader] >= process.assumed.confirm_s and bank.directions[leader] == _BOTH
     return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.assumed.margin)
@@ -175,16 +149,16 @@ def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
     mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
     force, force_n = bank.force[base], bank.force_n[base]
     weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.assumed.floor)
-    copy_to(bank, STEADY, leader, weight)
-    unlock_wear(bank, process, STEADY)
-    copy_to(bank, WEARING, STEADY, weight + math.log(process.assumed.wearing))
-    for k in CHALLENGERS:
+    copy_to(bank, state.STEADY, leader, weight)
+    unlock_wear(bank, process, state.STEADY)
+    copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
+    for k in state.CHALLENGERS:
         if k == leader or bank.log_weight[k] < weight - process.assumed.margin:
             bank.alive[k] = 0
-    bank.mean[BEFORE], bank.covariance[BEFORE] = mean, covariance
-    bank.force[BEFORE], bank.force_n[BEFORE] = force, force_n
-    copy_to(bank, BEFORE, BEFORE, left)
-    bank.moments[SINCE_SPAWN_S] = process.assumed.spawn_s
+    bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
+    bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
+    copy_to(bank, state.BEFORE, state.BEFORE, left)
+    bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
@@ -196,20 +170,20 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
         if bank.alive[k] and k != best and bank.log_weight[k] > weight:
             second, weight = k, bank.log_weight[k]
     top = bank.log_weight[best]
-    copy_to(bank, BEFORE, second, weight)
-    copy_to(bank, STEADY, best, top)
-    unlock_wear(bank, process, STEADY)
-    copy_to(bank, WEARING, STEADY, top + math.log(process.assumed.wearing))
-    for k in CHALLENGERS:
+    copy_to(bank, state.BEFORE, second, weight)
+    copy_to(bank, state.STEADY, best, top)
+    unlock_wear(bank, process, state.STEADY)
+    copy_to(bank, state.WEARING, state.STEADY, top + math.log(process.assumed.wearing))
+    for k in state.CHALLENGERS:
         bank.alive[k] = 0
-    bank.moments[LEARNING] = 0.0
-    bank.moments[SINCE_SPAWN_S] = process.assumed.spawn_s
+    bank.moments[state.LEARNING] = 0.0
+    bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
 def unlock_wear(bank: Bank, process: Process, slot: int) -> None:
     """Let the preload change at an unknown rate."""
-    _renew(bank, slot, WEAR_RATE, 0.0, process.assumed.wear_rate)
+    _renew(bank, slot, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
 
 
 @compiled
@@ -240,7 +214,7 @@ def _spawn_unless_running(
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     gains = ahead > prior + _GAINED
-    if slot in (LOSS, TOTAL_LOSS):
+    if slot in (state.LOSS, state.TOTAL_LOSS):
         gains = gains and bank.age_s[slot] < process.assumed.spawn_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains or explains)
@@ -254,14 +228,14 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
     copy_to(bank, slot, base, log_weight)
     bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
-    if slot == TOTAL_LOSS:
-        _renew(bank, slot, PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
+    if slot == state.TOTAL_LOSS:
+        _renew(bank, slot, state.PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
         return
-    if slot == LOAD:
-        _renew(bank, slot, PAYLOAD, 0.0, 0.0)
-    if slot == LOOSENING:
-        x[LOOSENESS] += process.loosened_m_per_n
-        x[COUPLING] += process.loosened_m_per_n
+    if slot == state.LOAD:
+        _renew(bank, slot, state.PAYLOAD, 0.0, 0.0)
+    if slot == state.LOOSENING:
+        x[state.LOOSENESS] += process.loosened_m_per_n
+        x[state.COUPLING] += process.loosened_m_per_n
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):
             p[i, j] += process.jumps[slot, i, j]
@@ -281,24 +255,26 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
         (_NONE, _NONE_SIGMA, settings.none),
     )
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
-    slots = iter((STEADY, *CHALLENGERS))
+    slots = iter((state.STEADY, *state.CHALLENGERS))
     for load, load_share in loads:
-        if load and len(start.mean) == TORQUE_STATES:
+        if load and len(start.mean) == state.TORQUE_STATES:
             continue
         for share, sigma, level_share in levels:
             if load_share * level_share <= 0.0:
                 continue
             slot = next(slots)
             bank.mean[slot] = start.mean
-            bank.mean[slot, PRELOAD] += math.log(share)
+            bank.mean[slot, state.PRELOAD] += math.log(share)
             bank.covariance[slot] = start.covariance + load * start.load
-            bank.covariance[slot, PRELOAD, PRELOAD] = sigma**2
+            bank.covariance[slot, state.PRELOAD, state.PRELOAD] = sigma**2
             if load:
-                _renew(bank, slot, TORQUE_SCALE, 0.0, 0.0)
+                _renew(bank, slot, state.TORQUE_SCALE, 0.0, 0.0)
             bank.log_weight[slot] = math.log(load_share * level_share)
             bank.alive[slot] = 1
-    copy_to(bank, WEARING, STEADY, bank.log_weight[STEADY] + math.log(settings.hazard))
-    bank.moments[LEARNING] = 1.0
+    copy_to(
+        bank, state.WEARING, state.STEADY, bank.log_weight[state.STEADY] + math.log(settings.hazard)
+    )
+    bank.moments[state.LEARNING] = 1.0
     return bank
 
 
@@ -309,31 +285,31 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     the table, and even another nut may be in. As at the start, these stand for themselves until
     the likeliest is accepted.
     """
-    if bank.moments[LEARNING] > 0.0:
+    if bank.moments[state.LEARNING] > 0.0:
         for k in range(len(bank.alive)):
             _age(bank, k, start, stopped_s)
         return
     base = accepted(bank)
-    copy_to(bank, STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
-    _age(bank, STEADY, start, stopped_s)
-    bank.alive[STEADY + 1 :] = 0
-    copy_to(bank, NUT_SLOT, STEADY, math.log(_OTHER_NUT))
-    sigma = math.sqrt(start.covariance[PRELOAD, PRELOAD])
-    _renew(bank, NUT_SLOT, PRELOAD, start.mean[PRELOAD], sigma)
-    if len(start.mean) > TORQUE_STATES:
-        copy_to(bank, LOAD_SLOT, STEADY, math.log(_OTHER_LOAD))
-        _renew(bank, LOAD_SLOT, PAYLOAD, 0.0, 0.0)
-        _renew(bank, LOAD_SLOT, TORQUE_SCALE, 0.0, 0.0)
+    copy_to(bank, state.STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
+    _age(bank, state.STEADY, start, stopped_s)
+    bank.alive[state.STEADY + 1 :] = 0
+    copy_to(bank, NUT_SLOT, state.STEADY, math.log(_OTHER_NUT))
+    sigma = math.sqrt(start.covariance[state.PRELOAD, state.PRELOAD])
+    _renew(bank, NUT_SLOT, state.PRELOAD, start.mean[state.PRELOAD], sigma)
+    if len(start.mean) > state.TORQUE_STATES:
+        copy_to(bank, LOAD_SLOT, state.STEADY, math.log(_OTHER_LOAD))
+        _renew(bank, LOAD_SLOT, state.PAYLOAD, 0.0, 0.0)
+        _renew(bank, LOAD_SLOT, state.TORQUE_SCALE, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
     bank.force[:] = 0.0
     bank.force_n[:] = 0.0
     bank.moments[:] = 0.0
-    bank.moments[LEARNING] = 1.0
+    bank.moments[state.LEARNING] = 1.0
 
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
     """Begin a new session from the preload and the looseness of the last one."""
-    kept = KEPT if len(start.mean) > TORQUE_STATES else (PRELOAD,)
+    kept = KEPT if len(start.mean) > state.TORQUE_STATES else (state.PRELOAD,)
     mean, covariance = start.mean.copy(), start.covariance.copy()
     for i in kept:
         mean[i] = bank.mean[slot, i]
@@ -342,5 +318,5 @@ def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
     for i in kept:
         for j in kept:
             covariance[i, j] = bank.covariance[slot, i, j]
-    covariance[PRELOAD, PRELOAD] += _WORN_PER_DAY**2 * stopped_s / DAY_S
+    covariance[state.PRELOAD, state.PRELOAD] += _WORN_PER_DAY**2 * stopped_s / DAY_S
     bank.mean[slot], bank.covariance[slot] = mean, covariance

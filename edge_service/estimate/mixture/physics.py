@@ -27,35 +27,8 @@ from ...messages.samples import Floats
 from ...models.compiled import inlined
 from ...models.screw.friction import stribeck_decay
 from ...models.screw.nut_law import nut_deflection
-from .state import (
-    BEARING_FRICTION,
-    CLOCK_SKEW,
-    COUPLING,
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
-    GUIDE_FRICTION,
-    GUIDE_VISCOUS,
-    LOOSENESS,
-    MAP,
-    MAP_STATES,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    PAYLOAD,
-    PRELOAD,
-    REVERSAL,
-    SPEED_ERROR_END,
-    SPEED_ERROR_START,
-    STRETCH_WANDER,
-    TABLE_MASS,
-    TORQUE_OFFSET,
-    TORQUE_SCALE,
-    TORQUE_WANDER,
-    VISCOUS,
-    AxisModel,
-    Bank,
-    Process,
-    Reading,
-)
+from . import state
+from .state import AxisModel, Bank, Process, Reading
 
 _STRAIGHT = 0.05
 _FARTHEST = 1.5
@@ -107,30 +80,30 @@ def expected_torque(
         slow_nm: St(v).
     """
     ratio, s = model.ratio_m_per_rad, r.direction
-    drag = model.drag_per_percent_nm * math.exp(x[PRELOAD])
+    drag = model.drag_per_percent_nm * math.exp(x[state.PRELOAD])
     for i in range(slope.shape[0]):
         slope[i] = 0.0
-    slope[PRELOAD] = s * drag * factor * (1.0 + x[NUT_FRICTION])
-    slope[NUT_FRICTION] = s * drag * factor
-    slope[BEARING_FRICTION] = s * model.bearing_nm
-    slope[GUIDE_FRICTION] = s * ratio * model.guide_n
-    slope[VISCOUS] = model.viscous_nm_s * r.speed_rad_s
-    slope[PAYLOAD] = ratio * ratio * r.acceleration_rad_s2
-    slope[TORQUE_OFFSET] = 1.0
-    slope[TORQUE_WANDER] = s
+    slope[state.PRELOAD] = s * drag * factor * (1.0 + x[state.NUT_FRICTION])
+    slope[state.NUT_FRICTION] = s * drag * factor
+    slope[state.BEARING_FRICTION] = s * model.bearing_nm
+    slope[state.GUIDE_FRICTION] = s * ratio * model.guide_n
+    slope[state.VISCOUS] = model.viscous_nm_s * r.speed_rad_s
+    slope[state.PAYLOAD] = ratio * ratio * r.acceleration_rad_s2
+    slope[state.TORQUE_OFFSET] = 1.0
+    slope[state.TORQUE_WANDER] = s
     if model.edge_rad2_s2 > 0.0:
-        slope[SPEED_ERROR_END] = model.inertia_kg_m2 / r.steady_s
-        slope[SPEED_ERROR_START] = -slope[SPEED_ERROR_END]
+        slope[state.SPEED_ERROR_END] = model.inertia_kg_m2 / r.steady_s
+        slope[state.SPEED_ERROR_START] = -slope[state.SPEED_ERROR_END]
     value = model.inertia_kg_m2 * r.acceleration_rad_s2
     value += s * (slow_nm + model.bearing_nm + ratio * model.guide_n)
     value += model.viscous_nm_s * r.speed_rad_s + model.asymmetry_nm_s * abs(r.speed_rad_s)
-    value += slope[PRELOAD]
-    for i in range(BEARING_FRICTION, SPEED_ERROR_END + 1):
+    value += slope[state.PRELOAD]
+    for i in range(state.BEARING_FRICTION, state.SPEED_ERROR_END + 1):
         value += slope[i] * x[i]
-    for i in range(TORQUE_SCALE):
-        slope[i] *= 1.0 + x[TORQUE_SCALE]
-    slope[TORQUE_SCALE] = value
-    return float(value * (1.0 + x[TORQUE_SCALE]))
+    for i in range(state.TORQUE_SCALE):
+        slope[i] *= 1.0 + x[state.TORQUE_SCALE]
+    slope[state.TORQUE_SCALE] = value
+    return float(value * (1.0 + x[state.TORQUE_SCALE]))
 
 
 @inlined
@@ -141,17 +114,18 @@ def expected_stretch(
     away, s = r.table_m - model.reference_m, r.direction
     gear = model.ratio_m_per_rad * r.acceleration_rad_s2
     speed = model.ratio_m_per_rad * r.speed_rad_s
-    percent = math.exp(x[PRELOAD])
+    percent = math.exp(x[state.PRELOAD])
     guide = s * model.guide_n
-    load = (model.table_mass_kg + x[PAYLOAD] * (1.0 - x[TABLE_MASS])) * gear
-    load += guide * (1.0 + x[GUIDE_FRICTION])
-    load += model.guide_viscous_n_s * (1.0 + x[GUIDE_VISCOUS]) * speed
+    load = (model.table_mass_kg + x[state.PAYLOAD] * (1.0 - x[state.TABLE_MASS])) * gear
+    load += guide * (1.0 + x[state.GUIDE_FRICTION])
+    load += model.guide_viscous_n_s * (1.0 + x[state.GUIDE_VISCOUS]) * speed
     nut_n = s * model.drag_per_percent_nm * percent / model.ratio_m_per_rad
     bearing_n = s * model.bearing_nm / model.ratio_m_per_rad
     viscous_n = model.viscous_nm_s * r.speed_rad_s / model.ratio_m_per_rad
     held = load + model.hanging_n
-    twisting = held + nut_n * (1.0 + x[NUT_FRICTION]) + bearing_n * (1.0 + x[BEARING_FRICTION])
-    twisting += viscous_n * (1.0 + x[VISCOUS])
+    twisting = held + nut_n * (1.0 + x[state.NUT_FRICTION])
+    twisting += bearing_n * (1.0 + x[state.BEARING_FRICTION])
+    twisting += viscous_n * (1.0 + x[state.VISCOUS])
     y, by_force, by_percent = nut_deflection(
         held,
         percent * factor,
@@ -162,35 +136,36 @@ def expected_stretch(
     y -= model.hanging_deflection
     nut_m = 3.0 * model.fresh_preload_n
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
-    rest = max(series - x[NUT_COMPLIANCE], 1e-12)
-    compliance = rest + x[LOOSENESS] + x[COUPLING] + nut_m * x[NUT_COMPLIANCE] * by_force
+    rest = max(series - x[state.NUT_COMPLIANCE], 1e-12)
+    compliance = rest + x[state.LOOSENESS] + x[state.COUPLING]
+    compliance += nut_m * x[state.NUT_COMPLIANCE] * by_force
     reversal = s * series * model.guide_n
     for i in range(slope.shape[0]):
         slope[i] = 0.0
-    slope[PRELOAD] = nut_m * x[NUT_COMPLIANCE] * by_percent * percent * factor
-    slope[PRELOAD] += x[COUPLING] * nut_n * (1.0 + x[NUT_FRICTION])
-    slope[NUT_FRICTION] = x[COUPLING] * nut_n
-    slope[BEARING_FRICTION] = x[COUPLING] * bearing_n
-    slope[VISCOUS] = x[COUPLING] * viscous_n
-    slope[GUIDE_FRICTION] = compliance * guide
-    slope[GUIDE_VISCOUS] = compliance * model.guide_viscous_n_s * speed
-    slope[PAYLOAD] = compliance * gear * (1.0 - x[TABLE_MASS])
-    slope[NUT_COMPLIANCE] = nut_m * y - load
-    slope[LOOSENESS] = held
-    slope[COUPLING] = twisting
-    slope[TABLE_MASS] = -compliance * x[PAYLOAD] * gear
-    slope[REVERSAL] = reversal
-    slope[ENCODER_OFFSET], slope[ENCODER_SLOPE] = 1.0, away
-    slope[CLOCK_SKEW], slope[STRETCH_WANDER] = speed, 1.0
-    value = reversal * x[REVERSAL] + rest * load + nut_m * x[NUT_COMPLIANCE] * y
-    value += x[LOOSENESS] * held + x[COUPLING] * twisting
-    value += x[ENCODER_OFFSET] + x[ENCODER_SLOPE] * away + x[CLOCK_SKEW] * speed
-    value += x[STRETCH_WANDER]
+    slope[state.PRELOAD] = nut_m * x[state.NUT_COMPLIANCE] * by_percent * percent * factor
+    slope[state.PRELOAD] += x[state.COUPLING] * nut_n * (1.0 + x[state.NUT_FRICTION])
+    slope[state.NUT_FRICTION] = x[state.COUPLING] * nut_n
+    slope[state.BEARING_FRICTION] = x[state.COUPLING] * bearing_n
+    slope[state.VISCOUS] = x[state.COUPLING] * viscous_n
+    slope[state.GUIDE_FRICTION] = compliance * guide
+    slope[state.GUIDE_VISCOUS] = compliance * model.guide_viscous_n_s * speed
+    slope[state.PAYLOAD] = compliance * gear * (1.0 - x[state.TABLE_MASS])
+    slope[state.NUT_COMPLIANCE] = nut_m * y - load
+    slope[state.LOOSENESS] = held
+    slope[state.COUPLING] = twisting
+    slope[state.TABLE_MASS] = -compliance * x[state.PAYLOAD] * gear
+    slope[state.REVERSAL] = reversal
+    slope[state.ENCODER_OFFSET], slope[state.ENCODER_SLOPE] = 1.0, away
+    slope[state.CLOCK_SKEW], slope[state.STRETCH_WANDER] = speed, 1.0
+    value = reversal * x[state.REVERSAL] + rest * load + nut_m * x[state.NUT_COMPLIANCE] * y
+    value += x[state.LOOSENESS] * held + x[state.COUPLING] * twisting
+    value += x[state.ENCODER_OFFSET] + x[state.ENCODER_SLOPE] * away + x[state.CLOCK_SKEW] * speed
+    value += x[state.STRETCH_WANDER]
     value += mapped(model.lead_map_m, model.stroke_m, r.table_m)
     value += s * mapped(model.wind_up_map_m, model.stroke_m, r.table_m)
-    for j in range(MAP_STATES):
-        slope[MAP + j] = math.cos((j + 2) * math.pi * r.table_m / model.stroke_m)
-        value += slope[MAP + j] * x[MAP + j]
+    for j in range(state.MAP_STATES):
+        slope[state.MAP + j] = math.cos((j + 2) * math.pi * r.table_m / model.stroke_m)
+        value += slope[state.MAP + j] * x[state.MAP + j]
     return value, compliance
 
 
@@ -252,7 +227,7 @@ def innovate(
     compliance = 0.0
     for i in range(size):
         at[i] = x[i]
-    straight = not two or p[PRELOAD, PRELOAD] < _STRAIGHT * _STRAIGHT
+    straight = not two or p[state.PRELOAD, state.PRELOAD] < _STRAIGHT * _STRAIGHT
     for turn in range(1 if straight else 3):
         e[0] = r.torque_nm - expected_torque(
             model, at, r, noise.factor, noise.slow_nm, innovation.slopes[0]
@@ -262,7 +237,7 @@ def innovate(
         if two:
             stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])
             e[1] = r.stretch_m - stretch
-            loose = process.loose_m * math.exp(-math.exp(at[PRELOAD]) / 0.3)
+            loose = process.loose_m * math.exp(-math.exp(at[state.PRELOAD]) / 0.3)
             s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
             s[0, 1] = axial * ratio * compliance
         for i in range(size):
@@ -284,7 +259,8 @@ def innovate(
         b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
         for i in range(size):
             at[i] = x[i] + innovation.gains[0, i] * a + innovation.gains[1, i] * b
-        at[PRELOAD] = min(max(at[PRELOAD], x[PRELOAD] - _FARTHEST), x[PRELOAD] + _FARTHEST)
+        low, high = x[state.PRELOAD] - _FARTHEST, x[state.PRELOAD] + _FARTHEST
+        at[state.PRELOAD] = min(max(at[state.PRELOAD], low), high)
     return compliance
 
 

@@ -13,26 +13,8 @@ from ...models.machine import Machine
 from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.modes import LEVELS_PERCENT
-from .state import (
-    BEARING_FRICTION,
-    BEFORE,
-    COUPLING,
-    GUIDE_FRICTION,
-    LEARNING,
-    LOOSENESS,
-    MOST_SHARE,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    PAYLOAD,
-    PRELOAD,
-    STEADY,
-    TORQUE_STATES,
-    TORQUE_WANDER,
-    WEARING,
-    AxisModel,
-    Bank,
-    MixtureSettings,
-)
+from . import state
+from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
 Rows = npt.NDArray[np.int64]
@@ -98,7 +80,7 @@ def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -
 def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior:
     """Posterior of a bank of hypotheses."""
     values = packed_posterior(bank, model, limits).tolist()
-    two = bank.mean.shape[1] > TORQUE_STATES
+    two = bank.mean.shape[1] > state.TORQUE_STATES
     names = (*FAULTS, *TABLE_FAULTS) if two else FAULTS
     return Posterior(
         tuple(values[:3]),
@@ -117,7 +99,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     weight = np.exp(bank.log_weight[rows])
     weight /= sum_of(weight)
     mean, sigma = _log_preloads(bank, model, limits, rows)
-    most = math.log(MOST_SHARE * model.fresh_percent)
+    most = math.log(state.MOST_SHARE * model.fresh_percent)
     values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
     values[1], values[2] = _interval(weight, mean, sigma, most, model.fresh_percent)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
@@ -132,21 +114,21 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     values[_FAULT] = _below(lost, weight, mean, sigma, most)
     of = np.zeros(bank.mean.shape[1])
-    of[NUT_FRICTION] = model.drag_per_percent_nm * model.fresh_percent
-    of[BEARING_FRICTION] = model.bearing_nm
-    of[GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
+    of[state.NUT_FRICTION] = model.drag_per_percent_nm * model.fresh_percent
+    of[state.BEARING_FRICTION] = model.bearing_nm
+    of[state.GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
     values[_FAULT + 1] = _above(bank, rows, weight, of, SLICK_SHARE * limits.coulomb_nm)
     values[_FAULT + 2] = sum_of(weight * bank.force[rows])
     values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
-    if bank.mean.shape[1] > TORQUE_STATES:
+    if bank.mean.shape[1] > state.TORQUE_STATES:
         of[:], limit = 0.0, PAYLOAD_SHARE * model.table_mass_kg
-        of[PAYLOAD] = 1.0
+        of[state.PAYLOAD] = 1.0
         values[_FAULT + 3] = _above(bank, rows, weight, of, limit)
         values[_FAULT + 3] += _above(bank, rows, weight, -of, limit)
-        of[PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
-        of[LOOSENESS] = of[COUPLING] = 1.0
+        of[state.PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
+        of[state.LOOSENESS] = of[state.COUPLING] = 1.0
         values[_FAULT + 4] = _above(bank, rows, weight, of, limit)
-    if bank.mean.shape[1] == TORQUE_STATES and limits.together > 0.0:
+    if bank.mean.shape[1] == state.TORQUE_STATES and limits.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
     for i in range(_LEVEL, _SIZE):
         values[i] = min(max(values[i], 0.0), 1.0)
@@ -174,7 +156,7 @@ def _of_torque_alone(
         sigma_nm = math.sqrt(variance)
         mine = weigh(level_nm, sigma_nm, fresh_nm, other_nm, limits.error_share, friction)
         every += weight[i] * mine
-        if bank.moments[LEARNING] > 0.0 or k in (STEADY, WEARING, BEFORE):
+        if bank.moments[state.LEARNING] > 0.0 or k in (state.STEADY, state.WEARING, state.BEFORE):
             firm += weight[i] * mine
             up += weight[i] * slicker(level_nm, sigma_nm, fresh_nm, limit_nm, mine)
     whole = sum_of(firm)
@@ -200,9 +182,9 @@ def _log_preloads(
     """Mean and standard deviation of ln(preload) of the hypotheses, with the model's error."""
     mean, sigma = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
-        mean[i] = bank.mean[rows[i], PRELOAD]
+        mean[i] = bank.mean[rows[i], state.PRELOAD]
         share = limits.error_share * (mean[i] - math.log(model.fresh_percent))
-        variance = max(bank.covariance[rows[i], PRELOAD, PRELOAD], 0.0)
+        variance = max(bank.covariance[rows[i], state.PRELOAD, state.PRELOAD], 0.0)
         sigma[i] = math.sqrt(variance + MODEL_ERROR * MODEL_ERROR + share * share)
     return mean, sigma
 
@@ -252,11 +234,11 @@ def _interval(
 @compiled
 def _coulomb(x: Floats, p: Floats, model: AxisModel) -> tuple[float, float]:
     """Mean, N m, and variance of the whole dry friction."""
-    drag, of = model.drag_per_percent_nm * math.exp(x[PRELOAD]), np.zeros(len(x))
-    of[NUT_FRICTION], of[BEARING_FRICTION] = drag, model.bearing_nm
-    of[GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
-    mean = drag + model.bearing_nm + of[GUIDE_FRICTION] + _sum(x, p, of)[0]
-    of[PRELOAD], of[TORQUE_WANDER] = drag * (1.0 + x[NUT_FRICTION]), 1.0
+    drag, of = model.drag_per_percent_nm * math.exp(x[state.PRELOAD]), np.zeros(len(x))
+    of[state.NUT_FRICTION], of[state.BEARING_FRICTION] = drag, model.bearing_nm
+    of[state.GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
+    mean = drag + model.bearing_nm + of[state.GUIDE_FRICTION] + _sum(x, p, of)[0]
+    of[state.PRELOAD], of[state.TORQUE_WANDER] = drag * (1.0 + x[state.NUT_FRICTION]), 1.0
     return mean, _sum(x, p, of)[1]
 
 
@@ -305,13 +287,13 @@ def _stiffness(
     sigma: Floats,
 ) -> tuple[float, float, float]:
     """Series stiffness at the reference, N/m (5.3.2, 5.3.11): 1/k = C + C_n ((F_0/F)^(1/3) - 1)."""
-    if math.isnan(limits.mass_tolerance) or bank.mean.shape[1] == TORQUE_STATES:
+    if math.isnan(limits.mass_tolerance) or bank.mean.shape[1] == state.TORQUE_STATES:
         return math.nan, math.nan, math.nan
     value, square, joints = 0.0, 0.0, np.zeros(bank.mean.shape[1])
-    joints[LOOSENESS] = joints[COUPLING] = 1.0
+    joints[state.LOOSENESS] = joints[state.COUPLING] = 1.0
     for i in range(len(rows)):
         k = rows[i]
-        nut = bank.mean[k, NUT_COMPLIANCE]
+        nut = bank.mean[k, state.NUT_COMPLIANCE]
         percent = math.exp(log_percent[i])
         load = max(percent, LEAST_NUT_LOAD_PERCENT)
         root = (model.fresh_percent / load) ** (1.0 / 3.0)
@@ -319,7 +301,8 @@ def _stiffness(
         compliance = model.compliance_m_per_n + loose + nut * (root - 1.0)
         slope = nut * root / 3.0 if percent > LEAST_NUT_LOAD_PERCENT else 0.0
         variance += (slope * sigma[i]) ** 2 + (limits.mass_tolerance * compliance) ** 2
-        variance += (root - 1.0) ** 2 * max(bank.covariance[k, NUT_COMPLIANCE, NUT_COMPLIANCE], 0.0)
+        nut_var = max(bank.covariance[k, state.NUT_COMPLIANCE, state.NUT_COMPLIANCE], 0.0)
+        variance += (root - 1.0) ** 2 * nut_var
         value += weight[i] * compliance
         square += weight[i] * (variance + compliance * compliance)
     half = 1.96 * math.sqrt(max(square - value * value, 0.0))

@@ -14,30 +14,11 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
+from . import state
 from .drift import drift
 from .hypotheses import FORCED, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, noise_of
-from .state import (
-    COUPLING,
-    FASTEST_RAD_S,
-    FORCED_S,
-    GUIDE_VISCOUS,
-    INERTIA_ERROR,
-    INERTIA_TORQUE,
-    LOOSENESS,
-    MOST_SHARE,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    PRELOAD,
-    STOPPED_S,
-    SURPRISE,
-    TORQUE_SCALE,
-    TORQUE_STATES,
-    AxisModel,
-    Bank,
-    Process,
-    Reading,
-)
+from .state import AxisModel, Bank, Process, Reading
 
 _INERTIA_S = 30.0
 _MOST_INERTIA_ERROR = 0.4
@@ -74,7 +55,7 @@ def step(
     expected; NaN if it takes the phase for one under a process force, which corrects nothing.
     """
     size = bank.mean.shape[1]
-    two = size > TORQUE_STATES and not math.isnan(reading.stretch_m)
+    two = size > state.TORQUE_STATES and not math.isnan(reading.stretch_m)
     innovation = Innovation(
         np.zeros((2, size)), np.zeros((2, size)), np.zeros(2), np.eye(2), np.zeros(size)
     )
@@ -96,7 +77,7 @@ def step(
         compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
         error_nm[k] = innovation.error[0]
         error_nm[k] += (
-            bank.mean[k, TORQUE_SCALE] * model.inertia_kg_m2 * reading.acceleration_rad_s2
+            bank.mean[k, state.TORQUE_SCALE] * model.inertia_kg_m2 * reading.acceleration_rad_s2
         )
         assess(bank, k, model, process, begins, compliance, two, innovation, assessed)
         _correct_unforced(bank, k, model, assessed, two, innovation)
@@ -104,7 +85,7 @@ def step(
     leader = leader_of(bank)
     _watch_inertia(bank, model, reading, error_nm[leader], 1.0 - assessed.persists[leader])
     calm = bool(assessed.forced[leader] <= FORCED)
-    bank.moments[SURPRISE] = assessed.nis[leader]
+    bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm)
     _count_forced(bank, process, reading, calm)
     if not calm:
@@ -171,11 +152,11 @@ def _watch_inertia(
     keep = math.exp(-r.steady_s / _INERTIA_S)
     inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2
     square, most = inertia_nm * inertia_nm, _MOST_INERTIA_ERROR * inertia_nm * inertia_nm
-    bank.moments[INERTIA_ERROR] *= keep
-    bank.moments[INERTIA_TORQUE] *= keep
+    bank.moments[state.INERTIA_ERROR] *= keep
+    bank.moments[state.INERTIA_TORQUE] *= keep
     error = min(max(error_nm * inertia_nm, -most), most)
-    bank.moments[INERTIA_ERROR] += counts * error * r.steady_s
-    bank.moments[INERTIA_TORQUE] += counts * square * r.steady_s
+    bank.moments[state.INERTIA_ERROR] += counts * error * r.steady_s
+    bank.moments[state.INERTIA_TORQUE] += counts * square * r.steady_s
 
 
 @inlined
@@ -185,20 +166,20 @@ def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
     Another load or lubricant may look like a lasting force.
     """
     if calm:
-        bank.moments[FORCED_S] = 0.0
+        bank.moments[state.FORCED_S] = 0.0
         return
-    before_s = bank.moments[FORCED_S]
-    bank.moments[FORCED_S] = before_s + r.steady_s
-    if bank.moments[FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
-        bank.moments[STOPPED_S] = max(bank.moments[STOPPED_S], 1.0)
+    before_s = bank.moments[state.FORCED_S]
+    bank.moments[state.FORCED_S] = before_s + r.steady_s
+    if bank.moments[state.FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
+        bank.moments[state.STOPPED_S] = max(bank.moments[state.STOPPED_S], 1.0)
 
 
 @inlined
 def force_begins(bank: Bank, process: Process, r: Reading) -> float:
     """Probability that a process force begins: hardly in a rapid."""
     speed = abs(r.speed_rad_s)
-    fastest = max(bank.moments[FASTEST_RAD_S], speed)
-    bank.moments[FASTEST_RAD_S] = fastest
+    fastest = max(bank.moments[state.FASTEST_RAD_S], speed)
+    bank.moments[state.FASTEST_RAD_S] = fastest
     return process.assumed.rapid_share if speed > _RAPID * fastest else process.assumed.force_share
 
 
@@ -286,8 +267,9 @@ def correct(
     below = us / left
     right = math.sqrt(ss - below * below)
     other = (e[1] - below * step) / right
-    both = size > TORQUE_STATES
-    nut = (x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE]) if both else (0.0, 0.0)
+    both = size > state.TORQUE_STATES
+    considered = state.NUT_COMPLIANCE
+    nut = (x[considered], p[considered, considered]) if both else (0.0, 0.0)
     for i in range(size):
         first[i] /= left
         x[i] += first[i] * step
@@ -306,12 +288,12 @@ def correct(
             for j in range(size):
                 p[i, j] -= a * first[j]
     if both:
-        x[NUT_COMPLIANCE], p[NUT_COMPLIANCE, NUT_COMPLIANCE] = nut
-        x[LOOSENESS] = max(x[LOOSENESS], 0.0)
-        x[COUPLING] = max(x[COUPLING], 0.0)
-    _bound(x, p, math.log(MOST_SHARE * model.fresh_percent), both)
-    x[PRELOAD] = max(x[PRELOAD], math.log(_LEAST_PERCENT))
-    for i in range(NUT_FRICTION, GUIDE_VISCOUS + 1):
+        x[considered], p[considered, considered] = nut
+        x[state.LOOSENESS] = max(x[state.LOOSENESS], 0.0)
+        x[state.COUPLING] = max(x[state.COUPLING], 0.0)
+    _bound(x, p, math.log(state.MOST_SHARE * model.fresh_percent), both)
+    x[state.PRELOAD] = max(x[state.PRELOAD], math.log(_LEAST_PERCENT))
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
         x[i] = min(max(x[i], _LEAST_FRICTION), _MOST_FRICTION)
 
 
@@ -321,9 +303,9 @@ def _bound(x: Floats, p: Floats, most: float, both: bool) -> None:
 
     Clipping alone would leave the rest of the state as an impossible preload has made it.
     """
-    if x[PRELOAD] <= most or p[PRELOAD, PRELOAD] <= 0.0:
+    if x[state.PRELOAD] <= most or p[state.PRELOAD, state.PRELOAD] <= 0.0:
         return
-    share = (most - x[PRELOAD]) / p[PRELOAD, PRELOAD]
+    share = (most - x[state.PRELOAD]) / p[state.PRELOAD, state.PRELOAD]
     for i in range(x.shape[0]):
-        if not (both and i == NUT_COMPLIANCE):
-            x[i] += share * p[PRELOAD, i]
+        if not (both and i == state.NUT_COMPLIANCE):
+            x[i] += share * p[state.PRELOAD, i]
