@@ -55,17 +55,10 @@ def commission(
     ],
 ) -> Answer:
     """Learn what is normal from a healthy, cold axis."""
-    from ..offline.commission import commission_to_file
+    from ..offline.commission import commission_to_file as run
 
-    return commission_to_file(
-        machine,
-        traces,
-        out,
-        axis_number,
-        tests,
-        assume_fresh=assume_fresh,
-        interval_s=interval,
-        progress=progress,
+    return run(
+        machine, traces, out, axis_number, tests, interval, progress, assume_fresh=assume_fresh
     )
 
 

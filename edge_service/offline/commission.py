@@ -45,18 +45,18 @@ def commission_to_file(
     out: Path,
     axis_number: int | None = None,
     tests: Sequence[Path] = (),
-    *,
-    assume_fresh: bool = False,
     interval_s: float | None = None,
     progress: Progress = silent,
+    *,
+    assume_fresh: bool = False,
 ) -> Answer:
     """Write the commissioned machine file; returns what was learned.
 
     Args:
         tests: recordings of `motion chirp`, of different days, for an axis with one encoder.
+        interval_s: of the blocks from now on; that of the machine file unless given.
         assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
             they leave it open it is assumed, said, and kept in the file.
-        interval_s: of the blocks from now on; that of the machine file unless given.
 
     Raises ConfigError, TraceError, ExaminationError.
     """
@@ -196,7 +196,7 @@ def _learned(
     if transmission is None or mass is None:
         lines.append(
             "  no stretch between two encoders: preload will rest on torque alone, and its "
-            "interval will hold what warm-up and lubrication may do to friction"
+            "interval will hold what warm-up and lubrication may do to friction, but for --test"
         )
     else:
         is_stated = model.nut_stiffness_n_per_m is not None

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from edge_service.estimate.interface import make_estimator
 from edge_service.estimate.one_encoder import OneEncoderEstimator, RefusedTestError
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
-from edge_service.models.commissioned import Notch
 from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 
@@ -20,10 +18,8 @@ from ..fingerprint.shaken_axis import STEP_S, Axis, driven
 from .tested_axis import (
     FRESH_PERCENT,
     as_it_is,
-    drawn,
     frame_of,
     machine_of,
-    notch_of_day,
     on_a_day,
 )
 
@@ -105,7 +101,9 @@ def test_an_axis_that_is_never_tested_is_estimated_as_one_without_tests(
     for block in worn_moves:
         other.update(block)
     now, plain = after(estimator(), worn_moves), other.estimate()
+    expected = width(estimator().take_test(as_it_is(AXIS), 40.0))
     assert now.reasons[-1].startswith("test_due: no test yet, and the interval is ")
+    assert float(now.reasons[-1].split()[-2]) == pytest.approx(expected, abs=0.3)
     assert now.model_copy(update={"reasons": ()}) == plain
 
 
@@ -115,8 +113,6 @@ def test_an_axis_that_is_never_tested_is_estimated_as_one_without_tests(
         ({"place_rad": 0.3 / AXIS.radius_m}, "another place"),
         ({"feed_rad_s": 0.012 / AXIS.radius_m}, "a feed of"),
         ({"inertia_ratio": 0.6, "inertia_ratio_sigma": 0.1}, "another payload"),
-        ({"antiresonance_hz": 1.1 * AXIS.antiresonance_hz}, "stiffer than the fresh axis"),
-        ({"antiresonance_hz": 0.4 * AXIS.antiresonance_hz}, "coupling and bearings"),
     ],
 )
 def test_a_test_that_is_not_that_of_commissioning_is_refused(
@@ -147,11 +143,12 @@ def test_warmth_grease_guides_and_payload_move_the_answer_by_little_or_widen_it(
     assert moved < 0.5 or width(told) > width(plain) + moved - 0.5
 
 
-@pytest.mark.parametrize("softer", [1.1, 1.2, 1.4, 1.8])
-def test_a_loosened_rest_is_not_called_lost_preload(softer: float) -> None:
+@pytest.mark.parametrize("softer", [0.8, 1.1, 1.2, 1.4, 1.8, 6.0])
+def test_a_rest_that_has_changed_is_not_called_lost_preload(softer: float) -> None:
     """The level of friction is that of the fresh screw."""
     told = estimator().take_test(as_it_is(replace(AXIS, softer=softer)), 40.0)
     assert holds(told, 1.0)
+    assert [reason[:13] for reason in told.reasons] == ["rest_changed:"] * (softer != 1.1)
 
 
 def test_a_lost_preload_with_the_friction_of_one_is_told_from_looseness() -> None:
@@ -211,59 +208,3 @@ def test_fewer_tests_than_wanted_leave_a_wide_answer() -> None:
     few, many = commissioned(AXIS, days=2), commissioned(AXIS, days=6)
     told = [estimator(each).take_test(as_it_is(AXIS), 40.0) for each in (few, many)]
     assert width(told[0]) > 1.5 * width(told[1])
-
-
-def coverage(machines: list[tuple[Axis, Machine, list[tuple[float, Notch]]]]) -> None:
-    """Intervals of all hold, and those of shares from .25 on are narrow."""
-    held, widths, asked = [], [], 0
-    for axis, machine, seen in machines:
-        for preload, notch in seen:
-            asked += 1
-            try:
-                told = estimator(machine).take_test(notch, 40.0)
-            except RefusedTestError:
-                continue
-            held.append(holds(told, preload))
-            if axis.share >= 0.25:
-                widths.append(width(told))
-    assert len(held) > 0.9 * asked
-    assert np.mean(held) > 0.93
-    assert np.median(widths) < 3.0
-
-
-def test_intervals_hold_what_drawn_axes_have_left() -> None:
-    """Another law of the nut, another stated nut, a rest that drifts, other grease each day."""
-    machines = []
-    for number in range(40):
-        random = np.random.default_rng([20261, number])
-        axis, _ = drawn(random)
-        healthy = [as_it_is(on_a_day(axis, random)) for _ in range(3)]
-        seen = [
-            (preload, as_it_is(on_a_day(replace(axis, preload=preload), random)))
-            for preload in (1.0, 0.7, 0.4, 0.2)
-        ]
-        stated = math.exp(0.15 * random.standard_normal())
-        machines.append((axis, machine_of(axis, healthy, stated), seen))
-    coverage(machines)
-
-
-@pytest.mark.slow
-def test_intervals_hold_what_recordings_of_drawn_axes_have_left() -> None:
-    machines = []
-    for number in range(8):
-        random = np.random.default_rng([20262, number])
-        axis, rate_hz = drawn(random)
-        axis = replace(axis, feedforward=True, delay_s=min(axis.delay_s, 1e-3))
-        healthy = [
-            notch
-            for day in range(3)
-            if (notch := notch_of_day(on_a_day(axis, random), 10 * number + day, rate_hz))
-        ]
-        seen = []
-        for preload in (1.0, 0.5, 0.2):
-            worn = on_a_day(replace(axis, preload=preload), random)
-            if notch := notch_of_day(worn, number, rate_hz):
-                seen.append((preload, notch))
-        assert len(healthy) == len(seen) == 3
-        machines.append((axis, machine_of(axis, healthy), seen))
-    coverage(machines)

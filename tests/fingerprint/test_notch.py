@@ -78,7 +78,11 @@ def test_a_payload_shows_in_the_ratio_of_the_inertias() -> None:
         (AXIS, {"speed_share": 1.4}, "reversed or stood"),
         (replace(AXIS, antiresonance_hz=171.0), {"rate_hz": 500.0}, "needs 5.. samples/s"),
         (replace(AXIS, base_kg=600.0, base_hz=130.0), {}, "a second mode"),
-        (replace(AXIS, feedforward=False, antiresonance_hz=222.0), {}, "coherence of|no antiresonance"),
+        (
+            replace(AXIS, feedforward=False, antiresonance_hz=222.0),
+            {},
+            "coherence of|no antiresonance",
+        ),
     ],
     ids=["no feed", "turns back", "too slow a rate", "a bed beside it", "hardly shaken"],
 )
