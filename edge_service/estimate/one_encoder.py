@@ -51,10 +51,6 @@ LOAD_ERROR, MOST_LOAD_ERROR = 0.02, 0.1
 """Assumption: error of M R^2 / J from test to test, which shows another payload; the most."""
 
 
-class RefusedTestError(ValueError):
-    """Reason why a test says nothing of the preload."""
-
-
 @dataclass(slots=True)
 class _Test:
     """Preload that the last test has left: probability of each cell, (n,), and its age, s."""
@@ -106,7 +102,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             self._test.last_s = block.time_s
 
     def take_test(self, seen: Notch, time_s: float) -> PreloadEstimate:
-        """Take a test that ended at a time; the preload after it. Raises RefusedTestError."""
+        """Take a test that ended then, and tell the preload. Raises ValueError: it says nothing."""
         rest = OTHER_REST * prior()
         weights = (1.0 - OTHER_REST) * self._by_stiffness(*self._softer(seen)) + rest
         known = self._notch.friction_nm
@@ -150,29 +146,25 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         return now.model_copy(update={"reasons": (*now.reasons, due)})
 
     def _softer(self, seen: Notch) -> tuple[float, float]:
-        """Logarithm of the compliance over the fresh one, and what it is worse known by."""
+        """Logarithm of the compliance over the fresh one, and its error beyond that of repeats."""
         known, axis = self._notch, self._machine.axis
         far_m = abs(seen.place_rad - known.place_rad) * self._model.ratio_m_per_rad
         if axis.stroke_m is not None and far_m > FAR_SHARE * axis.stroke_m:
-            raise RefusedTestError(
-                f"another place than at commissioning, {1e3 * far_m:.0f} mm away"
-            )
+            raise ValueError(f"another place than at commissioning, {1e3 * far_m:.0f} mm away")
         if not 1.0 / FEED_FACTOR < seen.feed_rad_s / known.feed_rad_s < FEED_FACTOR:
-            raise RefusedTestError(
-                f"a feed of {seen.feed_rad_s:.3g} rad/s, not {known.feed_rad_s:.3g}"
-            )
+            raise ValueError(f"a feed of {seen.feed_rad_s:.3g} rad/s, not {known.feed_rad_s:.3g}")
         softer = 2.0 * math.log(known.antiresonance_hz / seen.antiresonance_hz)
-        worse = 2.0 * _worse(known, seen, "antiresonance_hz", "antiresonance_sigma_hz")
+        old, new = (
+            2.0 * each.antiresonance_sigma_hz / each.antiresonance_hz for each in (known, seen)
+        )
+        variance = max(new**2 - old**2, 0.0)
         heavier = math.log(seen.inertia_ratio / known.inertia_ratio)
         if abs(heavier) > SIGMAS * LOAD_ERROR:
             error = seen.inertia_ratio_sigma / seen.inertia_ratio
             if error > MOST_LOAD_ERROR:
-                raise RefusedTestError(f"another payload, known to {error:.0%} only: take it off")
-            error = math.hypot(
-                _worse(known, seen, "inertia_ratio", "inertia_ratio_sigma"), LOAD_ERROR
-            )
-            softer, worse = softer - heavier, math.hypot(worse, error)
-        return softer, worse
+                raise ValueError(f"another payload, known to {error:.0%} only: take it off")
+            softer, variance = softer - heavier, variance + LOAD_ERROR**2
+        return softer, math.sqrt(variance)
 
     def _by_stiffness(self, softer: float, worse: float) -> Floats:
         """Density of the compliance with each cell, (n,): Student's t of the few repeats."""
@@ -227,12 +219,6 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             raise ValueError(f"a damaged snapshot: {len(test.weights)} values of the test")
         super().restore(snapshot)
         self._test = test
-
-
-def _worse(known: Notch, seen: Notch, name: str, sigma: str) -> float:
-    """Relative error of a figure beyond that at commissioning."""
-    old, new = (getattr(each, sigma) / getattr(each, name) for each in (known, seen))
-    return math.sqrt(max(new**2 - old**2, 0.0))
 
 
 def _combined(weights: Floats, likelihood: Floats, doubt: float) -> Floats:

@@ -68,10 +68,10 @@ class Axis:
         load = self.hanging_n / self.preload_n
 
         def force(y: float) -> float:
-            return max(q + y, 0.0) ** n - max(q - y, 0.0) ** n - load
+            return float(max(q + y, 0.0) ** n - max(q - y, 0.0) ** n - load)
 
         y = float(optimize.brentq(force, -3.0, 3.0))
-        return 1.0 / (n * (max(q + y, 1e-3) ** (n - 1.0) + max(q - y, 0.0) ** (n - 1.0)))
+        return 1.0 / float(n * (max(q + y, 1e-3) ** (n - 1.0) + max(q - y, 0.0) ** (n - 1.0)))
 
 
 def shaken(
