@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..fingerprint.shaken_axis import STEP_S, Axis, driven
 from .tested_axis import (
     FRESH_PERCENT,
     as_it_is,
+    drawn,
     frame_of,
     machine_of,
     on_a_day,
@@ -208,3 +210,20 @@ def test_fewer_tests_than_wanted_leave_a_wide_answer() -> None:
     few, many = commissioned(AXIS, days=2), commissioned(AXIS, days=6)
     told = [estimator(each).take_test(as_it_is(AXIS), 40.0) for each in (few, many)]
     assert width(told[0]) > 1.5 * width(told[1])
+
+
+def test_intervals_hold_what_drawn_axes_have_left() -> None:
+    """Another law of the nut, another stated nut, a rest that drifts, other grease each day."""
+    held, widths = [], []
+    for number in range(40):
+        random = np.random.default_rng([20261, number])
+        axis, _ = drawn(random)
+        healthy = [as_it_is(on_a_day(axis, random)) for _ in range(3)]
+        machine = machine_of(axis, healthy, math.exp(0.15 * random.standard_normal()))
+        for preload in (1.0, 0.7, 0.4, 0.2):
+            seen = as_it_is(on_a_day(replace(axis, preload=preload), random))
+            told = estimator(machine).take_test(seen, 40.0)
+            held.append(holds(told, preload))
+            widths += [width(told)] if axis.share >= 0.25 else []
+    assert np.mean(held) > 0.93
+    assert np.median(widths) < 3.0
