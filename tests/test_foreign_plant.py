@@ -7,22 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from .foreign_plant import (
-    ALL,
-    DIAGNOSIS,
-    Machine,
-    Payload,
-    ProcessForce,
-    Ramp,
-    Relubrication,
-    Steps,
-    Warmup,
-    axis_case,
-    case,
-    gap,
-    motions,
-    simulate,
-)
+from . import foreign_plant as plant
 from .foreign_plant.ageing import preload_trajectory
 from .foreign_plant.kernel import lugre, nut_deflection
 from .foreign_plant.simulate import Recording, planned
@@ -74,7 +59,7 @@ def test_friction_settles_at_the_stribeck_curve(v: float) -> None:
 @pytest.mark.parametrize("percent", [10.0, 6.8456, 2.5])
 def test_the_nut_has_the_stiffness_of_the_thesis(percent: float) -> None:
     """(5.3.11): 0.8 K (F_p / 0.1 C_a)^(1/3) for a load much smaller than the preload."""
-    machine = Machine()
+    machine = plant.Machine()
     preload, hertz = percent / 100 * machine.dynamic_load_rating_n, machine.hertz_n_per_m15
     half = (preload / hertz) ** (2 / 3)
     expected = (
@@ -93,7 +78,7 @@ def test_the_nut_has_the_stiffness_of_the_thesis(percent: float) -> None:
 
 
 def test_a_nut_without_preload_has_free_play() -> None:
-    hertz, clearance = Machine().hertz_n_per_m15, 1.6e-6
+    hertz, clearance = plant.Machine().hertz_n_per_m15, 1.6e-6
     forces = []
     for stretch in (-1.2e-6, -0.7e-6, 0.7e-6, 1.2e-6):
         guess = 0.0
@@ -104,10 +89,10 @@ def test_a_nut_without_preload_has_free_play() -> None:
     assert forces[1:3] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("machine", [Machine(), DIAGNOSIS], ids=["elastic", "stiff"])
-def test_energy_is_conserved(machine: Machine) -> None:
-    recording = simulate(
-        axis_case(duration_s=8.0, seed=3, machine=machine, events=(ProcessForce(),))
+@pytest.mark.parametrize("machine", [plant.Machine(), plant.DIAGNOSIS], ids=["elastic", "stiff"])
+def test_energy_is_conserved(machine: plant.Machine) -> None:
+    recording = plant.simulate(
+        plant.axis_case(duration_s=8.0, seed=3, machine=machine, events=(plant.ProcessForce(),))
     )
     motor, push, friction, damping, kinetic, stored, tilt, _ = recording.truth["energy"]
     assert min(motor, friction, damping) > 0.0
@@ -116,41 +101,47 @@ def test_energy_is_conserved(machine: Machine) -> None:
 
 @pytest.mark.parametrize("linear_loop", [False, True])
 def test_it_sticks_at_rest_within_its_friction(linear_loop: bool) -> None:
-    path = motions.Route(0.3).to(0.4, 0.2, 4.0, 4.0).positions()
-    recording = simulate(axis_case(setpoint_m=path, linear_loop=linear_loop, stroke_map=(0, 0)))
+    path = plant.motions.Route(0.3).to(0.4, 0.2, 4.0, 4.0).positions()
+    recording = plant.simulate(
+        plant.axis_case(setpoint_m=path, linear_loop=linear_loop, stroke_map=(0, 0))
+    )
     states = recording.truth["states"][-1000:]
     assert np.abs(states[:, 3]).max() < 1e-7
     assert np.ptp(states[:, 2]) < 5e-7
-    breakaway = 1.5 * Machine().coulomb_nm
+    breakaway = 1.5 * plant.Machine().coulomb_nm
     assert 0.0 < np.abs(states[:, 4]).max() < breakaway
 
 
 def test_drag_follows_preload_and_ramps_and_steps_do_what_they_say() -> None:
-    path = motions.Route(0.1).to(0.7, 0.15, 4.0, 0.1).positions()
+    path = plant.motions.Route(0.1).to(0.7, 0.15, 4.0, 0.1).positions()
     shares = {}
     for percent in (6.8456, 3.4228):
-        recording = simulate(axis_case(percent, setpoint_m=path, stroke_map=(0, 0)))
+        recording = plant.simulate(plant.axis_case(percent, setpoint_m=path, stroke_map=(0, 0)))
         shares[percent] = float(np.median(recording.truth["forces"]["nut_friction_nm"]))
-        viscous = recording.truth["parameters"]["nut_visc"] * 0.15 / DIAGNOSIS.lead_rad
+        viscous = recording.truth["parameters"]["nut_visc"] * 0.15 / plant.DIAGNOSIS.lead_rad
         shares[percent] -= viscous
     assert shares[6.8456] == pytest.approx(2 * shares[3.4228], rel=1e-3)
-    assert shares[6.8456] == pytest.approx(Machine().preload_drag_nm, rel=0.03)
+    assert shares[6.8456] == pytest.approx(plant.Machine().preload_drag_nm, rel=0.03)
     time_s = np.arange(0.0, 100.0, 0.01)
-    assert preload_trajectory(Ramp(10.0, 0.0, 20.0, 60.0), time_s)[4000] == pytest.approx(5.0)
-    steps = preload_trajectory(Steps(7.0, ((30.0, 5.0), (70.0, 0.0))), time_s)
+    assert preload_trajectory(plant.Ramp(10.0, 0.0, 20.0, 60.0), time_s)[4000] == pytest.approx(5.0)
+    steps = preload_trajectory(plant.Steps(7.0, ((30.0, 5.0), (70.0, 0.0))), time_s)
     assert [steps[2999], steps[3000], steps[-1]] == [7.0, 5.0, 0.0]
 
 
 def test_events_change_what_they_name_and_leave_the_preload() -> None:
-    events = (Warmup(time_constant_s=3.0), Payload(((5.0, 12.0),)), Relubrication(6.0))
-    plan = planned(axis_case(duration_s=12.0, events=events, seed=2))
-    plain = planned(axis_case(duration_s=12.0, seed=2))
+    events = (
+        plant.Warmup(time_constant_s=3.0),
+        plant.Payload(((5.0, 12.0),)),
+        plant.Relubrication(6.0),
+    )
+    plan = planned(plant.axis_case(duration_s=12.0, events=events, seed=2))
+    plain = planned(plant.axis_case(duration_s=12.0, seed=2))
     assert np.array_equal(plan.slow["preload_n"], plain.slow["preload_n"])
     assert plan.slow["table_kg"][-1] - plan.slow["table_kg"][0] == pytest.approx(12.0)
     for part in ("guide", "nut", "viscous"):
         assert plan.slow[part][0] == pytest.approx(1.0, abs=0.01)
         assert plan.slow[part][500] < 0.95
-    dry = planned(axis_case(duration_s=12.0, events=events[:2], seed=2))
+    dry = planned(plant.axis_case(duration_s=12.0, events=events[:2], seed=2))
     moved_s = np.sum(np.abs(np.diff(plan.setpoint_m[6000:])) > 1e-6) * 1e-3
     eased = plan.slow["guide"][-1] / dry.slow["guide"][-1]
     assert eased == pytest.approx(1.0 - 0.25 * (1.0 - np.exp(-moved_s / 3.0)), abs=0.01)
@@ -164,7 +155,7 @@ def test_events_change_what_they_name_and_leave_the_preload() -> None:
 
 def short_path() -> np.ndarray:
     """Rest after either direction, slow and fast strokes: 12 s."""
-    route = motions.Route(0.24).add(motions.rest(0.2)).to(0.26, 0.03, 2.0, 0.8)
+    route = plant.motions.Route(0.24).add(plant.motions.rest(0.2)).to(0.26, 0.03, 2.0, 0.8)
     for place in (0.255, 0.262, 0.27):
         route.to(place, 0.008, 2.0, 0.1)
     return route.to(0.7, 0.3, 5.0, 0.1).to(0.15, 0.6, 5.0, 0.2).to(0.7, 0.2, 3.0, 0.1).positions()
@@ -172,14 +163,14 @@ def short_path() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def healthy() -> Recording:
-    return simulate(case((), short_path(), seed=5, sensors=QUIET))
+    return plant.simulate(plant.case((), short_path(), seed=5, sensors=QUIET))
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", plant.ALL)
 def test_an_effect_shows_in_its_channel_and_only_there(name: str, healthy: Recording) -> None:
-    recording = simulate(case(((name, 1.0),), short_path(), seed=5, sensors=QUIET))
-    fault = ALL[name]
-    before, after = gap(healthy, DIAGNOSIS), gap(recording, DIAGNOSIS)
+    recording = plant.simulate(plant.case(((name, 1.0),), short_path(), seed=5, sensors=QUIET))
+    fault = plant.ALL[name]
+    before, after = plant.gap(healthy, plant.DIAGNOSIS), plant.gap(recording, plant.DIAGNOSIS)
     added = {name: np.sqrt(max(after[name] ** 2 - before[name] ** 2, 0.0)) for name in before}
     assert recording.truth["effects"][name]["strength"] == 1.0
     for channel, floor in (("torque_nm", 0.01), ("transmission_m", 4e-8)):
@@ -193,22 +184,24 @@ def test_an_effect_shows_in_its_channel_and_only_there(name: str, healthy: Recor
 
 
 def test_the_same_case_gives_the_same_recording() -> None:
-    first, second = (simulate(axis_case(duration_s=2.0, seed=4, axis_seed=9)) for _ in range(2))
+    first, second = (
+        plant.simulate(plant.axis_case(duration_s=2.0, seed=4, axis_seed=9)) for _ in range(2)
+    )
     for name, column in first.columns.items():
         np.testing.assert_array_equal(column, second.columns[name])
-    other = simulate(axis_case(duration_s=2.0, seed=5, axis_seed=9))
+    other = plant.simulate(plant.axis_case(duration_s=2.0, seed=5, axis_seed=9))
     assert other.truth["parameters"] == first.truth["parameters"]
     assert not np.array_equal(other.columns["motor_angle_rad"], first.columns["motor_angle_rad"])
     assert (
-        simulate(axis_case(duration_s=2.0, seed=4, axis_seed=8)).truth["parameters"]
+        plant.simulate(plant.axis_case(duration_s=2.0, seed=4, axis_seed=8)).truth["parameters"]
         != first.truth["parameters"]
     )
 
 
 def test_a_bad_recorder_spoils_rows_and_nothing_else() -> None:
-    clean = simulate(axis_case(duration_s=10.0, seed=1)).columns
+    clean = plant.simulate(plant.axis_case(duration_s=10.0, seed=1)).columns
     sensors = {"dropped": 0.01, "repeated": 0.02, "missing": 0.01, "stuck": 2, "clock_jumps": 1}
-    bad = simulate(axis_case(duration_s=10.0, seed=1, sensors=sensors)).columns
+    bad = plant.simulate(plant.axis_case(duration_s=10.0, seed=1, sensors=sensors)).columns
     n, steps = len(clean["time_s"]), np.diff(bad["time_s"])
     assert 0.01 * n < np.sum(steps == 0.0) < 0.03 * n
     assert 0.005 * n < n - len(np.unique(bad["time_s"])) < 0.015 * n

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..messages.features import Phase
-from ..messages.samples import Floats
 from ..models.effects import contribution as of
 from ..models.effects.baseline import Baseline, Motion
 from ..models.effects.contribution import Change, Constant, Contribution, Over, Play
@@ -49,11 +48,7 @@ class EffectCompensation:
             return None
         every = machine_effects(machine)
         used = tuple(one for one in every if _steady(one))
-        share = 1.0
-        for one in used:
-            for each in one.contributions:
-                if isinstance(each, Change) and each.quantity is Constant.COMMAND_SHARE:
-                    share *= 1.0 + each.value
+        share = math.prod(1.0 + each.value for one in used for each in _command_shares(one))
         left = tuple(one.effect.name for one in every if not _steady(one))
         return cls(used, left, share - 1.0, _baseline(machine))
 
@@ -69,7 +64,7 @@ class EffectCompensation:
         for one in self.used:
             torque = torque_signature(one.effect, one.values, motion, self.baseline)
             shift = transmission_signature(one.effect, one.values, motion, self.baseline)
-            if not _changes(one, Constant.COMMAND_SHARE):
+            if not _command_shares(one):
                 torque_nm += float(np.mean(torque[1:]))
             if any(isinstance(each, Play) for each in one.contributions):
                 shift_m += _flank(one, motion, self.baseline)
@@ -82,8 +77,9 @@ class EffectCompensation:
         )
 
 
-def _changes(one: ActiveEffect, quantity: Constant) -> bool:
-    return any(isinstance(each, Change) and each.quantity is quantity for each in one.contributions)
+def _command_shares(one: ActiveEffect) -> list[Change]:
+    changes = [each for each in one.contributions if isinstance(each, Change)]
+    return [each for each in changes if each.quantity is Constant.COMMAND_SHARE]
 
 
 def _flank(one: ActiveEffect, motion: Motion, baseline: Baseline) -> float:
@@ -127,10 +123,8 @@ def _baseline(machine: Machine) -> Baseline:
         return baseline
     t = commissioned.transmission
     away_m = baseline.position_m - t.reference_m
-    compliance: Floats = (
-        t.stretch_per_acceleration_s2 + t.stretch_slope_s2_per_m * away_m
-    ) / mass.value
-    return replace(baseline, compliance_m_per_n=np.maximum(compliance, 0.0))
+    stretch_s2 = t.stretch_per_acceleration_s2 + t.stretch_slope_s2_per_m * away_m
+    return replace(baseline, compliance_m_per_n=np.maximum(stretch_s2 / mass.value, 0.0))
 
 
 def _motion(baseline: Baseline, phase: Phase, direction: float, time_s: float) -> Motion:

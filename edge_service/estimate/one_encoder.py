@@ -23,12 +23,12 @@ from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..models.screw.nut_law import nut_deflection
 from .commissioning.shares import WANTED_TESTS
-from .imm.modes import LEVELS_PERCENT
+from .imm.modes import LEVEL_NAMES, LEVELS_PERCENT
 from .interface import Engine
 from .mixture.estimator import MixturePreloadEstimator
 from .mixture.estimator import mixture as untested
 from .mixture.hypotheses import DAY_S
-from .mixture.posterior import FAULTS, LEVELS, LOST_SHARE, UNDETERMINED_HIGH_SHARE
+from .mixture.posterior import FAULTS, LOST_SHARE, UNDETERMINED_HIGH_SHARE
 from .mixture.torque_alone import CELLS, below, cells, prior, quantile, weigh
 
 EXPONENTS = {1 / 3: 0.4, 0.28: 0.3, 0.22: 0.2, 1 / 6: 0.1}
@@ -130,7 +130,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         if test is not None and days <= LONGEST_DAYS:
             drag, limits = now.drag_torque_nm, self._limits
             sigma = (drag.high - drag.low) / (2.0 * 1.96)
-            level = self._by_friction(drag.value, sigma, limits.coulomb_nm, limits.warmth)
+            level = self._by_friction(drag.value, sigma, limits.coulomb_nm, self._settings.warmth)
             told = self._told(_combined(_worn(test.weights, days), level, OTHER_NUT))
             told["fault_probability"] = now.fault_probability | told["fault_probability"]
             now = now.model_copy(update=told)
@@ -184,7 +184,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
     ) -> Floats:
         """Likelihood of each cell, (n,), by the level of dry friction."""
         fresh_nm = self._model.drag_per_percent_nm * self._model.fresh_percent
-        friction = (warmth, self._limits.together, self._limits.apart)
+        friction = (warmth, self._settings.together, self._settings.apart)
         other_nm = max(whole_nm - fresh_nm, 0.0)
         share = self._limits.error_share
         likelihood = weigh(level_nm, sigma_nm, fresh_nm, other_nm, share, friction) / prior()
@@ -204,7 +204,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             "low": fresh * low,
             "high": fresh * high,
             "preload_n": newtons * middle,
-            "mode_probability": dict(zip(LEVELS, (-np.diff(under)).tolist(), strict=True)),
+            "mode_probability": dict(zip(LEVEL_NAMES, (-np.diff(under)).tolist(), strict=True)),
             "fault_probability": {FAULTS[0]: below(1.0 - LOST_SHARE, weights)},
         }
 

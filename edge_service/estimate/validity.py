@@ -73,11 +73,7 @@ class Validity:
         return 0.0 if self._now.time_s is None else self._now.time_s
 
     def update(
-        self,
-        block: FeatureBlock,
-        used: bool,
-        surprise: float | None,
-        used_s: float | None = None,
+        self, block: FeatureBlock, used: bool, surprise: float | None, used_s: float | None = None
     ) -> None:
         """Take an interval; `surprise` is its normalised innovation squared if it was used.
 

@@ -113,10 +113,8 @@ def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[Fi
     compared = []
     for k, (name, was, now) in enumerate(pairs):
         least = max(MATERIAL_SHARE * abs(was.value), LEAST_MATERIAL.get(changes[k].unit, 0.0))
-        material = abs(changes[k].value) >= least
-        compared.append(
-            FigureChange(name, was, now, changes[k], sigmas[k], bool(found[k]), material)
-        )
+        seen = bool(found[k]), abs(changes[k].value) >= least
+        compared.append(FigureChange(name, was, now, changes[k], sigmas[k], *seen))
     return tuple(compared)
 
 
@@ -142,11 +140,9 @@ def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, .
 def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
     """Difference; of each interval the side that faces the other counts."""
     difference = new.value - old.value
-    towards = (
-        (old.high - old.value, new.value - new.low)
-        if difference > 0.0
-        else (old.value - old.low, new.high - new.value)
-    )
+    towards = (old.value - old.low, new.high - new.value)
+    if difference > 0.0:
+        towards = (old.high - old.value, new.value - new.low)
     repeated = REPEATABILITY * math.hypot(old.value, new.value)
     sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
     return around(difference, sigma, new.unit, math.inf)

@@ -11,19 +11,13 @@ from ..models.machine import Machine
 from ..regression.interval_estimate import undetermined
 from ..regression.inverse_dynamics import identify_inverse_dynamics
 from ..regression.prepared_run import PreparationSettings, PreparedRun, prepare
-from .friction.cruise_tests import measure_equability, measure_signature
+from .friction.cruises import FrictionPoint, friction_points, measure_equability, measure_signature
 from .friction.curve import measure_friction, measure_friction_runs
-from .friction.points import FrictionPoint, friction_points
 from .response.two_mass_fit import measure_response, shakes
 from .result import AxisFingerprint, Contents, Status, examined
 from .transmission.nut_preload import measure_preload
 from .transmission.reversal_error import measure_reversal_error
-from .transmission.stiffness import (
-    StiffnessFit,
-    measure_backlash,
-    measure_stiffness,
-    stretch_fit,
-)
+from .transmission.stiffness import StiffnessFit, measure_backlash, measure_stiffness, stretch_fit
 
 CUTOFF_HZ = 100.0
 """Of the sampling rate, for slow recordings."""
@@ -31,9 +25,7 @@ _T = TypeVar("_T")
 
 
 def fingerprint_axis(
-    machine: Machine,
-    recordings: Mapping[str, SampleFrame],
-    fresh: AxisFingerprint | None = None,
+    machine: Machine, recordings: Mapping[str, SampleFrame], fresh: AxisFingerprint | None = None
 ) -> AxisFingerprint:
     """Every section from all recordings together; their order and names mean nothing.
 
@@ -114,12 +106,9 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
     clock = clock_of([frame.time_s for frame in able])
     if clock.is_slow:
         inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
-    figures = {
-        "inertia_kg_m2": inertia,
-        "rigid_coulomb_nm": fit.parameters["coulomb"],
-        "rigid_viscous_nm_s_per_rad": fit.parameters["viscous"],
-    }
-    return figures, ()
+    coulomb, viscous = fit.parameters["coulomb"], fit.parameters["viscous"]
+    frictions = {"rigid_coulomb_nm": coulomb, "rigid_viscous_nm_s_per_rad": viscous}
+    return {"inertia_kg_m2": inertia} | frictions, ()
 
 
 def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:

@@ -27,13 +27,8 @@ _SAME_WAY = 0.02
 """Moves are the same if they begin, end and run alike within this share of their way and speed."""
 _SAME_DURATION = 0.1
 
-TORQUE_NM, FOLLOWING_M, STRETCH_M, SPREAD_NM, TEMPERATURE_C = (
-    "torque_nm",
-    "following_error_m",
-    "stretch_m",
-    "torque_spread_nm",
-    "temperature_c",
-)
+TORQUE_NM, FOLLOWING_M, STRETCH_M = "torque_nm", "following_error_m", "stretch_m"
+SPREAD_NM, TEMPERATURE_C = "torque_spread_nm", "temperature_c"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,14 +185,11 @@ def is_same(first: Move, second: Move) -> bool:
 
 def most_frequent(moves: Sequence[Move]) -> str:
     """Most frequent move of a recording, in words."""
-    counts = Counter(described(move) for move in moves)
-    (words, count), *_ = counts.most_common(1)
+    ((words, count),) = Counter(map(described, moves)).most_common(1)
     return f"{words}, {count} times"
 
 
 def described(move: Move) -> str:
     """A move in words: its ends and its speed."""
-    return (
-        f"{1e3 * move.start_m:.4g} to {1e3 * move.end_m:.4g} mm at "
-        f"{1e3 * abs(move.speed_m_s):.3g} mm/s"
-    )
+    ends = f"{1e3 * move.start_m:.4g} to {1e3 * move.end_m:.4g} mm"
+    return f"{ends} at {1e3 * abs(move.speed_m_s):.3g} mm/s"

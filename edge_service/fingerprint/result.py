@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter
@@ -29,15 +29,9 @@ class FingerprintError(BadInputError):
     """A fingerprint that cannot be made or read; the text is one line."""
 
 
-def _floats(value: Any) -> Floats:
-    if isinstance(value, np.ndarray):
-        return value
-    return np.array([math.nan if each is None else each for each in value], np.float64)
-
-
 Values = Annotated[
     Floats,
-    PlainValidator(_floats),
+    PlainValidator(lambda values: np.asarray(values, np.float64)),
     PlainSerializer(lambda array: [finite_or_none(value) for value in array.tolist()]),
 ]
 

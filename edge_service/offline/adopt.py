@@ -28,10 +28,9 @@ from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
-from .examination import examine
 from .machine_text import Ask, asked, machine_text
 from .raw_columns import RawColumns, read_columns
-from .recordings import Progress, silent
+from .recordings import Progress, examine, silent
 from .report.page import ESTIMATE, STYLE, write_png
 
 ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
@@ -147,9 +146,8 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
         known = known.answered(open_[0], ask(open_[0]))
         found = understand(names, raw.values, known)
     used = {name for each in found.columns.values() for name in (each.column, each.minus)}
-    unused = [
-        each.name for each in names if each.name not in used and each.quantity is not Quantity.OTHER
-    ]
+    told = [each for each in names if each.quantity is not Quantity.OTHER]
+    unused = [each.name for each in told if each.name not in used]
     if unused:
         found.say("columns", f"not needed: {', '.join(unused)}")
     for remark in raw.remarks:
@@ -161,9 +159,8 @@ def _read(
     path: Path, understood: Understanding, number: int | None, progress: Progress
 ) -> SampleFrame:
     """The recording as the proposed columns give it: what any later command will read."""
-    columns = {
-        channel: each for channel, each in understood.columns.items() if each != ColumnMap(channel)
-    }
+    found = understood.columns.items()
+    columns = {channel: each for channel, each in found if each != ColumnMap(channel)}
     if not any(name in CHANNELS for name in understood.columns):
         asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
         raise TraceError(

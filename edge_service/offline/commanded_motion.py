@@ -70,9 +70,8 @@ def commanded_motion(
         duration_s = ENDLESS_DURATION_S
     if duration_s is not None and not returns:
         count = max(round(duration_s * rate_hz), 1)
-        return CommandedMotion(
-            name, Setpoints(motion(limits, random), limits.low_m, rate_hz), count
-        )
+        setpoints = Setpoints(motion(limits, random), limits.low_m, rate_hz)
+        return CommandedMotion(name, setpoints, count)
     if returns:
         segments = list(motion.plan(limits, random, duration_s=duration_s).segments)
         away_m = sum(segment.distance_m for segment in segments)

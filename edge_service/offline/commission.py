@@ -21,8 +21,7 @@ from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
-from .examination import require_sound
-from .recordings import Progress, open_recording, read_recording, reported, silent
+from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
 from .report.quantities import tolerated
 
 _IDENTIFIED = (

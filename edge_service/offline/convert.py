@@ -16,8 +16,7 @@ from ..models.machine import Machine
 from ..recordings.columns import TraceError
 from ..recordings.sinumerik.signals import ControllerAxis
 from ..recordings.writer import CSV_SUFFIX, TraceWriter
-from .examination import spread
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, open_recording, reported, silent, spread
 
 _GAP_STEPS = 1.5
 

@@ -21,8 +21,7 @@ from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator
 from ..recordings.reader import joined
-from .examination import examine
-from .recordings import Progress, silent
+from .recordings import Progress, examine, silent
 from .report.quantities import against
 
 FEW = 0.01

@@ -19,8 +19,7 @@ from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import TraceError
 from ..regression.interval_estimate import LEVEL
 from ..regression.prepared_run import PreparationSettings
-from .examination import ExaminationError
-from .recordings import Progress, read_recording, silent
+from .recordings import ExaminationError, Progress, read_recording, silent
 from .report.quantities import amount, estimate, words
 
 BLOCK_COLUMNS = ("HFBlockEvent.ActiveTool", "HFBlockEvent.GCode")
@@ -48,9 +47,8 @@ class DriftReport:
         if not changed:
             names = dict.fromkeys(short(d.name) for each in self.sections for d in each.drifts)
             moves = "; ".join(map(self.place, self.sections))
-            return (
-                f"nothing changed beyond repeat scatter (compared: {', '.join(names)} of {moves})"
-            )
+            compared = f"{', '.join(names)} of {moves}"
+            return f"nothing changed beyond repeat scatter (compared: {compared})"
         said = f"changed: {'; '.join(changed)}"
         heat = max((each.heat for each in self.sections if each.may_be_heat), key=abs, default=0.0)
         if not heat:

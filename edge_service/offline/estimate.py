@@ -19,8 +19,7 @@ from ..nodes.estimated_axis import DAMAGED, UNKNOWN_STOP_S, Kept, StateError, id
 from ..nodes.stages import make_downsampler, make_estimator
 from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
-from .examination import require_sound
-from .recordings import Progress, open_recording, reported, silent
+from .recordings import Progress, open_recording, reported, require_sound, silent
 
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
 

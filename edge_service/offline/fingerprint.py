@@ -21,8 +21,7 @@ from ..recordings.columns import TraceError
 from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
 from .drift import DriftReport, compare_days
-from .examination import require_sound
-from .recordings import Progress, read_recording, silent
+from .recordings import Progress, read_recording, require_sound, silent
 from .report.fingerprint_figures import draw_drift, draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import as_svg, rendered

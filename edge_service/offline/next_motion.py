@@ -20,7 +20,7 @@ from ..models.effects.effect import Parameter, Role
 from ..models.effects.registry import effect_names, get_effect
 from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
-from .diagnosis.sessions import DiagnosisError, read_runs
+from .diagnosis.gap import DiagnosisError, read_runs
 from .motion_file import MotionFileSettings, write_motion
 from .recordings import Progress, silent
 
@@ -100,11 +100,7 @@ def next_motion(
     return Answer("\n".join(lines), document)
 
 
-def isolability(
-    machine: Machine,
-    subject: str,
-    progress: Progress = silent,
-) -> Answer:
+def isolability(machine: Machine, subject: str, progress: Progress = silent) -> Answer:
     """A table: each effect, the strength from which it shows, and what it may be taken for.
 
     The motion is a named one, or that of a recording; what was measured there is not looked at.

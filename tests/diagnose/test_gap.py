@@ -1,4 +1,4 @@
-"""The gap against an independent computation, and the filter behind it."""
+"""The gap against an independent computation, and without the effects that the machine file has."""
 
 import json
 from pathlib import Path
@@ -8,10 +8,13 @@ import pytest
 from scipy import signal
 
 from edge_service.cli.entry import main
+from edge_service.diagnose.experiment import healthy_session
+from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.result import Verdict
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
-from edge_service.models.machine import Machine
+from edge_service.models.machine import EffectConfig, Machine
 
-from .conftest import frame_of, recorded, session_of
+from .conftest import frame_of, recorded, runs, session_of
 
 RATIO = 0.02 / (2.0 * np.pi)
 
@@ -50,3 +53,20 @@ def test_the_command_prints_one_json_object(
     assert printed == {
         name: pytest.approx(rows.rms, rel=1e-3) for name, rows in session.channels.items()
     }
+
+
+MODELLED = (
+    *("backlash", "compliance", "drag_error", "encoder_eccentricity", "inertia_error"),
+    *("lead_error", "stribeck", "timestamp_skew", "torque_ripple", "viscous_error"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELLED)
+def test_what_the_machine_file_has_is_not_named_again(machine: Machine, name: str) -> None:
+    knowing = machine.model_copy(update={"effects": (EffectConfig(name=name),)})
+    motion = runs(machine, frame_of(recorded((), 3)))
+    session = healthy_session(knowing, motion)
+    found = diagnose_session(session, knowing)
+    assert name not in {each.name for each in found.effects if each.probability > 0.5}
+    assert found.verdict in (Verdict.NO_GAP, Verdict.UNKNOWN)

@@ -11,16 +11,9 @@ from hypothesis import strategies as st
 
 from edge_service.downsample import Downsampler, DownsampleSettings
 from edge_service.downsample.interval_kernels import lever
+from edge_service.messages import samples
 from edge_service.messages.features import Fault, FeatureBlock
-from edge_service.messages.samples import (
-    ANGLE,
-    MOTOR_SPEED,
-    SETPOINT,
-    TABLE_POSITION,
-    TORQUE,
-    Floats,
-    SampleFrame,
-)
+from edge_service.messages.samples import Floats, SampleFrame
 
 RATIO = 0.02 / (2.0 * np.pi)
 RNG_SEED = 3
@@ -33,11 +26,11 @@ def trace(seconds: float = 2.0, rate_hz: float = 1000.0) -> dict[str, Floats]:
     theta = 40.0 * np.sin(1.5 * time_s)
     return {
         "time_s": time_s,
-        TORQUE: np.cos(1.5 * time_s) + 0.02 * rng.standard_normal(len(time_s)),
-        ANGLE: theta,
-        TABLE_POSITION: theta * RATIO + 1e-7 * rng.standard_normal(len(time_s)),
-        MOTOR_SPEED: 60.0 * np.cos(1.5 * time_s),
-        SETPOINT: theta * RATIO,
+        samples.TORQUE: np.cos(1.5 * time_s) + 0.02 * rng.standard_normal(len(time_s)),
+        samples.ANGLE: theta,
+        samples.TABLE_POSITION: theta * RATIO + 1e-7 * rng.standard_normal(len(time_s)),
+        samples.MOTOR_SPEED: 60.0 * np.cos(1.5 * time_s),
+        samples.SETPOINT: theta * RATIO,
     }
 
 
@@ -75,7 +68,7 @@ def test_the_balance_of_momentum_and_angle_is_exact_for_any_interval(interval_s:
     accel = (torque - drag) / inertia
     speed = 5.0 + np.concatenate([[0.0], np.cumsum(accel * step)])[:-1]
     theta = np.concatenate([[0.0], np.cumsum(speed * step + accel * step**2 / 2)])[:-1]
-    columns = {"time_s": np.arange(400) * step, TORQUE: torque, ANGLE: theta}
+    columns = {"time_s": np.arange(400) * step, samples.TORQUE: torque, samples.ANGLE: theta}
     blocks = blocks_of(columns, interval_s=interval_s)
     assert blocks
     for block in blocks:
@@ -91,7 +84,7 @@ def test_the_balance_of_momentum_and_angle_is_exact_for_any_interval(interval_s:
 def test_speeds_at_the_ends_and_means_of_known_motion() -> None:
     time_s = np.arange(1000) * 1e-3
     theta = 3.0 * time_s**2
-    blocks = blocks_of({"time_s": time_s, TORQUE: np.sin(time_s), ANGLE: theta})
+    blocks = blocks_of({"time_s": time_s, samples.TORQUE: np.sin(time_s), samples.ANGLE: theta})
     block = blocks[4]
     assert block.time_s == pytest.approx(0.5)
     assert block.speed_start_rad_s == pytest.approx(6.0 * 0.4, rel=1e-9)
@@ -135,7 +128,7 @@ def faulty_trace() -> dict[str, Floats]:
         ]
     )
     columns = {name: values[rows] for name, values in columns.items()}
-    columns[TORQUE][1000:1003] = np.nan
+    columns[samples.TORQUE][1000:1003] = np.nan
     return columns
 
 
@@ -187,7 +180,7 @@ def damaged(change: Callable[[dict[str, Floats]], None]) -> list[FeatureBlock]:
 @pytest.mark.parametrize("row", [398, 399, 400, 401, 402, 450])
 def test_a_wild_value_spoils_no_good_interval_wherever_it_stands(row: int) -> None:
     def jump(columns: dict[str, Floats]) -> None:
-        columns[ANGLE][row] += 4.0
+        columns[samples.ANGLE][row] += 4.0
 
     clean, blocks = blocks_of(trace(1.0)), damaged(jump)
     for block, truth in zip(blocks, clean, strict=True):
@@ -198,7 +191,7 @@ def test_a_wild_value_spoils_no_good_interval_wherever_it_stands(row: int) -> No
 
 
 @pytest.mark.parametrize(
-    ("channel", "fault"), [(TORQUE, Fault.NO_TORQUE), (ANGLE, Fault.NO_POSITION)]
+    ("channel", "fault"), [(samples.TORQUE, Fault.NO_TORQUE), (samples.ANGLE, Fault.NO_POSITION)]
 )
 @pytest.mark.parametrize("cuts", [[], [250, 333, 420, 480, 555, 700]])
 def test_rows_without_a_needed_value_are_reported_interval_by_interval(
@@ -212,7 +205,7 @@ def test_rows_without_a_needed_value_are_reported_interval_by_interval(
     assert [round(b.time_s, 1) for b in blocks if b.usable] == [0.1, 0.2, 0.7, 0.8, 0.9]
 
 
-@pytest.mark.parametrize("channel", [ANGLE, TORQUE])
+@pytest.mark.parametrize("channel", [samples.ANGLE, samples.TORQUE])
 def test_a_stuck_channel_never_passes_as_good(channel: str) -> None:
     def stick(columns: dict[str, Floats]) -> None:
         columns[channel][400:620] = columns[channel][400]
@@ -230,10 +223,10 @@ def test_an_axis_at_rest_is_not_stuck() -> None:
     blocks = blocks_of(
         {
             "time_s": time_s,
-            TORQUE: np.full(1000, 0.05),
-            ANGLE: still,
-            TABLE_POSITION: still * RATIO,
-            SETPOINT: still * RATIO,
+            samples.TORQUE: np.full(1000, 0.05),
+            samples.ANGLE: still,
+            samples.TABLE_POSITION: still * RATIO,
+            samples.SETPOINT: still * RATIO,
         }
     )
     assert {block.fault for block in blocks} == {Fault.NONE}
@@ -242,7 +235,7 @@ def test_an_axis_at_rest_is_not_stuck() -> None:
 
 def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
     columns = trace(1.0)
-    del columns[ANGLE], columns[MOTOR_SPEED]
+    del columns[samples.ANGLE], columns[samples.MOTOR_SPEED]
     block = blocks_of(columns)[3]
     reference = blocks_of(trace(1.0))[3]
     assert block.angle_end_rad == pytest.approx(reference.angle_end_rad, abs=1e-3)
@@ -252,7 +245,7 @@ def test_without_a_rotary_encoder_the_linear_one_stands_in() -> None:
 
 def test_a_state_within_rows_that_lack_a_value_goes_on() -> None:
     columns = trace(1.0)
-    columns[TORQUE][-20] = np.nan
+    columns[samples.TORQUE][-20] = np.nan
     one, other = (Downsampler(DownsampleSettings(interval_s=0.1), RATIO) for _ in range(2))
     one.push(frame_of(columns))
     kept = json.loads(json.dumps(one.snapshot(), allow_nan=False))
@@ -268,7 +261,9 @@ def test_a_state_of_another_version_is_told_from_a_damaged_one() -> None:
 
 
 garbage = st.tuples(
-    st.sampled_from(["time_s", TORQUE, ANGLE, TABLE_POSITION, SETPOINT]),
+    st.sampled_from(
+        ["time_s", samples.TORQUE, samples.ANGLE, samples.TABLE_POSITION, samples.SETPOINT]
+    ),
     st.integers(0, 599),
     st.floats(allow_nan=True, allow_infinity=True, width=64),
 )

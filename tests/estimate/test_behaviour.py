@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from edge_service.nodes.estimated_axis import DAMAGED
 from ..bench.estimator.axis import OwnAxis, downsampled
 
 SECONDS = 15.0
+STATES = Path(__file__).parent / "states"
 LONGEST_REST_S = 10.0
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "stiffness_n_per_m")
 METHODS = pytest.mark.parametrize("method", ESTIMATORS)
@@ -286,3 +288,12 @@ def test_auto_takes_the_first_that_suits_the_machine() -> None:
     assert kinds[AUTO, False] is type(made("mixture"))
     with pytest.raises(UnsuitableMachineError, match="edge-service commission"):
         make_estimator("mixture", nominal)
+
+
+@METHODS
+def test_a_state_that_an_earlier_version_has_stored_goes_on(method: str) -> None:
+    kept = (STATES / f"{method}.json").read_text("utf-8").strip()
+    estimator = made(method, one_encoder=True)
+    estimator.restore(json.loads(kept))
+    assert stored(estimator) == kept
+    assert estimator.estimate().status is EstimateStatus.ESTIMATED

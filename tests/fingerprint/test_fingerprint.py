@@ -10,21 +10,15 @@ from pydantic import TypeAdapter
 
 from edge_service.fingerprint.compare import appeared_figures, compare_fingerprints
 from edge_service.fingerprint.fingerprint import fingerprint_axis
-from edge_service.fingerprint.friction.cruise_tests import measure_signature
+from edge_service.fingerprint.friction.cruises import measure_signature
 from edge_service.fingerprint.result import (
     AxisFingerprint,
     FingerprintError,
     Status,
     read_fingerprint,
 )
-from edge_service.messages.samples import (
-    ANGLE,
-    SETPOINT,
-    TABLE_POSITION,
-    TORQUE,
-    Floats,
-    SampleFrame,
-)
+from edge_service.messages import samples
+from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
@@ -167,7 +161,7 @@ def test_the_same_axis_on_another_day_has_not_changed(
 def test_one_encoder_leaves_the_transmission_undetermined(
     machine: Machine, recordings: dict[str, SampleFrame]
 ) -> None:
-    kept = (TORQUE, ANGLE, SETPOINT)
+    kept = (samples.TORQUE, samples.ANGLE, samples.SETPOINT)
     blind = {
         name: SampleFrame(frame.time_s, {key: frame.channels[key] for key in kept})
         for name, frame in recordings.items()
@@ -175,7 +169,7 @@ def test_one_encoder_leaves_the_transmission_undetermined(
     sections = fingerprint_axis(machine, blind).sections
     for name, motion in (("stiffness", "acceleration"), ("backlash", "reversals")):
         assert sections[name].status is Status.UNDETERMINED
-        assert TABLE_POSITION in sections[name].reason
+        assert samples.TABLE_POSITION in sections[name].reason
         assert sections[name].motion == motion
     assert sections["frequency_response"].status is Status.UNDETERMINED
     assert sections["friction"].status is Status.DETERMINED
@@ -218,7 +212,7 @@ def cruise(revolutions_per_s: float, torque_nm: Floats, count: int = 20_000) -> 
         period_s=1e-3,
         start_s=0.0,
         noise_rms={},
-        channels={ANGLE: speed * np.arange(count) / 1e3, TORQUE: torque_nm},
+        channels={samples.ANGLE: speed * np.arange(count) / 1e3, samples.TORQUE: torque_nm},
         speed_rad_s=np.full(count, speed),
         acceleration_rad_s2=np.zeros(count),
         moving=np.ones(count, dtype=bool),

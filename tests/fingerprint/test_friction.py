@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from edge_service.fingerprint.friction.cruises import FrictionPoint, friction_points
 from edge_service.fingerprint.friction.curve import fit_friction
-from edge_service.fingerprint.friction.points import FrictionPoint, friction_points
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Floats, SampleFrame
 from edge_service.models.screw.friction import exponential_friction
 from edge_service.regression.prepared_run import PreparationSettings, prepare

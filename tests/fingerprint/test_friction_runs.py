@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from edge_service.fingerprint.friction.cruises import FrictionPoint
 from edge_service.fingerprint.friction.curve import (
     friction_parts,
     friction_tests,
     measure_friction_runs,
 )
-from edge_service.fingerprint.friction.points import FrictionPoint
 
 SPEEDS_RPM = (15, 60, 300, 1200, 3000)
 MIDDLE_RPM = 300

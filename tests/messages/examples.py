@@ -4,19 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from edge_service.messages import health
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command, Outcome
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
-from edge_service.messages.health import (
-    Alarm,
-    AlarmKind,
-    AxisHealth,
-    ComponentHealth,
-    ComponentStatus,
-    Consistency,
-)
 from edge_service.messages.interval import Interval
 from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, Waveform
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
@@ -42,16 +35,18 @@ USE = Use(
     force_edges_n=(0.0, 50.0),
     force_way_m=(1.5,),
 )
-HEALTH = AxisHealth(
+HEALTH = health.AxisHealth(
     axis="X",
     condition=AxisCondition.WARNING,
     reasons=("below_warning: low",),
     since_time_ns=4_000_000,
-    components=(ComponentHealth(component="estimate", axis="X", status=ComponentStatus.OK),),
+    components=(
+        health.ComponentHealth(component="estimate", axis="X", status=health.ComponentStatus.OK),
+    ),
     data_faults={"gap": 2},
     alarms=(
-        Alarm(
-            kind=AlarmKind.RATE,
+        health.Alarm(
+            kind=health.AlarmKind.RATE,
             level=AxisCondition.WARNING,
             active=True,
             text="fast",
@@ -77,7 +72,7 @@ HEALTH = AxisHealth(
     friction=FrictionCurve(
         speed_rad_s=(2.0,), torque_nm=(0.1,), first_torque_nm=(0.2,), count=(3,)
     ),
-    consistency=Consistency(),
+    consistency=health.Consistency(),
 )
 PAYLOADS: dict[str, Any] = {
     "raw": SampleFrame(
@@ -105,10 +100,10 @@ PAYLOADS: dict[str, Any] = {
         time_ns=9_000_000,
         data={"alarm": "rate", "count": 1, "share": 0.5, "none": None},
     ),
-    "command": Command(action="acknowledge", alarm=AlarmKind.RATE, user="Kim", note="seen"),
-    "status": ComponentHealth(
+    "command": Command(action="acknowledge", alarm=health.AlarmKind.RATE, user="Kim", note="seen"),
+    "status": health.ComponentHealth(
         component="http",
-        status=ComponentStatus.RECOVERABLE_ERROR,
+        status=health.ComponentStatus.RECOVERABLE_ERROR,
         reason="port",
         counters={"received": 3},
         readings={"true_preload_percent": 6.5},

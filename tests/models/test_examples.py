@@ -7,6 +7,7 @@ from types import ModuleType
 
 import pytest
 
+from edge_service.models.machine import ColumnConfig
 from edge_service.models.screw import ball_screw, friction, nut_law, stiffness
 
 PHYSICS = (ball_screw, friction, nut_law, stiffness)
@@ -37,3 +38,10 @@ def test_every_public_function_has_an_example_and_a_source(module: ModuleType) -
     functions = public_functions(module)
     assert {name for name, text in functions.items() if ">>>" not in text} == set()
     assert {name for name, text in functions.items() if not source.search(text)} == set()
+
+
+def test_a_column_as_earlier_versions_knew_it_keeps_the_machine_what_it_was() -> None:
+    """Kept states belong to a machine by its content: keys that are not used must not show."""
+    kept = {"column": "u_V", "scale": 1.0, "offset": 0.0}
+    assert ColumnConfig(column="u_V").model_dump(mode="json") == kept
+    assert ColumnConfig(column="a", minus="b").model_dump()["minus"] == "b"

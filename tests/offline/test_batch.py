@@ -18,14 +18,7 @@ import pytest
 
 from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE, ConfigError, EstimatorConfig, load_machine
-from edge_service.offline.batch import (
-    cases_of,
-    done,
-    in_processes,
-    on_cluster,
-    run_batch,
-    write_table,
-)
+from edge_service.offline import batch
 from edge_service.offline.estimate import estimate_case
 from edge_service.offline.simulate import SimulationSettings, simulate
 
@@ -33,7 +26,7 @@ ESTIMATE = partial(estimate_case, DEFAULT_MACHINE, config=EstimatorConfig())
 
 
 def estimated(recordings: list[Path], out: Path, **named: Any) -> Answer:
-    return run_batch("estimate", ESTIMATE, ["estimates.csv"], recordings, out, **named)
+    return batch.run_batch("estimate", ESTIMATE, ["estimates.csv"], recordings, out, **named)
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +101,10 @@ def test_processes_answer_as_one_does_although_one_dies(
         for place in ("one", "two")
     ]
     assert documents[0] == documents[1]
-    work = partial(done, partial(dying, recordings[0]), (), tmp_path)
-    found = {each.case.name: each for each in in_processes(work, cases_of(recordings[:3]), 2)}
+    work = partial(batch.done, partial(dying, recordings[0]), (), tmp_path)
+    found = {
+        each.case.name: each for each in batch.in_processes(work, batch.cases_of(recordings[:3]), 2)
+    }
     assert found["day_0"].status == 1
     assert [found[name].status for name in ("day_1", "day_2")] == [0, 0]
 
@@ -130,7 +125,7 @@ def dying(deadly: Path, traces: Sequence[Path], _out: Path) -> Answer:
 )
 def test_a_cluster_that_is_none_is_one_clear_line(address: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        list(on_cluster(partial(done, ESTIMATE, (), Path()), [], address))
+        list(batch.on_cluster(partial(batch.done, ESTIMATE, (), Path()), [], address))
 
 
 def test_names_of_cases_never_meet(tmp_path: Path) -> None:
@@ -138,9 +133,9 @@ def test_names_of_cases_never_meet(tmp_path: Path) -> None:
         (tmp_path / place).mkdir()
         (tmp_path / place / "x.csv").write_text("time_s,torque_command_nm\n0,1\n")
     given = [tmp_path / "a" / "x.csv", tmp_path / "b" / "x.csv", tmp_path / "a", tmp_path / "b"]
-    assert [case.name for case in cases_of(given)] == ["x", "x_2", "a", "b"]
+    assert [case.name for case in batch.cases_of(given)] == ["x", "x_2", "a", "b"]
     (tmp_path / "x_2.csv").write_text("time_s,torque_command_nm\n0,1\n")
-    names = [case.name for case in cases_of([tmp_path / "x_2.csv", *given])]
+    names = [case.name for case in batch.cases_of([tmp_path / "x_2.csv", *given])]
     assert len(set(names)) == len(names)
 
 
@@ -148,14 +143,14 @@ def test_names_of_cases_never_meet(tmp_path: Path) -> None:
 def test_a_path_without_a_recording_is_one_clear_line(given: str, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match=given):
-        cases_of([tmp_path / given])
+        batch.cases_of([tmp_path / given])
 
 
 def test_a_mistake_of_ours_is_told_with_the_case(recordings: list[Path], tmp_path: Path) -> None:
     def broken(*_: object) -> Answer:
         raise RuntimeError("cannot be")
 
-    answer = run_batch("estimate", broken, (), recordings[:2], tmp_path)
+    answer = batch.run_batch("estimate", broken, (), recordings[:2], tmp_path)
     assert answer.status == 1
     assert {row["status"] for row in rows(tmp_path)} == {1.0}
 
@@ -164,7 +159,7 @@ def test_a_column_of_several_kinds_is_one_of_texts(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     base = {"command": "estimate", "traces": "[]", "status": 0.0, "error": None, "document": None}
     number, text = {"case": "b", "answer_x": 1.0}, {"case": "a", "answer_x": "y"}
-    write_table(path, [base | number, base | text])
+    batch.write_table(path, [base | number, base | text])
     table = pyarrow.parquet.read_table(path).to_pylist()
     assert [(row["case"], row["answer_x"]) for row in table] == [("a", "y"), ("b", "1.0")]
 

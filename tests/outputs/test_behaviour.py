@@ -15,21 +15,13 @@ import pytest_asyncio
 from pydantic import ValidationError
 
 from edge_service.nodes.output_node import within
-from edge_service.outputs.base import (
-    Events,
-    Message,
-    Output,
-    OutputUnavailableError,
-    RefusedError,
-    load_output,
-    output_names,
-)
+from edge_service.outputs import base
 
 from ..messages.answers import SILENT, answer
 from .bench import SECRET, OutputBench, event
 
 PATIENCE_S = 60.0
-TOLD = [name for name in output_names() if name != "metrics"]
+TOLD = [name for name in base.output_names() if name != "metrics"]
 """Outputs with another side."""
 
 
@@ -40,9 +32,9 @@ async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
         yield built
 
 
-def messages(output: Output) -> list[Message]:
+def messages(output: base.Output) -> list[base.Message]:
     """One message of each kind that an output is handed."""
-    events = [Events(receiver, (event(),)) for receiver in output.receivers]
+    events = [base.Events(receiver, (event(),)) for receiver in output.receivers]
     return [*([answer()] if output.takes_answers else []), *events]
 
 
@@ -70,7 +62,7 @@ async def test_what_is_not_open_takes_nothing(bench: OutputBench) -> None:
     output = bench.make()
     await output.close()
     for message in messages(output):
-        with pytest.raises(OutputUnavailableError):
+        with pytest.raises(base.OutputUnavailableError):
             await output.take(message)
 
 
@@ -81,7 +73,7 @@ async def test_who_is_away_is_told_once_back(
     output = bench.make()
     await bench.lose()
     try:
-        with pytest.raises(OutputUnavailableError) as caught:
+        with pytest.raises(base.OutputUnavailableError) as caught:
             async with asyncio.timeout(PATIENCE_S):
                 await output.open()
                 for message in messages(output):
@@ -96,7 +88,7 @@ async def test_who_is_away_is_told_once_back(
                     for message in messages(output):
                         await output.take(message)
                     break
-                except OutputUnavailableError:
+                except base.OutputUnavailableError:
                     await asyncio.sleep(0.05)
         await eventually(bench)
     finally:
@@ -108,7 +100,7 @@ async def test_who_hangs_is_left(bench: OutputBench) -> None:
         pytest.skip("nobody is asked for anything")
     output = bench.hanging()
     try:
-        with pytest.raises(OutputUnavailableError) as caught:
+        with pytest.raises(base.OutputUnavailableError) as caught:
             await within(0.2, output.open())
             for message in messages(output):
                 await within(0.2, output.take(message))
@@ -127,15 +119,15 @@ async def test_who_refuses_an_event_holds_up_no_other(
     try:
         await output.open()
         for receiver in output.receivers:
-            with pytest.raises(RefusedError) as caught:
-                await output.take(Events(receiver, (event(f"a message with {SECRET}"),)))
+            with pytest.raises(base.RefusedError) as caught:
+                await output.take(base.Events(receiver, (event(f"a message with {SECRET}"),)))
             assert "\n" not in str(caught.value)
         assert SECRET not in str(caught.value) + caplog.text
     finally:
         await output.close()
 
 
-@pytest.mark.parametrize("name", output_names())
+@pytest.mark.parametrize("name", base.output_names())
 def test_what_no_output_knows_is_refused(name: str) -> None:
     with pytest.raises(ValidationError):
-        load_output(name).config_model.model_validate({"no_such_key": 1})
+        base.load_output(name).config_model.model_validate({"no_such_key": 1})

@@ -17,6 +17,7 @@ from ...models.machine import Machine, Quantity
 from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
 from ..effect_compensation import EffectCompensation
 from .checks import (
+    inertia_doubt,
     require_fresh_screw,
     require_identified,
     require_light_guides,
@@ -25,7 +26,6 @@ from .checks import (
 from .phases import SteadyPhases
 from .series_compliance import SeriesCompliance, fit_series_compliance
 from .shares import nut_share, other_drag_nm, table_mass
-from .timing import inertia_doubt
 from .torque_balance import TorqueBalance, fit_torque_balance
 
 

@@ -53,12 +53,8 @@ class SteadyPhases:
         table = np.array(rows, dtype=np.float64).reshape(-1, 9)
         return cls(*table.T)
 
-    def where(self, chosen: npt.NDArray[np.bool_]) -> "SteadyPhases":
-        """Rows by mask, chosen (n,) bool."""
-        return self.at(np.flatnonzero(chosen))
-
-    def at(self, places: npt.NDArray[np.intp]) -> "SteadyPhases":
-        """Rows by index, places (m,)."""
+    def at(self, places: npt.NDArray[np.intp | np.bool_]) -> "SteadyPhases":
+        """Rows by index, places (m,), or by mask, (n,) bool."""
         return SteadyPhases(*(getattr(self, field.name)[places] for field in fields(self)))
 
     def __len__(self) -> int:

@@ -84,7 +84,7 @@ def fit_series_compliance(
     missing = np.isnan(phases.table_m + phases.angle_rad)
     if missing.mean() > 0.5:
         return None
-    seen = _seen(phases.where(~missing), machine)
+    seen = _seen(phases.at(~missing), machine)
     beside = _beside(seen)
     slope, fit = _series_fit(seen, beside, nut_softness)
     if fit.value[0] < 3.0 * fit.sigma[0]:
@@ -142,7 +142,7 @@ def _seen(phases: SteadyPhases, machine: Machine) -> _Seen:
 
 def _beside(seen: _Seen) -> _Beside:
     phases, stroke = seen.phases, seen.stroke_m
-    drift, drift_sigma = _drift_columns(phases.run, phases.time_s, seen.away_m)
+    drift = _drift_columns(phases.run, phases.time_s, seen.away_m)
     nodes = np.linspace(0.0, stroke, seen.pieces + 1)
     level = float(np.std(seen.stretch_m)) or 1e-9
     lead = _hats(phases.table_m, nodes)
@@ -151,7 +151,7 @@ def _beside(seen: _Seen) -> _Beside:
     each[1:] /= math.sqrt(seen.pieces)
     sigma = [
         np.array([1e-3]),
-        drift_sigma * level,
+        np.full(drift.shape[1], 1e3 * level),
         min(level, LEAD_SIGMA_M) * each,
         min(level, WIND_UP_SIGMA_M) * each,
     ]
@@ -197,20 +197,18 @@ def _step_sigma(fit: RegressionFit, steps: slice, visited: Floats) -> float:
     return float(np.sqrt(np.mean(square[made]))) if made.any() else _NONE
 
 
-def _drift_columns(run: Floats, time_s: Floats, away_m: Floats) -> tuple[Floats, Floats]:
+def _drift_columns(run: Floats, time_s: Floats, away_m: Floats) -> Floats:
     """Offset and growth of the screw, each a broken line in time with a node a minute."""
-    parts, sigmas = [], []
+    parts = []
     for number in np.unique(run):
         mine = run == number
         begin, end = float(time_s[mine].min()), float(time_s[mine].max())
         nodes = np.linspace(begin, end, max(round((end - begin) / 60.0), 1) + 1)
         hats = _hats(np.where(mine, time_s, begin), nodes) * mine[:, None]
         parts += [hats, hats * away_m[:, None]]
-        sigmas += [np.full(len(nodes), 1e3), np.full(len(nodes), 1e3)]
-    return np.column_stack(parts), np.concatenate(sigmas)
+    return np.column_stack(parts)
 
 
 def _hats(place: Floats, nodes: Floats) -> Floats:
     """Weights of linear interpolation between nodes, (n, k)."""
-    identity = np.eye(len(nodes))
-    return np.column_stack([np.interp(place, nodes, row) for row in identity])
+    return np.column_stack([np.interp(place, nodes, row) for row in np.eye(len(nodes))])

@@ -116,14 +116,8 @@ def _torque_columns(
     phases: SteadyPhases, stribeck_speed: float, harmonics: int, stroke_m: float, level: float
 ) -> tuple[Floats, Floats]:
     s, v = phases.direction, phases.speed_rad_s
-    columns = [
-        phases.acceleration_rad_s2,
-        v,
-        np.abs(v),
-        s,
-        np.ones_like(v),
-        s * stribeck_decay(v, stribeck_speed),
-    ]
+    columns = [phases.acceleration_rad_s2, v, np.abs(v), s, np.ones_like(v)]
+    columns.append(s * stribeck_decay(v, stribeck_speed))
     fastest = max(float(np.abs(v).max()), 1.0)
     sigma = [np.inf, np.inf, 0.2 * level / fastest, np.inf, np.inf, 0.5 * level]
     for k in range(1, harmonics + 1):

@@ -1,4 +1,10 @@
-"""Interacting filters of two states and two measurements, one per mode (IMM; thesis, 4.4.3)."""
+"""Interacting filters of two states and two measurements, one per mode (IMM; thesis, 4.4.3).
+
+`CompiledBank` runs the kernel. `FilterpyBank` is slow, and an independent oracle: filterpy's
+likelihoods underflow to one and the same smallest number, so where every mode is far off its mode
+probabilities are wrong. Its documentation has the mode transition matrix transposed; its code reads
+row = from, as we do.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -13,7 +19,6 @@ from . import kernel
 
 KALMAN: Floats = np.zeros(0)
 """Boundary that selects Kalman gains."""
-NO_STATE = "step: the bank has no state yet; reset it first"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,10 +54,11 @@ class BankOutput:
     nis: Floats  # normalised innovation squared of each mode, (r,)
 
 
-_Logs = Annotated[
-    StoredFloats, AfterValidator(lambda logs: np.where(np.isnan(logs), -np.inf, logs))
-]
-"""Logarithms, (r,); null also stands for that of zero."""
+def _read_logs(values: Floats) -> Floats:
+    """Logarithms of probabilities, (r,); null also stands for that of zero."""
+    if (values > 0.0).any():
+        raise ValueError("must not exceed 0")
+    return np.where(np.isnan(values), -np.inf, values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,10 +67,16 @@ class _State:
 
     states: StoredFloats
     covariances: StoredFloats
-    log_mode_probability: _Logs
+    log_mode_probability: Annotated[StoredFloats, AfterValidator(_read_logs)]
 
 
-_STORED: Stored[_State] = Stored(_State)
+@dataclass(frozen=True, slots=True, eq=False)
+class _FilterpyState:
+    """The same with mu_j (r,)."""
+
+    states: StoredFloats
+    covariances: StoredFloats
+    mode_probability: StoredFloats
 
 
 class CompiledBank:
@@ -73,13 +85,15 @@ class CompiledBank:
     `boundary` is delta of the sliding innovation filter, per measurement (2,), or KALMAN.
     """
 
+    _stored: Stored[Any] = Stored(_State)
+
     def __init__(self, boundary: Floats = KALMAN) -> None:
         self._boundary = boundary
-        self._state: _State | None = None
+        self._state: Any = None
 
     def reset(self, start: BankStart) -> None:
         """Start every mode from one state."""
-        self._state = _state_of(start)
+        self._state = _State(*_alike(start), _logs(start.mode_probability))
 
     def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
         """Predict and update with a measurement (2,).
@@ -87,24 +101,68 @@ class CompiledBank:
         ValueError, with the bank as it was before, if the input or the result is not finite.
         """
         if self._state is None:
-            raise ValueError(NO_STATE)
+            raise ValueError("step: the bank has no state yet; reset it first")
+        output, self._state = self._stepped(step, measurement)
+        return output
+
+    def _stepped(self, step: LinearStep, measurement: Floats) -> tuple[BankOutput, Any]:
         run, state = _run(step, step.drive[None], measurement[None], self._state, self._boundary)
-        self._state = state
-        return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput)))
+        return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput))), state
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; empty before the first reset."""
-        return {} if self._state is None else dict(_STORED.dump(self._state))
+        return {} if self._state is None else dict(self._stored.dump(self._state))
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Continue from a snapshot; ValueError if it is none."""
-        state = _STORED.load(snapshot) if snapshot else None
+        state = self._stored.load(snapshot) if snapshot else None
         if state is not None:
-            logs = state.log_mode_probability
-            require_fitting(state.states, state.covariances, logs)
-            if not (logs <= 0.0).all():
-                raise ValueError("snapshot: log_mode_probability must not exceed 0")
+            _require_fitting(*(getattr(state, each.name) for each in fields(state)))
         self._state = state
+
+
+class FilterpyBank(CompiledBank):
+    """The bank with Kalman gains on filterpy's IMMEstimator and KalmanFilter."""
+
+    _stored = Stored(_FilterpyState)
+
+    def reset(self, start: BankStart) -> None:
+        """Start every mode from one state."""
+        self._state = _FilterpyState(*_alike(start), start.mode_probability.copy())
+
+    def _stepped(self, step: LinearStep, measurement: Floats) -> tuple[BankOutput, Any]:
+        from filterpy.kalman import IMMEstimator, KalmanFilter
+
+        now = self._state
+        _require_finite("step drive", step.drive, now.states.shape)
+        _require_finite("measurement", measurement, (2,))
+        filters = []
+        for mean, covariance, drive in zip(now.states, now.covariances, step.drive, strict=True):
+            mode = KalmanFilter(dim_x=2, dim_z=2, dim_u=1)
+            mode.x, mode.P = mean[:, None].copy(), covariance.copy()
+            mode.F, mode.Q, mode.B = step.transition, step.process_noise, drive[:, None]
+            mode.H, mode.R = step.observation, step.measurement_noise
+            filters.append(mode)
+        estimator = IMMEstimator(filters, now.mode_probability, step.mode_transition)
+        try:
+            with np.errstate(all="ignore"):
+                estimator.predict(np.ones((1, 1)))
+                estimator.update(measurement[:, None])
+                probability = np.asarray(estimator.mu, dtype=np.float64)
+                output = BankOutput(
+                    mode_probability=probability,
+                    log_mode_probability=_logs(probability),
+                    log_likelihood=np.array([float(mode.log_likelihood) for mode in filters]),
+                    state=estimator.x[:, 0].copy(),
+                    covariance=estimator.P.copy(),
+                    nis=np.array([(mode.y.T @ mode.SI @ mode.y).item() for mode in filters]),
+                )
+        except np.linalg.LinAlgError as error:
+            raise ValueError(f"step: {error}") from error
+        _require_result(probability, output.log_likelihood, output.covariance)
+        _require_result(output.state, output.nis)
+        states = np.array([mode.x[:, 0] for mode in filters])
+        return output, _FilterpyState(states, np.array([mode.P for mode in filters]), probability)
 
 
 def run_bank(
@@ -119,18 +177,18 @@ def run_bank(
     `drives` are (N, r, 2), `measurements` (N, 2). Raises ValueError if an input or a result is not
     finite.
     """
-    return _run(step, drives, measurements, _state_of(start), boundary)[0]
+    state = _State(*_alike(start), _logs(start.mode_probability))
+    return _run(step, drives, measurements, state, boundary)[0]
 
 
-def _state_of(start: BankStart) -> _State:
+def _alike(start: BankStart) -> tuple[Floats, Floats]:
+    """States (r, 2) and covariances (r, 2, 2) of modes that start alike."""
     modes = len(start.mode_probability)
-    logs = np.full(modes, -np.inf)
-    np.log(start.mode_probability, out=logs, where=start.mode_probability > 0.0)
-    return _State(
-        np.repeat(start.state[None, :], modes, axis=0),
-        np.repeat(start.covariance[None, :, :], modes, axis=0),
-        logs,
-    )
+    return np.tile(start.state, (modes, 1)), np.tile(start.covariance, (modes, 1, 1))
+
+
+def _logs(probability: Floats) -> Floats:
+    return np.log(probability, out=np.full(len(probability), -np.inf), where=probability > 0.0)
 
 
 def _run(
@@ -138,8 +196,8 @@ def _run(
 ) -> tuple[BankOutput, _State]:
     """Outputs and new state after N steps from `state`, which stays as it is."""
     count, modes = len(drives), len(state.states)
-    require_finite("drives", drives, (count, modes, 2))
-    require_finite("measurements", measurements, (count, 2))
+    _require_finite("drives", drives, (count, modes, 2))
+    _require_finite("measurements", measurements, (count, 2))
     packed = np.column_stack([state.states, state.covariances.reshape(modes, 4)[:, [0, 1, 3]]])
     logs = state.log_mode_probability.copy()
     history = kernel.History(*(np.zeros((count, width)) for width in (modes, modes, modes, 5)))
@@ -160,7 +218,7 @@ def _run(
         nis=history.nis,
     )
     state = _State(packed[:, :2], packed[:, [2, 3, 3, 4]].reshape(modes, 2, 2), logs)
-    require_result(run.log_likelihood, run.state, run.covariance, run.nis, state.covariances)
+    _require_result(run.log_likelihood, run.state, run.covariance, run.nis, state.covariances)
     return run, state
 
 
@@ -193,7 +251,7 @@ def _row_major(values: Floats) -> Floats:
     return np.require(values, np.float64, ("C", "W"))
 
 
-def require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
+def _require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
     """Require an array of a shape without NaN and infinity; ValueError otherwise."""
     if values.shape != shape:
         raise ValueError(f"{name}: shape {values.shape}, expected {shape}")
@@ -201,16 +259,16 @@ def require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name}: not finite")
 
 
-def require_result(*results: Floats) -> None:
+def _require_result(*results: Floats) -> None:
     """Require results that can be passed on; ValueError otherwise."""
     if not all(np.isfinite(values).all() for values in results):
         raise ValueError("step: the result is not finite; the bank keeps its state")
 
 
-def require_fitting(states: Floats, covariances: Floats, probability: Floats) -> None:
+def _require_fitting(states: Floats, covariances: Floats, probability: Floats) -> None:
     """Require arrays of a snapshot that fit together, (r, 2), (r, 2, 2), (r,)."""
     modes = len(states)
-    require_finite("snapshot states", states, (modes, 2))
-    require_finite("snapshot covariances", covariances, (modes, 2, 2))
+    _require_finite("snapshot states", states, (modes, 2))
+    _require_finite("snapshot covariances", covariances, (modes, 2, 2))
     if probability.shape != (modes,) or np.isnan(probability).any():
         raise ValueError("snapshot: one probability per mode is needed")

@@ -78,15 +78,8 @@ class DragFilter:
         """Take an informative interval, `elapsed_s` after the one before."""
         now, duration = self._now, block.duration_s
         speed = (block.angle_end_rad - block.angle_start_rad) / duration
-        regressor = np.array(
-            [
-                block.direction_mean,
-                1.0,
-                speed,
-                abs(speed),
-                (block.speed_end_rad_s - block.speed_start_rad_s) / duration,
-            ]
-        )
+        acceleration = (block.speed_end_rad_s - block.speed_start_rad_s) / duration
+        regressor = np.array([block.direction_mean, 1.0, speed, abs(speed), acceleration])
         known = float(regressor[2:] @ now.state[2:])
         if now.count == 0:
             self._begin(block.torque_mean_nm - known, abs(speed))
@@ -100,15 +93,9 @@ class DragFilter:
         model, scale = self._machine.model, max(abs(friction_nm), 1e-9)
         viscous = model.viscous_nm_s_per_rad
         floor = max(viscous.value, VISCOUS_FLOOR_SHARE * scale / max(speed, 1.0))
-        sigma = np.array(
-            [
-                10.0 * scale,
-                OFFSET_SHARE * scale,
-                max(viscous.sigma, VISCOUS_TOLERANCE * floor),
-                ASYMMETRY_SHARE * floor,
-                model.inertia_kg_m2.sigma,
-            ]
-        )
+        frictions = [max(viscous.sigma, VISCOUS_TOLERANCE * floor), ASYMMETRY_SHARE * floor]
+        levels = [10.0 * scale, OFFSET_SHARE * scale]
+        sigma = np.array([*levels, *frictions, model.inertia_kg_m2.sigma])
         self._now.covariance = np.diag(sigma**2)
         self._now.noise_var = (0.2 * scale) ** 2
 

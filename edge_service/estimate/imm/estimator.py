@@ -8,6 +8,7 @@ friction is that of the speed, and intervals in which the axis rests or turns ro
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -20,10 +21,9 @@ from ...messages.stored import Number, Stored, StoredFloats
 from ...models.machine import Machine
 from ..interface import Engine
 from ..validity import Validity
-from .bank import KALMAN, BankStart, CompiledBank, LinearStep
+from .bank import KALMAN, BankStart, CompiledBank, FilterpyBank, LinearStep
 from .drag import DragFilter
-from .filterpy_bank import FilterpyBank
-from .modes import LEVELS_PERCENT, mode_weights, scaled_mode_transition
+from .modes import LEVEL_NAMES, LEVELS_PERCENT, scaled_mode_transition, weighted_level
 
 TWO_SIDED_95 = 1.959963984540054
 BEYOND_LEVELS_PERCENT = 0.6
@@ -64,15 +64,12 @@ class ImmPreloadEstimator:
     Args:
         machine: the baseline model. Without load rating, preload or fresh drag there is no preload
             in percent, only drag.
-        method: Kalman or sliding innovation filters.
         engine: of the bank; `filterpy` has Kalman filters only, and is slow.
+        method: Kalman or sliding innovation filters.
     """
 
     def __init__(
-        self,
-        machine: Machine,
-        method: Method = "kf-imm",
-        engine: Engine = "compiled",
+        self, machine: Machine, engine: Engine = "compiled", method: Method = "kf-imm"
     ) -> None:
         self._machine, self._method = machine, method
         self._levels = np.array(LEVELS_PERCENT)
@@ -132,11 +129,8 @@ class ImmPreloadEstimator:
         return max(block.duration_s, block.time_s - self._now.last_end_s)
 
     def _step_bank(self, block: FeatureBlock) -> None:
-        start_s = block.time_s - block.duration_s
-        if (
-            self._now.last_end_s is None
-            or abs(start_s - self._now.last_end_s) > 0.5 * block.duration_s
-        ):
+        start_s, last_s = block.time_s - block.duration_s, self._now.last_end_s
+        if last_s is None or abs(start_s - last_s) > 0.5 * block.duration_s:
             self._bank.reset(self._balance.start(block, self._now.probability))
         step, measurement = self._balance.step(block)
         output = self._bank.step(step, measurement)
@@ -164,9 +158,8 @@ class ImmPreloadEstimator:
             reasons = (*reasons, unused)
         reach_nm = TWO_SIDED_95 * self._drag.sigma_nm
         drag_nm = self._drag.drag_nm
-        common["drag_torque_nm"] = Interval(
-            value=drag_nm, low=drag_nm - reach_nm, high=drag_nm + reach_nm
-        )
+        low, high = drag_nm - reach_nm, drag_nm + reach_nm
+        common["drag_torque_nm"] = Interval(value=drag_nm, low=low, high=high)
         if self._per_percent is None:
             missing = self._machine.missing_for_percent()
             reason = f"no_percent: preload in % is not available, {missing} is unknown; "
@@ -174,8 +167,7 @@ class ImmPreloadEstimator:
             return PreloadEstimate(**common, reasons=reasons, nis=self._drag.nis)
         durations = np.array([duration for duration, _ in self._now.recent])
         smoothed = durations @ np.array([p for _, p in self._now.recent]) / durations.sum()
-        weights = mode_weights(smoothed)
-        percent = float(weights @ self._levels)
+        percent = float(weighted_level(smoothed, self._levels))
         low, high = self._percent_interval(percent, self._per_percent)
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
@@ -185,10 +177,7 @@ class ImmPreloadEstimator:
             low=low,
             high=high,
             preload_n=percent / 100.0 * rating,
-            mode_probability={
-                f"{level:g}": float(value)
-                for level, value in zip(self._levels, smoothed, strict=True)
-            },
+            mode_probability=dict(zip(LEVEL_NAMES, smoothed.tolist(), strict=True)),
             nis=self._now.nis,
             reasons=reasons,
         )
@@ -264,11 +253,8 @@ class MomentumBalance:
 
     def start(self, block: FeatureBlock, mode_probability: Floats) -> BankStart:
         """Start as measured at the beginning of an interval."""
-        return BankStart(
-            np.array([block.angle_start_rad, block.speed_start_rad_s]),
-            self._measurement_noise.copy(),
-            mode_probability,
-        )
+        state = np.array([block.angle_start_rad, block.speed_start_rad_s])
+        return BankStart(state, self._measurement_noise.copy(), mode_probability)
 
     def step(self, block: FeatureBlock) -> tuple[LinearStep, Floats]:
         """The bank's step over the interval, and the measurement (2,) at its end."""
@@ -291,11 +277,6 @@ class MomentumBalance:
         return step, np.array([block.angle_end_rad, block.speed_end_rad_s])
 
 
-def kalman_imm(machine: Machine, engine: Engine) -> ImmPreloadEstimator:
-    """Estimator with Kalman filters (see interface)."""
-    return ImmPreloadEstimator(machine, "kf-imm", engine)
-
-
-def sliding_innovation_imm(machine: Machine, engine: Engine) -> ImmPreloadEstimator:
-    """Estimator with sliding innovation filters (see interface)."""
-    return ImmPreloadEstimator(machine, "sif-imm", engine)
+kalman_imm = partial(ImmPreloadEstimator, method="kf-imm")
+sliding_innovation_imm = partial(ImmPreloadEstimator, method="sif-imm")
+"""Estimators with Kalman and with sliding innovation filters (see interface)."""

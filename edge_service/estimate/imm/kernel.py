@@ -117,9 +117,7 @@ def weigh(log_probability: Floats, mode_transition: Floats, to: int, weight: Flo
             else:
                 weight[i] = 1.0 if i == to else 0.0
             total += weight[i]
-    scale = 1.0 / total
-    for i in range(len(weight)):
-        weight[i] *= scale
+    weight *= 1.0 / total
     return largest + math.log(total)
 
 
@@ -137,13 +135,6 @@ def combine(weight: Floats, modes: Floats, out: Floats) -> None:
         p12 += weight[i] * (modes[i, 3] + d1 * d2)
         p22 += weight[i] * (modes[i, 4] + d2 * d2)
     out[0], out[1], out[2], out[3], out[4] = mean1, mean2, p11, p12, p22
-
-
-@compiled
-def kalman_gain(covariance: Symmetric, observation: Matrix, precision: Symmetric) -> Matrix:
-    """K = P_{k+1|k} C^T S^-1 (thesis, eq. 4.4.4)."""
-    seen = multiply(observation, covariance)
-    return multiply((seen[0], seen[2], seen[1], seen[3]), precision)
 
 
 @compiled
@@ -182,8 +173,9 @@ def filter_mode(model: Model, drive: Floats, measurement: Pair, mode: Floats) ->
     precision = (spread[2] * scale, -spread[1] * scale, spread[0] * scale)
     if model.sliding:
         gain = sliding_gain(model.pseudo_inverse, model.boundary, innovation)
-    else:
-        gain = kalman_gain(covariance, model.observation, precision)
+    else:  # K = P_{k+1|k} C^T S^-1 (thesis, eq. 4.4.4)
+        seen = multiply(model.observation, covariance)
+        gain = multiply((seen[0], seen[2], seen[1], seen[3]), precision)
     shift = apply(gain, innovation)
     mode[0], mode[1] = state[0] + shift[0], state[1] + shift[1]
     mode[2], mode[3], mode[4] = add(
@@ -236,8 +228,7 @@ def run(
     for k in range(len(drives)):
         measurement = (measurements[k, 0], measurements[k, 1])
         for j in range(size):
-            for i in range(size):
-                weight[i] = probability[i]
+            weight[:] = probability
             history.log_probability[k, j] = weigh(logs, mode_transition, j, weight)
             combine(weight, modes, mixed[j])
         for j in range(size):
@@ -246,10 +237,8 @@ def run(
                 return k
             history.log_likelihood[k, j], history.nis[k, j] = log_likelihood, nis
             logs[j] = history.log_probability[k, j] + log_likelihood
-            for a in range(5):
-                modes[j, a] = mixed[j, a]
+            modes[j] = mixed[j]
         normalise(logs, probability)
-        for j in range(size):
-            history.log_probability[k, j] = logs[j]
+        history.log_probability[k] = logs
         combine(probability, modes, history.combined[k])
     return len(drives)

@@ -8,6 +8,7 @@ from ...messages.samples import Floats
 
 LEVELS_PERCENT = (10.0, 7.5, 5.0, 2.5, 0.0)
 """Preload of the five modes, percent of the dynamic load rating (thesis, section 4.5)."""
+LEVEL_NAMES = tuple(f"{level:g}" for level in LEVELS_PERCENT)
 
 REFERENCE_STEP_S = 0.1
 """Step for which the thesis' transition matrix and process noise hold (Table 4.1)."""
@@ -48,30 +49,23 @@ def scaled_mode_transition(step_s: float) -> Floats:
     return np.asarray(scaled / scaled.sum(axis=1, keepdims=True))
 
 
-def mode_weights(mode_probability: Floats, exponent: float = PUBLISHED_EXPONENT) -> Floats:
-    """mu_j^a / sum_j mu_j^a: (thesis, eq. 4.5.4) for any exponent a > 0; a = 1 changes nothing.
+def weighted_level(
+    mode_probability: Floats, levels: Floats, exponent: float = PUBLISHED_EXPONENT
+) -> Floats:
+    """Sum of the levels weighted by mu_j^a / sum_j mu_j^a, in their unit, shape (...).
+
+    Thesis, eqs. 4.5.2-4.5.4, for any exponent a > 0; a = 1 leaves the probabilities as they are.
 
     Args:
         mode_probability: (..., r), at least one above zero in each row.
-        exponent: a.
+        levels: (r,).
+        exponent: a. Raises ValueError.
     """
     if not (np.isfinite(exponent) and exponent > 0.0):
         raise ValueError(f"activation exponent: {exponent:g}, expected a number above 0")
     relative = mode_probability / mode_probability.max(axis=-1, keepdims=True)
     raised = relative**exponent
-    return np.asarray(raised / raised.sum(axis=-1, keepdims=True))
-
-
-def weighted_level(
-    mode_probability: Floats, levels: Floats, exponent: float = PUBLISHED_EXPONENT
-) -> Floats:
-    """Weighted sum of the levels (thesis, eqs. 4.5.2-4.5.3), in their unit, shape (...).
-
-    Args:
-        mode_probability: (..., r).
-        levels: (r,).
-    """
-    return np.asarray(mode_weights(mode_probability, exponent) @ levels)
+    return np.asarray(raised / raised.sum(axis=-1, keepdims=True) @ levels)
 
 
 def causal_moving_average(values: Floats, steps: int) -> Floats:

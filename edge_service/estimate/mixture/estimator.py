@@ -121,11 +121,9 @@ class MixturePreloadEstimator:
         reading = self._reading(interval, phase)
         if not plausible(reading):
             return math.nan
-        elapsed_s = (
-            interval.duration_s
-            if self._last.last_s is None
-            else interval.time_s - self._last.last_s
-        )
+        last_s, elapsed_s = self._last.last_s, interval.duration_s
+        if last_s is not None:
+            elapsed_s = interval.time_s - last_s
         if elapsed_s > SESSION_S:
             continue_after_stop(self._bank, self._start, elapsed_s)
             elapsed_s = interval.duration_s
@@ -150,16 +148,8 @@ class MixturePreloadEstimator:
             stretch += self._model.compliance_m_per_n * interval.external_force_n
         begin_s = interval.time_s - interval.duration_s
         follows = last.last_s is not None and abs(begin_s - last.last_s) < 0.1 * interval.duration_s
-        return Reading(
-            phase.steady_s,
-            interval.direction,
-            torque,
-            phase.acceleration_rad_s2,
-            phase.speed_rad_s,
-            phase.table_m,
-            stretch,
-            follows,
-        )
+        motion = (phase.acceleration_rad_s2, phase.speed_rad_s, phase.table_m)
+        return Reading(phase.steady_s, interval.direction, torque, *motion, stretch, follows)
 
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
@@ -181,10 +171,8 @@ class MixturePreloadEstimator:
             return PreloadEstimate(**common, reasons=reasons)
         if self._known is not None and self._known.left:
             names = ", ".join(self._known.left)
-            left = (
-                f"effects_left: {names} of the machine file: the estimate follows these by itself"
-            )
-            reasons = (*reasons, left)
+            left = f"effects_left: {names} of the machine file"
+            reasons = (*reasons, f"{left}: the estimate follows these by itself")
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
         posterior = posterior_of(self._bank, self._model, self._limits)

@@ -42,13 +42,9 @@ def gathered(
     done = [] if waiting is None else [waiting]
     if not block.usable or block.steady_direction == 0.0:
         return done, None
-    interval = SteadyInterval(
-        block.time_s,
-        block.duration_s,
-        block.steady_direction,
-        block.external_force_n,
-        (block.accelerating, block.cruising, block.braking),
-    )
+    phases = (block.accelerating, block.cruising, block.braking)
+    time = (block.time_s, block.duration_s)
+    interval = SteadyInterval(*time, block.steady_direction, block.external_force_n, phases)
     if waiting is not None and interval.direction == waiting.direction:
         gap_s = abs(interval.time_s - interval.duration_s - waiting.time_s)
         if gap_s < 0.1 * interval.duration_s:

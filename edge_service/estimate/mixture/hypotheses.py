@@ -7,6 +7,8 @@ answer is contested for as long as it stands.
 
 import math
 
+import numpy as np
+
 from ...models.compiled import compiled
 from . import state
 from .model import Start
@@ -36,11 +38,7 @@ KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, st
 @compiled
 def normalise(bank: Bank, floor: float) -> None:
     """Scale the weights of the living to a sum of 1; none falls below `floor`."""
-    top = -math.inf
-    for k in range(bank.log_weight.shape[0]):
-        if bank.alive[k]:
-            top = max(top, bank.log_weight[k])
-    total = 0.0
+    top, total = bank.log_weight[leader_of(bank)], 0.0
     for k in range(bank.log_weight.shape[0]):
         if bank.alive[k]:
             total += math.exp(bank.log_weight[k] - top)
@@ -148,17 +146,11 @@ def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
     """
     mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
     force, force_n = bank.force[base], bank.force_n[base]
-    weight, left = bank.log_weight[leader], max(bank.log_weight[base], process.assumed.floor)
-    copy_to(bank, state.STEADY, leader, weight)
-    unlock_wear(bank, process, state.STEADY)
-    copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
-    for k in state.CHALLENGERS:
-        if k == leader or bank.log_weight[k] < weight - process.assumed.margin:
-            bank.alive[k] = 0
+    left = max(bank.log_weight[base], process.assumed.floor)
+    _accept(bank, process, leader, bank.log_weight[leader] - process.assumed.margin)
     bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
     bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
     copy_to(bank, state.BEFORE, state.BEFORE, left)
-    bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
@@ -169,21 +161,22 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
     for k in range(bank.alive.shape[0]):
         if bank.alive[k] and k != best and bank.log_weight[k] > weight:
             second, weight = k, bank.log_weight[k]
-    top = bank.log_weight[best]
     copy_to(bank, state.BEFORE, second, weight)
-    copy_to(bank, state.STEADY, best, top)
-    unlock_wear(bank, process, state.STEADY)
-    copy_to(bank, state.WEARING, state.STEADY, top + math.log(process.assumed.wearing))
-    for k in state.CHALLENGERS:
-        bank.alive[k] = 0
+    _accept(bank, process, best, math.inf)
     bank.moments[state.LEARNING] = 0.0
-    bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
-def unlock_wear(bank: Bank, process: Process, slot: int) -> None:
-    """Let the preload change at an unknown rate."""
-    _renew(bank, slot, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
+def _accept(bank: Bank, process: Process, slot: int, least: float) -> None:
+    """Accept a hypothesis, steady or wearing at any rate, and prune challengers below `least`."""
+    weight = bank.log_weight[slot]
+    copy_to(bank, state.STEADY, slot, weight)
+    _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
+    copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
+    for k in state.CHALLENGERS:
+        if k == slot or bank.log_weight[k] < least:
+            bank.alive[k] = 0
+    bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
 
 
 @compiled
@@ -301,22 +294,16 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
         _renew(bank, LOAD_SLOT, state.PAYLOAD, 0.0, 0.0)
         _renew(bank, LOAD_SLOT, state.TORQUE_SCALE, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
-    bank.force[:] = 0.0
-    bank.force_n[:] = 0.0
-    bank.moments[:] = 0.0
+    bank.force[:] = bank.force_n[:] = bank.moments[:] = 0.0
     bank.moments[state.LEARNING] = 1.0
 
 
 def _age(bank: Bank, slot: int, start: Start, stopped_s: float) -> None:
     """Begin a new session from the preload and the looseness of the last one."""
-    kept = KEPT if len(start.mean) > state.TORQUE_STATES else (state.PRELOAD,)
-    mean, covariance = start.mean.copy(), start.covariance.copy()
-    for i in kept:
-        mean[i] = bank.mean[slot, i]
-        covariance[i, :] = 0.0
-        covariance[:, i] = 0.0
-    for i in kept:
-        for j in kept:
-            covariance[i, j] = bank.covariance[slot, i, j]
+    kept = [*KEPT] if len(start.mean) > state.TORQUE_STATES else [state.PRELOAD]
+    mean, covariance, square = start.mean.copy(), start.covariance.copy(), np.ix_(kept, kept)
+    mean[kept] = bank.mean[slot, kept]
+    covariance[kept, :] = covariance[:, kept] = 0.0
+    covariance[square] = bank.covariance[slot][square]
     covariance[state.PRELOAD, state.PRELOAD] += _WORN_PER_DAY**2 * stopped_s / DAY_S
     bank.mean[slot], bank.covariance[slot] = mean, covariance

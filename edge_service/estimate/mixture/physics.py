@@ -81,8 +81,7 @@ def expected_torque(
     """
     ratio, s = model.ratio_m_per_rad, r.direction
     drag = model.drag_per_percent_nm * math.exp(x[state.PRELOAD])
-    for i in range(slope.shape[0]):
-        slope[i] = 0.0
+    slope[:] = 0.0
     slope[state.PRELOAD] = s * drag * factor * (1.0 + x[state.NUT_FRICTION])
     slope[state.NUT_FRICTION] = s * drag * factor
     slope[state.BEARING_FRICTION] = s * model.bearing_nm
@@ -127,11 +126,7 @@ def expected_stretch(
     twisting += bearing_n * (1.0 + x[state.BEARING_FRICTION])
     twisting += viscous_n * (1.0 + x[state.VISCOUS])
     y, by_force, by_percent = nut_deflection(
-        held,
-        percent * factor,
-        model.fresh_percent,
-        model.fresh_preload_n,
-        model.clearance_share,
+        held, percent * factor, model.fresh_percent, model.fresh_preload_n, model.clearance_share
     )
     y -= model.hanging_deflection
     nut_m = 3.0 * model.fresh_preload_n
@@ -140,8 +135,7 @@ def expected_stretch(
     compliance = rest + x[state.LOOSENESS] + x[state.COUPLING]
     compliance += nut_m * x[state.NUT_COMPLIANCE] * by_force
     reversal = s * series * model.guide_n
-    for i in range(slope.shape[0]):
-        slope[i] = 0.0
+    slope[:] = 0.0
     slope[state.PRELOAD] = nut_m * x[state.NUT_COMPLIANCE] * by_percent * percent * factor
     slope[state.PRELOAD] += x[state.COUPLING] * nut_n * (1.0 + x[state.NUT_FRICTION])
     slope[state.NUT_FRICTION] = x[state.COUPLING] * nut_n
@@ -195,12 +189,8 @@ def noise_of(model: AxisModel, r: Reading) -> Noise:
     slow_nm = stribeck(model, r)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
-    return Noise(
-        stroke_factor(model, r.table_m),
-        slow_nm,
-        torque + (_STRIBECK_ERROR * slow_nm) ** 2,
-        stretch,
-    )
+    torque += (_STRIBECK_ERROR * slow_nm) ** 2
+    return Noise(stroke_factor(model, r.table_m), slow_nm, torque, stretch)
 
 
 @inlined
@@ -267,8 +257,7 @@ def innovate(
 @inlined
 def _project(p: Floats, slope: Floats, gain: Floats) -> None:
     """P H' of one quantity, from the rows on which it depends."""
-    for j in range(gain.shape[0]):
-        gain[j] = 0.0
+    gain[:] = 0.0
     for i in range(gain.shape[0]):
         weight = slope[i]
         if weight != 0.0:

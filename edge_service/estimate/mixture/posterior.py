@@ -12,13 +12,12 @@ from ...models.compiled import compiled
 from ...models.machine import Machine
 from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
-from ..imm.modes import LEVELS_PERCENT
+from ..imm.modes import LEVEL_NAMES, LEVELS_PERCENT
 from . import state
 from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
 Rows = npt.NDArray[np.int64]
-LEVELS = tuple(f"{level:g}" for level in LEVELS_PERCENT)
 FAULTS = ("preload_loss", "lubrication", "process_force")
 TABLE_FAULTS = ("payload", "looseness")
 """Faults that only the second encoder shows."""
@@ -36,7 +35,7 @@ LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, whole friction, table mass,
 compliance."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
-_STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVELS)
+_STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVEL_NAMES)
 _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
 _HALVINGS = 26
 
@@ -47,9 +46,7 @@ class FaultLimits(NamedTuple):
     error_share: float
     mass_tolerance: float  # NaN where the stiffness is unknown
     coulomb_nm: float
-    warmth: float  # of friction, see MixtureSettings
-    together: float
-    apart: float
+    assumed: MixtureSettings  # what friction may do
 
 
 class Posterior(NamedTuple):
@@ -67,14 +64,9 @@ def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -
     commissioned, drag, mass = machine.commissioned, machine.model.preload_drag_nm, machine.model
     assert commissioned is not None
     table = mass.table_mass_kg if model.compliance_m_per_n > 0.0 else None
-    return FaultLimits(
-        MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance),
-        math.nan if table is None else table.tolerance,
-        commissioned.coulomb_nm,
-        assumed.warmth,
-        assumed.together,
-        assumed.apart,
-    )
+    error = MODEL_ERROR_SHARE if drag is None else max(MODEL_ERROR_SHARE, drag.tolerance)
+    tolerance = math.nan if table is None else table.tolerance
+    return FaultLimits(error, tolerance, commissioned.coulomb_nm, assumed)
 
 
 def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior:
@@ -86,7 +78,7 @@ def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior
         tuple(values[:3]),
         tuple(values[3:6]),
         None if math.isnan(values[_STIFFNESS]) else tuple(values[_STIFFNESS:_LEVEL]),
-        dict(zip(LEVELS, values[_LEVEL:_FAULT], strict=True)),
+        dict(zip(LEVEL_NAMES, values[_LEVEL:_FAULT], strict=True)),
         dict(zip(names, values[_FAULT:], strict=False)),
     )
 
@@ -128,7 +120,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         of[state.PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
         of[state.LOOSENESS] = of[state.COUPLING] = 1.0
         values[_FAULT + 4] = _above(bank, rows, weight, of, limit)
-    if bank.mean.shape[1] == state.TORQUE_STATES and limits.together > 0.0:
+    if bank.mean.shape[1] == state.TORQUE_STATES and limits.assumed.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
     for i in range(_LEVEL, _SIZE):
         values[i] = min(max(values[i], 0.0), 1.0)
@@ -147,7 +139,7 @@ def _of_torque_alone(
     fresh = model.fresh_percent
     fresh_nm = model.drag_per_percent_nm * fresh
     other_nm = limits.coulomb_nm - fresh_nm
-    friction = (limits.warmth, limits.together, limits.apart)
+    friction = (limits.assumed.warmth, limits.assumed.together, limits.assumed.apart)
     limit_nm = other_nm + SLICK_SHARE * limits.coulomb_nm
     every, firm, up = np.zeros(CELLS), np.zeros(CELLS), 0.0
     for i in range(len(rows)):

@@ -15,9 +15,8 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
 from . import state
-from .drift import drift
 from .hypotheses import FORCED, adapt_hypotheses, leader_of, normalise
-from .physics import Innovation, innovate, noise_of
+from .physics import Innovation, innovate, mapped, noise_of
 from .state import AxisModel, Bank, Process, Reading
 
 _INERTIA_S = 30.0
@@ -60,7 +59,10 @@ def step(
         np.zeros((2, size)), np.zeros((2, size)), np.zeros(2), np.eye(2), np.zeros(size)
     )
     noise = noise_of(model, reading)
-    begins = force_begins(bank, process, reading)
+    speed = abs(reading.speed_rad_s)
+    bank.moments[state.FASTEST_RAD_S] = max(bank.moments[state.FASTEST_RAD_S], speed)
+    rapid = speed > _RAPID * bank.moments[state.FASTEST_RAD_S]
+    begins = process.assumed.rapid_share if rapid else process.assumed.force_share  # of forces
     hypotheses = bank.mean.shape[0]
     assessed = Assessments(
         np.zeros(hypotheses),
@@ -73,12 +75,10 @@ def step(
     for k in range(hypotheses):
         if bank.alive[k] == 0:
             continue
-        drift(bank, k, model, process, reading, elapsed_s)
+        _drift(bank, k, model, process, reading, elapsed_s)
         compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
-        error_nm[k] = innovation.error[0]
-        error_nm[k] += (
-            bank.mean[k, state.TORQUE_SCALE] * model.inertia_kg_m2 * reading.acceleration_rad_s2
-        )
+        read_kg_m2 = bank.mean[k, state.TORQUE_SCALE] * model.inertia_kg_m2
+        error_nm[k] = innovation.error[0] + read_kg_m2 * reading.acceleration_rad_s2
         assess(bank, k, model, process, begins, compliance, two, innovation, assessed)
         _correct_unforced(bank, k, model, assessed, two, innovation)
     _reweigh(bank, process, assessed)
@@ -94,13 +94,98 @@ def step(
 
 
 @inlined
+def _drift(
+    bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, elapsed_s: float
+) -> None:
+    """Predict a hypothesis over the time since the phase before, in place."""
+    x, p = bank.mean[k], bank.covariance[k]
+    keep = math.exp(-elapsed_s / process.assumed.friction_s)
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+        _fade(x, p, i, keep)
+    spread = process.together * (1.0 - keep * keep) / 2.0 * process.assumed.friction_s
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+        for j in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+            p[i, j] += spread
+    if x.shape[0] > state.TORQUE_STATES:
+        _fade(x, p, state.REVERSAL, keep)
+    keep = math.exp(-r.steady_s / process.assumed.wander_s)
+    _fade(x, p, state.TORQUE_WANDER, keep)
+    p[state.TORQUE_WANDER, state.TORQUE_WANDER] += process.torque_wander_nm**2 * (1.0 - keep * keep)
+    if model.edge_rad2_s2 > 0.0:
+        _pass_on(x, p, model.edge_rad2_s2, r.follows)
+    if x.shape[0] > state.TORQUE_STATES:
+        way_m = abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s
+        keep = math.exp(-way_m / process.assumed.wander_m)
+        _fade(x, p, state.STRETCH_WANDER, keep)
+        slope2 = x[state.ENCODER_SLOPE] ** 2 + p[state.ENCODER_SLOPE, state.ENCODER_SLOPE]
+        uneven_m2 = (process.assumed.uneven_share * model.stroke_m) ** 2 * slope2
+        unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
+        wander_m2 = process.stretch_wander_m**2 + uneven_m2 + unknown_m**2
+        p[state.STRETCH_WANDER, state.STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
+        keep = math.exp(-elapsed_s / process.assumed.growth_s)
+        grown_s = process.assumed.growth_s * (1.0 - keep)
+        _grow(x, p, state.ENCODER_OFFSET, state.OFFSET_RATE, grown_s)
+        _grow(x, p, state.ENCODER_SLOPE, state.SLOPE_RATE, grown_s)
+        _fade(x, p, state.OFFSET_RATE, keep)
+        _fade(x, p, state.SLOPE_RATE, keep)
+    back_s = _settled_s(process.assumed.friction_s, elapsed_s)
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+        p[i, i] += process.walk[i] * back_s
+    for i in (state.TORQUE_OFFSET, state.TORQUE_SCALE):
+        p[i, i] += process.walk[i] * back_s
+    if x.shape[0] > state.TORQUE_STATES:
+        warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
+        for i in range(state.TORQUE_STATES, x.shape[0]):
+            p[i, i] += process.walk[i] * (back_s if i == state.REVERSAL else warm_s)
+    if p[state.WEAR_RATE, state.WEAR_RATE] > 0.0:
+        _grow(x, p, state.PRELOAD, state.WEAR_RATE, r.steady_s)
+        p[state.WEAR_RATE, state.WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s
+    p[state.PRELOAD, state.PRELOAD] += process.moving_walk[k] * r.steady_s
+
+
+@inlined
+def _settled_s(keep_s: float, elapsed_s: float) -> float:
+    """Time whose noise a state holds that returns with a time constant, s: elapsed_s if short."""
+    return 0.5 * keep_s * (1.0 - math.exp(-2.0 * elapsed_s / keep_s))
+
+
+@inlined
+def _fade(x: Floats, p: Floats, i: int, keep: float) -> None:
+    """Let an element of the state return to zero by a factor."""
+    x[i] *= keep
+    for j in range(x.shape[0]):
+        p[i, j] *= keep
+        p[j, i] *= keep
+
+
+@inlined
+def _grow(x: Floats, p: Floats, i: int, rate: int, time_s: float) -> None:
+    """Let an element of the state run at its rate."""
+    x[i] += time_s * x[rate]
+    for j in range(x.shape[0]):
+        p[i, j] += time_s * p[rate, j]
+    for j in range(x.shape[0]):
+        p[j, i] += time_s * p[j, rate]
+
+
+@inlined
+def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
+    """Begin a phase with the speed's error at the end of the one before, or with a new one."""
+    first, last = state.SPEED_ERROR_START, state.SPEED_ERROR_END
+    x[first] = x[last] if follows else 0.0
+    x[last] = 0.0
+    for j in range(x.shape[0]):
+        p[first, j] = p[last, j] if follows else 0.0
+    for j in range(x.shape[0]):
+        p[j, first] = p[j, last] if follows else 0.0
+    p[first, first] = p[last, last] if follows else edge_rad2_s2
+    p[last, :], p[:, last] = 0.0, 0.0
+    p[last, last] = edge_rad2_s2
+
+
+@inlined
 def _correct_unforced(
-    bank: Bank,
-    k: int,
-    model: AxisModel,
-    assessed: Assessments,
-    two: bool,
-    innovation: Innovation,
+    bank: Bank, k: int, model: AxisModel, assessed: Assessments, two: bool, innovation: Innovation
 ) -> None:
     """Correct a hypothesis by a phase free of process forces.
 
@@ -109,12 +194,11 @@ def _correct_unforced(
     probability that no force acts, and no less: to widen it by the force that might act would
     discount exactly those phases that carry news.
     """
-    forced, s = assessed.forced[k], innovation.covariance
+    forced = assessed.forced[k]
     wild = assessed.nis[k] > OUTLIER
     if forced > FORCED or (wild and k != leader_of(bank)):
         return
-    scale = max(1.0, assessed.nis[k] / _USUAL) / (1.0 - forced)
-    correct(bank, k, model, scale * s[0, 0], scale * s[1, 1], scale * s[0, 1], two, innovation)
+    correct(bank, k, model, max(1.0, assessed.nis[k] / _USUAL) / (1.0 - forced), two, innovation)
 
 
 @inlined
@@ -172,15 +256,6 @@ def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
     bank.moments[state.FORCED_S] = before_s + r.steady_s
     if bank.moments[state.FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
         bank.moments[state.STOPPED_S] = max(bank.moments[state.STOPPED_S], 1.0)
-
-
-@inlined
-def force_begins(bank: Bank, process: Process, r: Reading) -> float:
-    """Probability that a process force begins: hardly in a rapid."""
-    speed = abs(r.speed_rad_s)
-    fastest = max(bank.moments[state.FASTEST_RAD_S], speed)
-    bank.moments[state.FASTEST_RAD_S] = fastest
-    return process.assumed.rapid_share if speed > _RAPID * fastest else process.assumed.force_share
 
 
 @compiled
@@ -246,26 +321,20 @@ def _log_likelihood(
 
 @inlined
 def correct(
-    bank: Bank,
-    k: int,
-    model: AxisModel,
-    uu: float,
-    ss: float,
-    us: float,
-    two: bool,
-    innovation: Innovation,
+    bank: Bank, k: int, model: AxisModel, scale: float, two: bool, innovation: Innovation
 ) -> None:
-    """Kalman correction with the innovation's covariance; considered states stay as they were.
+    """Kalman correction with the innovation's covariance, scaled; considered states stay.
 
     No nut has more preload than it was made with, and no joint is stiffer than at commissioning.
     """
     x, p = bank.mean[k], bank.covariance[k]
     size = x.shape[0]
     first, second, e = innovation.gains[0], innovation.gains[1], innovation.error
-    left = math.sqrt(uu)
+    s = innovation.covariance
+    left = math.sqrt(scale * s[0, 0])
     step = e[0] / left
-    below = us / left
-    right = math.sqrt(ss - below * below)
+    below = scale * s[0, 1] / left
+    right = math.sqrt(scale * s[1, 1] - below * below)
     other = (e[1] - below * step) / right
     both = size > state.TORQUE_STATES
     considered = state.NUT_COMPLIANCE
@@ -279,14 +348,9 @@ def correct(
             x[i] += second[i] * other
     for i in range(size):
         a, b = first[i], second[i] if two else 0.0
-        if a == 0.0 and b == 0.0:
-            continue
-        if two:
+        if a != 0.0 or b != 0.0:
             for j in range(size):
                 p[i, j] -= a * first[j] + b * second[j]
-        else:
-            for j in range(size):
-                p[i, j] -= a * first[j]
     if both:
         x[considered], p[considered, considered] = nut
         x[state.LOOSENESS] = max(x[state.LOOSENESS], 0.0)

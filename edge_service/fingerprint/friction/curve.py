@@ -17,7 +17,7 @@ from ...models.screw.friction import exponential_friction
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ...regression.nonlinear import Unknown, best_values, fit_profiled, unexplained_share
 from ..result import Contents, Curve, mean_of, rounded_rpm
-from .points import FrictionPoint
+from .cruises import FrictionPoint
 
 _LEAST_SPEEDS = 4
 """Level, excess, Stribeck speed and viscous part need as many speeds."""
@@ -55,10 +55,8 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
         there = [point for point in points if point.forward is way]
         if there:
             ordered = sorted(there, key=lambda point: point.speed_rad_s)
-            x, y = (
-                np.array([getattr(point, axis) for point in ordered])
-                for axis in ("speed_rad_s", "torque_nm")
-            )
+            x = np.array([point.speed_rad_s for point in ordered])
+            y = np.array([point.torque_nm for point in ordered])
             curves.append(Curve(name, x, y, *_FRICTION_LABELS))
         if len({rounded_rpm(point.speed_rad_s) for point in there}) >= _LEAST_SPEEDS:
             parts = friction_parts(there).parameters
@@ -162,14 +160,9 @@ def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
 
 def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
     """Friction torque; the force equations hold for torque and speed at the motor as they are."""
-    coulomb = values["coulomb_nm"]
-    friction = exponential_friction(
-        speed_rad_s,
-        coulomb,
-        coulomb + values["stribeck_excess_nm"],
-        values["stribeck_speed_rad_s"],
-        values["viscous_nm_s_per_rad"],
-    )
+    level, excess = values["coulomb_nm"], values["stribeck_excess_nm"]
+    scale, viscous = values["stribeck_speed_rad_s"], values["viscous_nm_s_per_rad"]
+    friction = exponential_friction(speed_rad_s, level, level + excess, scale, viscous)
     return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
 
 
@@ -216,11 +209,8 @@ def _mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> IntervalEstimat
 
 def _mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
     """Mean magnitude of the friction of points at one speed, N m."""
-    return mean_of(
-        [abs(point.torque_nm) for point in points],
-        [point.standard_error_nm for point in points],
-        "N m",
-    )
+    errors_nm = [point.standard_error_nm for point in points]
+    return mean_of([abs(point.torque_nm) for point in points], errors_nm, "N m")
 
 
 def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
@@ -273,10 +263,8 @@ def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> 
     curves = []
     for number, test in enumerate(tests, start=1):
         figures[f"run_{number}_level_{middle}_rpm_nm"] = _mean_level(test.speeds[middle])
-        speeds = [
-            np.mean([abs(point.speed_rad_s) for way in test.speeds[rpm].values() for point in way])
-            for rpm in shared
-        ]
+        there = [[each for way in test.speeds[rpm].values() for each in way] for rpm in shared]
+        speeds = [np.mean([abs(point.speed_rad_s) for point in points]) for points in there]
         levels = [_mean_level(test.speeds[rpm]).value for rpm in shared]
         curves.append(Curve(test.name, np.array(speeds), np.array(levels), *_FRICTION_LABELS))
     return figures, curves
@@ -308,11 +296,8 @@ def _change(first: Sequence[FrictionPoint], last: Sequence[FrictionPoint]) -> In
     """
     if len(first) == len(last):
         pairs = list(zip(first, last, strict=True))
-        return mean_of(
-            [abs(b.torque_nm) - abs(a.torque_nm) for a, b in pairs],
-            [float(np.hypot(a.standard_error_nm, b.standard_error_nm)) for a, b in pairs],
-            "N m",
-        )
+        errors_nm = [float(np.hypot(a.standard_error_nm, b.standard_error_nm)) for a, b in pairs]
+        return mean_of([abs(b.torque_nm) - abs(a.torque_nm) for a, b in pairs], errors_nm, "N m")
     before, after = _mean_torque(first), _mean_torque(last)
     value = after.value - before.value
     half = float(np.hypot(before.high - before.value, after.high - after.value))

@@ -76,10 +76,8 @@ def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:
         relative_error=relative_error(measured.coherence, measured.averages),
         coherence=measured.coherence,
     )
-    section = examined(
-        "multisine",
-        lambda: measure_control_response(whole, speed_over_torque=bool(measured.unit)),
-    )
+    known = bool(measured.unit)
+    section = examined("multisine", lambda: measure_control_response(whole, known))
     stated, figures = measured.stated, dict(section.figures)
     total = stated.get("total_inertia_kg_m2")
     found = figures[_INERTIA].value if _INERTIA in figures else math.nan
@@ -96,7 +94,7 @@ def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:
     return replace(section, figures=figures), modes_of(whole.within(LOWEST_HZ, math.inf))
 
 
-def measure_control_response(measured: FrequencyResponse, *, speed_over_torque: bool) -> Contents:
+def measure_control_response(measured: FrequencyResponse, speed_over_torque: bool) -> Contents:
     """Modes of two masses; inertias, stiffness and damping where the units are known.
 
     Args:
@@ -198,15 +196,13 @@ def _mechanics(fit: TwoMassFit, share: IntervalEstimate) -> dict[str, IntervalEs
     if not math.isfinite(share.value):
         units = {"stiffness_nm_per_rad": "N m/rad", "damping_nm_s_per_rad": "N m s/rad"}
         return found | {name: undetermined(unit, share.note) for name, unit in units.items()}
-    motor_share = replace(
-        share, value=1.0 - share.value, low=1.0 - share.high, high=1.0 - share.low
-    )
+    value, low, high = 1.0 - share.value, 1.0 - share.high, 1.0 - share.low
+    motor_share = replace(share, value=value, low=low, high=high)
     load = _times(fit.inertia, share, "kg m^2")
     speed = fit.antiresonance.scaled(2.0 * math.pi, "rad/s")
     stiffness = _times(_times(load, speed, ""), speed, "N m/rad")
-    slowness = IntervalEstimate(
-        2.0 / speed.value, 2.0 / speed.high, 2.0 / speed.low, "s", speed.n_effective
-    )
+    seconds = (2.0 / speed.value, 2.0 / speed.high, 2.0 / speed.low)
+    slowness = IntervalEstimate(*seconds, "s", speed.n_effective)
     damping = _times(_times(stiffness, fit.antiresonance_damping, ""), slowness, "N m s/rad")
     return found | {
         "motor_inertia_kg_m2": _times(fit.inertia, motor_share, "kg m^2"),

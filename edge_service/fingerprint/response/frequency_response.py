@@ -15,7 +15,7 @@ by position, so that a fit can tell a resonance that has moved from one that is 
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -79,16 +79,9 @@ class FrequencyResponse:
         return self._part(np.arange(len(self.frequency_hz)) % step == 0)
 
     def _part(self, keep: Booleans) -> "FrequencyResponse":
-        known = len(self.place_rad) > 0
-        return replace(
-            self,
-            frequency_hz=self.frequency_hz[keep],
-            response=self.response[keep],
-            relative_error=self.relative_error[keep],
-            coherence=self.coherence[keep],
-            place_rad=self.place_rad[keep] if known else self.place_rad,
-            spread_rad=self.spread_rad[keep] if known else self.spread_rad,
-        )
+        every = {each.name: getattr(self, each.name) for each in fields(self)}
+        columns = {name: one for name, one in every.items() if np.ndim(one) and len(one)}
+        return replace(self, **{name: column[keep] for name, column in columns.items()})
 
 
 def drive_response(recordings: Iterable[SampleFrame]) -> FrequencyResponse:
@@ -169,17 +162,9 @@ class _Spectra:
         power = np.abs(r) ** 2
         number = int(np.mean(angle) // (2.0 * math.pi))
         place = self.places.setdefault(number, _Place(np.zeros((7, len(r)), np.complex128)))
-        place.sums += np.stack(
-            (
-                np.abs(u) ** 2,
-                np.abs(y) ** 2,
-                power,
-                np.conj(r) * u,
-                np.conj(r) * y,
-                power * float(np.mean(angle)),
-                power * float(np.mean(angle**2)),
-            )
-        )
+        spectra = [np.abs(u) ** 2, np.abs(y) ** 2, power, np.conj(r) * u, np.conj(r) * y]
+        angles = [power * float(np.mean(angle)), power * float(np.mean(angle**2))]
+        place.sums += np.stack([*spectra, *angles])
         place.segments += 1
 
     def along(self, count: int) -> list[_Place]:

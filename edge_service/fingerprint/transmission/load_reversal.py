@@ -61,15 +61,11 @@ def find_load_reversal(
     known, rank = _basis(design)
     left = stretch_m - known @ (known.T @ stretch_m)
     against = [-load * np.sign(run.speed_rad_s) for run, load in zip(runs, loads, strict=True)]
-    greatest = max(
-        float(np.max(each[run.moving], initial=0.0))
-        for run, each in zip(runs, against, strict=True)
-    )
+    pairs = list(zip(runs, against, strict=True))
+    greatest = max(float(np.max(each[run.moving], initial=0.0)) for run, each in pairs)
     levels = greatest * np.array(SHARES)
     for _ in range(_REFINEMENTS + 1):
-        columns = np.concatenate(
-            [_candidates(run, each, levels) for run, each in zip(runs, against, strict=True)]
-        )
+        columns = np.concatenate([_candidates(*each, levels) for each in pairs])
         rest = columns - known @ (known.T @ columns)
         power = np.sum(rest**2, axis=0)
         power[power <= 1e-6 * np.sum(columns**2, axis=0)] = np.inf

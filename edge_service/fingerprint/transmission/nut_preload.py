@@ -55,9 +55,8 @@ def preload_from_drag_level(coulomb: IntervalEstimate | None, machine: Machine) 
     shares = (model.preload_n.tolerance, model.preload_drag_nm.tolerance, DRAG_FACTOR_TOLERANCE)
     sigma = newton_per_nm * math.hypot(coulomb.sigma, others.sigma, screw_nm * math.hypot(*shares))
     value, half = newton_per_nm * screw_nm, normal_quantile() * sigma
-    found = IntervalEstimate(
-        value, max(value - half, 0.0), max(value + half, 0.0), "N", coulomb.n_effective
-    )
+    low, high = max(value - half, 0.0), max(value + half, 0.0)
+    found = IntervalEstimate(value, low, high, "N", coulomb.n_effective)
     if {"guide_force_n", "bearing_drag_nm"} & model.model_fields_set:
         return found
     note = "model.guide_force_n and bearing_drag_nm are unknown: an upper bound"
@@ -100,17 +99,9 @@ def preload_from_stiffness(
         nut_low = min(1.0 / (nut.value + share), nut_high)
         value = fresh_preload_n.value * preload_ratio(change, min(1.0 / nut.value, whole))
         note = ""
-    ratios = [
-        preload_ratio(change + side * half, nut)
-        for side in (-1.0, 1.0)
-        for nut in (nut_low, nut_high)
-    ]
+    changes = (change - half, change + half)
+    ratios = [preload_ratio(each, nut) for each in changes for nut in (nut_low, nut_high)]
     spread = normal_quantile() * fresh_preload_n.sigma
-    return IntervalEstimate(
-        value,
-        max(fresh_preload_n.value - spread, 0.0) * min(ratios),
-        (fresh_preload_n.value + spread) * max(ratios),
-        "N",
-        count,
-        note,
-    )
+    low = max(fresh_preload_n.value - spread, 0.0) * min(ratios)
+    high = (fresh_preload_n.value + spread) * max(ratios)
+    return IntervalEstimate(value, low, high, "N", count, note)

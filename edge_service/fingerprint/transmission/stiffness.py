@@ -101,9 +101,7 @@ def measure_backlash(fit: StiffnessFit, machine: Machine) -> Contents:
 
 
 def fit_stiffness(
-    runs: Iterable[PreparedRun],
-    positions_m: Sequence[float],
-    table_mass_kg: Quantity | None = None,
+    runs: Iterable[PreparedRun], positions_m: Sequence[float], table_mass_kg: Quantity | None = None
 ) -> StiffnessFit:
     """Compliance and lost motion at given places, linear in between and beyond.
 
@@ -123,7 +121,8 @@ def fit_stiffness(
     runs = list(runs)
     if not runs:
         raise ValueError("no unbroken run long enough in the recording")
-    rows = [_rows(run, nodes, table_mass_kg) for run in runs]
+    loads = [_load(run, table_mass_kg) for run in runs]
+    rows = [_rows(*each, nodes, table_mass_kg) for each in zip(runs, loads, strict=True)]
     design, stretch_m, noise_rms = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     noise = np.sqrt(np.mean(noise_rms**2, axis=0))
     names = [
@@ -131,7 +130,6 @@ def fit_stiffness(
         *(f"direction at {1e3 * place:.6g} mm" for place in nodes),
         *("speed", "position", "constant"),
     ]
-    loads = [_load(run, table_mass_kg) for run in runs]
     reversal = find_load_reversal(runs, loads, design, stretch_m)
     if reversal is not None and reversal.shown:
         names, noise = [*names, _REVERSAL], np.append(noise, 0.0)
@@ -153,36 +151,26 @@ def fit_stiffness(
 
 
 def _rows(
-    run: PreparedRun, nodes: Floats, table_mass_kg: Quantity | None
+    run: PreparedRun, load: Floats, nodes: Floats, table_mass_kg: Quantity | None
 ) -> tuple[Floats, Floats, Floats]:
     """Regressors (n, 2 k + 3), stretch (n,) and noise (n, 2 k + 3) of the moving rows of a run."""
-    if TABLE_POSITION not in run.channels:
-        raise ValueError(f"stiffness needs {TABLE_POSITION} beside {ANGLE} in an unbroken run")
     table = run.channels[TABLE_POSITION]
     mass = 1.0 if table_mass_kg is None else table_mass_kg.value
-    load = _load(run, table_mass_kg)
     shares = _hats(table, nodes)
-    columns = np.column_stack(
-        (
-            shares * load[:, None],
-            shares * np.sign(run.speed_rad_s)[:, None],
-            run.rate(TABLE_POSITION),
-            table - nodes[0],
-            np.ones_like(table),
-        )
-    )
+    forces = (shares * load[:, None], shares * np.sign(run.speed_rad_s)[:, None])
+    places = (table - nodes[0], np.ones_like(table))
+    columns = np.column_stack((*forces, run.rate(TABLE_POSITION), *places))
     stretch = run.settings.ratio_m_per_rad * run.channels[ANGLE] - table
     noise = np.zeros(columns.shape)
     noise[:, : len(nodes)] = shares * (mass * derivative_noise_rms(run, TABLE_POSITION, 2))
-    return (
-        run.moving_rows(columns),
-        run.moving_rows(stretch),
-        noise[::DECIMATION][run.moving[::DECIMATION]],
-    )
+    moving = noise[::DECIMATION][run.moving[::DECIMATION]]
+    return run.moving_rows(columns), run.moving_rows(stretch), moving
 
 
 def _load(run: PreparedRun, table_mass_kg: Quantity | None) -> Floats:
     """Load of the spring beside the guides' friction, (n,): N; m/s^2 without the mass."""
+    if TABLE_POSITION not in run.channels:
+        raise ValueError(f"stiffness needs {TABLE_POSITION} beside {ANGLE} in an unbroken run")
     acceleration = run.rate(TABLE_POSITION, 2)
     if table_mass_kg is None:
         return acceleration
@@ -219,15 +207,11 @@ def backlash(
         note = "wind-up and play cannot be told apart without the guide force and the stiffness"
         return IntervalEstimate(math.nan, 0.0, max(lost.high, 0.0), "m", lost.n_effective, note)
     windup = 2.0 * guide_force_n.value / stiffness.value
-    sigma = math.hypot(
-        lost.sigma,
-        2.0 * guide_force_n.sigma / stiffness.value,
-        windup * stiffness.sigma / stiffness.value,
-    )
+    by_force, by_spring = 2.0 * guide_force_n.sigma, windup * stiffness.sigma
+    sigma = math.hypot(lost.sigma, by_force / stiffness.value, by_spring / stiffness.value)
     value, half = lost.value - windup, normal_quantile() * sigma
-    return IntervalEstimate(
-        max(value, 0.0), max(value - half, 0.0), max(value + half, 0.0), "m", lost.n_effective
-    )
+    value, low, high = (max(each, 0.0) for each in (value, value - half, value + half))
+    return IntervalEstimate(value, low, high, "m", lost.n_effective)
 
 
 def stiffness_of(compliance: IntervalEstimate, table_mass_kg: Quantity | None) -> IntervalEstimate:

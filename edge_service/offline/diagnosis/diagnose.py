@@ -14,12 +14,7 @@ from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
 from ...diagnose.pipeline import diagnose_session
-from ...diagnose.preload import (
-    diagnose_beside_loss,
-    fresh_screw,
-    known_loss,
-    with_missing_drag,
-)
+from ...diagnose.preload import diagnose_beside_loss, fresh_screw, known_loss, with_missing_drag
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ...diagnose.result import (
     ChannelGap,
@@ -36,10 +31,9 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
-from ..examination import examine
-from ..recordings import Progress, silent
+from ..recordings import Progress, examine, silent
 from ..report.diagnosis_page import render
-from .sessions import BadDataError, DiagnosisError, read_runs, session_of
+from .gap import BadDataError, DiagnosisError, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")

@@ -1,7 +1,11 @@
-"""`edge-service gap`: how far model and machine are apart, in one number per channel."""
+"""`edge-service gap`: how far model and machine are apart, in one number per channel.
+
+Recordings of a machine become runs, and one session to be compared with its model.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,18 +13,69 @@ import numpy as np
 
 from ...command_answer import Answer
 from ...config import load_machine
-from ...diagnose.session.recordings import unbroken_runs
+from ...diagnose.session.recordings import runs_of, unbroken_runs
 from ...diagnose.session.session import (
     TORQUE_GAP,
     TRANSMISSION_GAP,
+    Session,
     channel_gap,
     rigid_baseline,
 )
-from ...messages.samples import Floats
+from ...exit_status import BAD_DATA, BadInputError
+from ...messages.samples import Floats, SampleFrame
 from ...models.effects.learned import model_effects
-from ..examination import require_sound
-from ..recordings import Progress, silent
-from .sessions import NOTHING_TO_COMPARE, DiagnosisError, one_line, opened_recordings
+from ...models.machine import Machine
+from ...regression.run import Run
+from ..recordings import Progress, open_recording, reported, require_sound, silent
+
+NOTHING_TO_COMPARE = (
+    "nothing to compare: expected a second or more of motion with a torque or both encoders"
+)
+
+
+class DiagnosisError(BadInputError):
+    """Recordings or a machine that cannot be compared; the text is one line."""
+
+
+class BadDataError(BadInputError):
+    """Recordings that can be read but not diagnosed; the text is one line."""
+
+    status = BAD_DATA
+
+
+def read_runs(machine: Machine, traces: Sequence[Path], progress: Progress = silent) -> list[Run]:
+    """Filtered runs of all recordings, read in bounded pieces, one file at a time."""
+    if not traces:
+        raise DiagnosisError("no recording given; expected one trace or more")
+    with one_line():
+        return runs_of(opened_recordings(machine, traces, progress), rigid_baseline(machine))
+
+
+@contextmanager
+def one_line() -> Iterator[None]:
+    """Raise what the rooms below find wrong as a DiagnosisError."""
+    try:
+        yield
+    except ValueError as error:
+        raise DiagnosisError(str(error)) from error
+
+
+def opened_recordings(
+    machine: Machine, traces: Sequence[Path], progress: Progress
+) -> Iterator[Iterator[SampleFrame]]:
+    """Each recording in turn; it is closed when the next is asked for."""
+    for number, path in enumerate(traces, start=1):
+        with open_recording(machine, path) as reader:
+            name = f"{path.name}, {number} of {len(traces)}"
+            yield reported(reader, f"reading {name}", progress)
+
+
+def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
+    """The session of runs that hold motion."""
+    session = Session.of_runs(runs, rigid_baseline(machine), model_effects(machine))
+    if not session.channels or not all(len(rows.gap) for rows in session.channels.values()):
+        raise DiagnosisError(NOTHING_TO_COMPARE)
+    return session
 
 
 def gap(

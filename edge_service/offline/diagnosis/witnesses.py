@@ -23,17 +23,12 @@ _TRUST = 0.5
 def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
     """Findings of `doctor` about the two encoders that are no good ones."""
     ratio = machine.transmission_ratio_m_per_rad
-    frames = [
-        SampleFrame(
-            run.motion.time_s,
-            {
-                ANGLE: run.motion.angle_rad,
-                TABLE_POSITION: run.transmission_m + ratio * run.motion.angle_rad,
-            },
-        )
-        for run in runs
-        if run.transmission_m is not None and not run.misses_acceleration
-    ]
+    frames = []
+    for run in runs:
+        if run.transmission_m is not None and not run.misses_acceleration:
+            angle_rad = run.motion.angle_rad
+            channels = {ANGLE: angle_rad, TABLE_POSITION: run.transmission_m + ratio * angle_rad}
+            frames.append(SampleFrame(run.motion.time_s, channels))
     if not frames:
         return []
     found = check_plausibility(machine, frames)

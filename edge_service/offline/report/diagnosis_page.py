@@ -1,6 +1,6 @@
 """The page of a diagnosis: plain words first, then numbers and pictures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import matplotlib as mpl
 
@@ -48,21 +48,11 @@ def render(
             name: draw_waterfall(name, found.gap[name], found.waterfall.get(name, ()))
             for name in (telling if accepted else ())
         }
-        replays = {
-            name: draw_replay(name, found.series.replayed[name])
-            for name in (shown if accepted else ())
-        }
+        led = {name: found.series.replayed[name] for name in (shown if accepted else ())}
+        replays = {name: draw_replay(name, each) for name, each in led.items()}
         gaps = {name: draw_gap(name, session, found) for name in telling if session is not None}
-    filters: dict[str, Callable[..., object]] = {
-        "shown": interval,
-        "percent": percent,
-        "points": points,
-        "words": words,
-        "sure": sure,
-        "amount": amount,
-        "quantity": quantity,
-        "places": places,
-    }
+    used = (percent, points, words, sure, amount, quantity, places)
+    filters = {"shown": interval, **{each.__name__: each for each in used}}
     return rendered(
         "diagnosis.html",
         filters,

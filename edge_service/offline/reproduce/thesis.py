@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...atomic import replaced_file
-from ...estimate.imm.modes import (
-    PUBLISHED_EXPONENT,
-    centred_moving_average,
-    weighted_level,
-)
+from ...estimate.imm.modes import PUBLISHED_EXPONENT, centred_moving_average, weighted_level
 from ...messages.samples import Floats
 from ..recordings import Progress, silent
 from ..report.page import rendered

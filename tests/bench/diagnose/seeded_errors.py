@@ -17,7 +17,7 @@ from scipy import signal
 
 from edge_service.messages.samples import Floats
 from edge_service.offline.diagnosis.diagnose import diagnose
-from edge_service.offline.diagnosis.sessions import BadDataError
+from edge_service.offline.diagnosis.gap import BadDataError
 from edge_service.recordings.conditioning import white_noise_rms
 
 from ..real_machines import ACTUATOR_TOML, SEQUENCES

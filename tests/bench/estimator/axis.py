@@ -8,15 +8,9 @@ import numpy as np
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.estimate.commissioning.identification import commissioned
+from edge_service.messages import samples
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.samples import (
-    EXTERNAL_FORCE,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    TEMPERATURE,
-    Floats,
-    SampleFrame,
-)
+from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
@@ -31,8 +25,8 @@ GUIDE_N, BEARING_NM = 60.0, 0.05
 FRICTION = ("stribeck:excess_nm=0.08,speed_rad_s=3", "torque_ripple:amplitude_nm=0.01,order=8")
 STROKE_MAP = (0.05, 0.03)
 """First and second harmonic of the preload along the stroke, over its mean."""
-HIDDEN = (EXTERNAL_FORCE, TEMPERATURE)
-TABLE = (TABLE_POSITION, TABLE_SPEED)
+HIDDEN = (samples.EXTERNAL_FORCE, samples.TEMPERATURE)
+TABLE = (samples.TABLE_POSITION, samples.TABLE_SPEED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.fingerprint.friction.cruises import friction_points
 from edge_service.fingerprint.friction.curve import fit_friction
-from edge_service.fingerprint.friction.points import friction_points
 from edge_service.fingerprint.response.frequency_response import drive_responses_along
 from edge_service.fingerprint.response.two_mass_fit import fit_two_mass
 from edge_service.fingerprint.transmission.stiffness import backlash, fit_stiffness
@@ -21,11 +21,7 @@ from edge_service.models.plant.two_mass import axial_compliance
 from edge_service.offline.commanded_motion import commanded_motion
 from edge_service.regression.interval_estimate import IntervalEstimate
 from edge_service.regression.inverse_dynamics import identify_inverse_dynamics
-from edge_service.regression.prepared_run import (
-    PreparationSettings,
-    PreparedRun,
-    prepare,
-)
+from edge_service.regression.prepared_run import PreparationSettings, PreparedRun, prepare
 
 RATE_HZ = 1000.0
 GUIDE_N, BEARING_NM, TABLE_KG = 40.0, 0.05, 20.0

@@ -15,8 +15,7 @@ import pyarrow.parquet as pq
 from scipy.integrate import solve_ivp
 
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
-from edge_service.estimate.imm.bank import CompiledBank, run_bank
-from edge_service.estimate.imm.filterpy_bank import FilterpyBank
+from edge_service.estimate.imm.bank import CompiledBank, FilterpyBank, run_bank
 from edge_service.health.store.history import CHUNKS_S, HOUR_S, History, put_chunk
 from edge_service.health.store.rows import QUANTITIES, ROW, STATUSES, aggregate, between
 from edge_service.health.store.store import Store

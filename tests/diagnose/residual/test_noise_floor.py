@@ -1,4 +1,4 @@
-"""The floor of a gap is its noise: no structure raises it, whatever its name, and no burst."""
+"""The floor of a gap is its noise, and the interval that is found is the one it was put into."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from edge_service.diagnose.localisation import where
 from edge_service.diagnose.residual.noise import noise_floor, ordinary_rms
-from edge_service.diagnose.session.session import TORQUE_GAP, Session
+from edge_service.diagnose.session.session import TORQUE_GAP, Rows, Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Motion
 from edge_service.models.machine import Machine
@@ -53,3 +54,58 @@ def test_a_series_without_bursts_has_its_own_root_mean_square() -> None:
     assert ordinary_rms(series) == pytest.approx(3.0, rel=0.03)
     series[5000:6500] *= 30.0
     assert ordinary_rms(series) == pytest.approx(3.0, rel=0.08)
+
+
+ROWS = 12_000
+
+
+def rows_of(gap_over: str, low: float, high: float) -> Rows:
+    random = np.random.default_rng(4)
+    time_s = np.arange(ROWS) * 0.01
+    direction = np.where(random.random(ROWS) < 0.5, -1.0, 1.0)
+    variables = {
+        "motor_speed_rad_s": direction * random.uniform(0.0, 100.0, ROWS),
+        "table_position_m": random.uniform(0.0, 0.8, ROWS),
+        "motor_angle_rad": random.uniform(0.0, 2.0 * np.pi, ROWS),
+        "time_s": time_s,
+        "direction": direction,
+    }
+    inside = (variables[gap_over] >= low) & (variables[gap_over] <= high)
+    gap = 0.1 * direction * inside + 0.005 * random.standard_normal(ROWS)
+    return Rows(gap, variables, (time_s / 5.0).astype(np.int64))
+
+
+@pytest.mark.parametrize(
+    ("variable", "low", "high"),
+    [("table_position_m", 0.2, 0.4), ("motor_speed_rad_s", 20.0, 60.0), ("time_s", 30.0, 60.0)],
+)
+def test_variable_and_interval(variable: str, low: float, high: float) -> None:
+    first = where({TORQUE_GAP: rows_of(variable, low, high)})[0]
+    assert first.variable == variable
+    overlap = min(high, first.high) - max(low, first.low)
+    assert overlap / (max(high, first.high) - min(low, first.low)) > 0.75
+    assert first.energy > 0.9
+
+
+def test_noise_lives_nowhere() -> None:
+    rows = rows_of("table_position_m", 2.0, 3.0)
+    assert where({TORQUE_GAP: rows}) == []
+
+
+def test_a_channel_at_its_healthy_floor_holds_no_gap() -> None:
+    rows = rows_of("table_position_m", 0.2, 0.4)
+    assert where({TORQUE_GAP: rows}, {TORQUE_GAP: rows.rms}) == []
+
+
+def test_what_turns_with_the_direction_alone_lives_there() -> None:
+    rows = rows_of("table_position_m", 0.0, 0.8)
+    first = where({TORQUE_GAP: rows})[0]
+    assert first.variable == "direction"
+    assert (first.low, first.high) == (-1.0, 1.0)
+
+
+def test_a_gap_that_is_there_one_way_only() -> None:
+    rows = rows_of("table_position_m", 0.0, 0.8)
+    one_way = Rows(np.maximum(rows.gap, 0.0), rows.variables, rows.block)
+    first = where({TORQUE_GAP: one_way})[0]
+    assert (first.variable, first.low, first.high) == ("direction", 0.0, 1.0)

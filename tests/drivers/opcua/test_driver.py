@@ -23,14 +23,8 @@ from drivers.opcua.stub import LEAST_INTERVAL_S, OpcuaStub
 from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
 from edge_service.config import explain
-from edge_service.messages.samples import (
-    ANGLE,
-    TABLE_POSITION,
-    TEMPERATURE,
-    TORQUE,
-    Quality,
-    SampleFrame,
-)
+from edge_service.messages import samples
+from edge_service.messages.samples import Quality, SampleFrame
 
 from ..bench import CONTEXT, truth
 from .bench import SIGNALS, config_of
@@ -71,16 +65,16 @@ async def test_values_and_times_are_those_of_the_source(driver: OpcuaDriver) -> 
     for frame in frames:
         assert (np.abs(frame.time_s - time.time()) < 5.0).all()
         for torque, angle, table in zip(
-            frame.channels[TORQUE],
-            frame.channels[ANGLE],
-            frame.channels[TABLE_POSITION],
+            frame.channels[samples.TORQUE],
+            frame.channels[samples.ANGLE],
+            frame.channels[samples.TABLE_POSITION],
             strict=True,
         ):
             number = round(angle / 0.5)
             expected = truth(number)
-            assert torque == pytest.approx(expected[TORQUE])
-            assert table == pytest.approx(expected[TABLE_POSITION])
-        np.testing.assert_allclose(frame.channels[TEMPERATURE], 21.5)
+            assert torque == pytest.approx(expected[samples.TORQUE])
+            assert table == pytest.approx(expected[samples.TABLE_POSITION])
+        np.testing.assert_allclose(frame.channels[samples.TEMPERATURE], 21.5)
     time_s = np.concatenate([frame.time_s for frame in frames])
     steps = np.diff(time_s)
     assert np.median(steps) == pytest.approx(LEAST_INTERVAL_S, abs=0.03)
@@ -92,9 +86,9 @@ async def test_old_values_are_found_by_their_heartbeat(
     await take(driver, 1)
     stub.fault = Fault(FaultKind.STALE)
     stale = np.uint8(Quality.STALE)
-    frame = await until(driver, lambda f: stale in f.quality.get(TORQUE, ()))
-    assert (np.array(frame.quality[ANGLE]) == stale).any()
-    assert np.isnan(frame.channels[TORQUE][-1])
+    frame = await until(driver, lambda f: stale in f.quality.get(samples.TORQUE, ()))
+    assert (np.array(frame.quality[samples.ANGLE]) == stale).any()
+    assert np.isnan(frame.channels[samples.TORQUE][-1])
 
 
 async def test_a_server_that_hangs_is_lost_in_time(driver: OpcuaDriver, stub: OpcuaStub) -> None:
@@ -146,15 +140,15 @@ async def test_of_publications_that_nobody_reads_the_oldest_are_dropped_and_coun
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no such node": (
-        {"signals": [{"channel": TORQUE, "node": "ns=2;s=Y.torque"}]},
+        {"signals": [{"channel": samples.TORQUE, "node": "ns=2;s=Y.torque"}]},
         r"signals\[0\]\.node: 'ns=2;s=Y\.torque': BadNodeIdUnknown",
     ),
     "no such namespace": (
-        {"signals": [{"channel": TORQUE, "node": "nsu=urn:no;s=X.torque"}]},
+        {"signals": [{"channel": samples.TORQUE, "node": "nsu=urn:no;s=X.torque"}]},
         r"signals\[0\]\.node: .*no namespace 'urn:no'",
     ),
     "an object": (
-        {"signals": [{"channel": TORQUE, "node": "i=85"}]},
+        {"signals": [{"channel": samples.TORQUE, "node": "i=85"}]},
         r"signals\[0\]\.node: cannot be subscribed to: BadAttributeIdInvalid",
     ),
 }
@@ -229,17 +223,17 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
         "certificate: is for",
     ),
     "no node id": (
-        {"signals": [{"channel": TORQUE, "node": "ns=2;X.torque"}]},
+        {"signals": [{"channel": samples.TORQUE, "node": "ns=2;X.torque"}]},
         "signals[0].node: 'ns=2;X.torque' is no node: expected ns=2;s=",
     ),
     "a path": (
-        {"signals": [{"channel": TORQUE, "node": "{urn:x}X/Torque"}]},
+        {"signals": [{"channel": samples.TORQUE, "node": "{urn:x}X/Torque"}]},
         "signals[0].node: '{urn:x}X/Torque' is no node: expected ns=2;s=",
     ),
     "password of nobody": ({"password": "p"}, "user: missing"),
     "no role": ({"signals": [{"node": "i=1"}]}, "signals[0]: expected exactly one of channel"),
     "nothing that makes rows": (
-        {"signals": [{"channel": TEMPERATURE, "node": "i=1"}]},
+        {"signals": [{"channel": samples.TEMPERATURE, "node": "i=1"}]},
         "signals: expected one of torque_command_nm",
     ),
     "a channel twice": ({"signals": [SIGNALS[0], SIGNALS[0]]}, "appears more than once"),

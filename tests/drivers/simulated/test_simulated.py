@@ -6,10 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import (
-    DriverContext,
-    DriverMisconfiguredError,
-)
+from drivers.base import DriverContext, DriverMisconfiguredError
 from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.messages.samples import CHANNELS, TORQUE, SampleFrame
 from edge_service.models.machine import Machine

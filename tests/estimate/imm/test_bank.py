@@ -7,16 +7,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pytest
 
-from edge_service.estimate.imm import kernel
 from edge_service.estimate.imm.bank import (
     KALMAN,
     BankOutput,
     BankStart,
     CompiledBank,
+    FilterpyBank,
     LinearStep,
     run_bank,
 )
-from edge_service.estimate.imm.filterpy_bank import FilterpyBank
 from edge_service.messages.samples import Floats
 from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
@@ -202,17 +201,6 @@ def test_modes_far_from_the_truth_do_not_underflow() -> None:
     odds = float(-np.diff(problem.run().log_mode_probability[0])[0])
     assert odds == pytest.approx(0.5 * (200.0**2 - 100.0**2) / 1.02, rel=1e-12)
     assert run(FilterpyBank(), problem)[0].mode_probability.tolist() == [0.5, 0.5]
-
-
-@pytest.mark.parametrize("boundary", [KALMAN, SLIDING], ids=["kalman", "sliding"])
-def test_machine_code_equals_python(boundary: Floats, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = random_problem(9, count=200)
-    machine_code = problem.run(boundary)
-    for name, function in vars(kernel).copy().items():
-        if hasattr(function, "py_func"):
-            monkeypatch.setattr(kernel, name, function.py_func)
-    assert not hasattr(kernel.run, "py_func")
-    assert_same(machine_code, problem.run(boundary), 1e-12)
 
 
 def test_single_steps_equal_the_batch_bit_for_bit() -> None:

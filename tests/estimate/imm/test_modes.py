@@ -11,7 +11,6 @@ from edge_service.estimate.imm.modes import (
     THESIS_MODE_TRANSITION,
     causal_moving_average,
     centred_moving_average,
-    mode_weights,
     scaled_mode_transition,
     weighted_level,
 )
@@ -46,7 +45,8 @@ def probabilities(draw: st.DrawFn) -> np.ndarray:
 
 @given(probabilities())
 def test_square_is_the_printed_function(mu: np.ndarray) -> None:
-    np.testing.assert_allclose(mode_weights(mu, 2.0), mu**2 / (mu**2).sum(), rtol=1e-12)
+    weights = weighted_level(mu, np.eye(5), 2.0)
+    np.testing.assert_allclose(weights, mu**2 / (mu**2).sum(), rtol=1e-12)
 
 
 def test_the_printed_example() -> None:

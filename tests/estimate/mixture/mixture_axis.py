@@ -11,12 +11,7 @@ from functools import cache
 import numpy as np
 from scipy.optimize import brentq
 
-from edge_service.estimate.mixture.model import (
-    Start,
-    axis_model,
-    process_of,
-    start_of,
-)
+from edge_service.estimate.mixture.model import Start, axis_model, process_of, start_of
 from edge_service.estimate.mixture.state import ASSUMED, AxisModel, Process, Reading
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig, TransmissionConfig

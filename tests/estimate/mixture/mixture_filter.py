@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.model import Start
 from edge_service.estimate.mixture.physics import (
     expected_stretch,
@@ -11,38 +12,13 @@ from edge_service.estimate.mixture.physics import (
     stribeck,
     stroke_factor,
 )
-from edge_service.estimate.mixture.state import (
-    COUPLING,
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
-    GUIDE_VISCOUS,
-    HYPOTHESES,
-    LEARNING,
-    LOOSENESS,
-    MOST_SHARE,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    OFFSET_RATE,
-    PRELOAD,
-    REVERSAL,
-    SLOPE_RATE,
-    STEADY,
-    STRETCH_WANDER,
-    TORQUE_STATES,
-    TORQUE_WANDER,
-    WEAR_RATE,
-    AxisModel,
-    Bank,
-    Process,
-    Reading,
-    empty_bank,
-)
+from edge_service.estimate.mixture.state import AxisModel, Bank, Process, Reading, empty_bank
 from edge_service.messages.samples import Floats
 
 from .mixture_axis import SETTINGS
 
-FRICTIONS = range(NUT_FRICTION, GUIDE_VISCOUS + 1)
-CONSIDERED = (NUT_COMPLIANCE,)
+FRICTIONS = range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1)
+CONSIDERED = (state.NUT_COMPLIANCE,)
 GROWTH_S = 300.0
 USUAL = 6.0
 TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
@@ -70,24 +46,27 @@ def motion_of(
         f[i, i] = keep
         q[i, i] += SETTINGS.apart**2 * (1.0 - keep**2)
     keep = math.exp(-r.steady_s / TORQUE_S)
-    f[TORQUE_WANDER, TORQUE_WANDER] = keep
-    q[TORQUE_WANDER, TORQUE_WANDER] = process.torque_wander_nm**2 * (1.0 - keep**2)
-    f[PRELOAD, WEAR_RATE] = r.steady_s
-    q[PRELOAD, PRELOAD] = SETTINGS.preload_walk**2 * r.steady_s
-    q[WEAR_RATE, WEAR_RATE] = SETTINGS.rate_walk**2 * r.steady_s
-    if size > TORQUE_STATES:
+    f[state.TORQUE_WANDER, state.TORQUE_WANDER] = keep
+    q[state.TORQUE_WANDER, state.TORQUE_WANDER] = process.torque_wander_nm**2 * (1.0 - keep**2)
+    f[state.PRELOAD, state.WEAR_RATE] = r.steady_s
+    q[state.PRELOAD, state.PRELOAD] = SETTINGS.preload_walk**2 * r.steady_s
+    q[state.WEAR_RATE, state.WEAR_RATE] = SETTINGS.rate_walk**2 * r.steady_s
+    if size > state.TORQUE_STATES:
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)
-        f[STRETCH_WANDER, STRETCH_WANDER] = keep
-        doubt = 0.0 if p is None else p[ENCODER_SLOPE, ENCODER_SLOPE]
-        slope = math.sqrt(x[ENCODER_SLOPE] ** 2 + doubt)
+        f[state.STRETCH_WANDER, state.STRETCH_WANDER] = keep
+        doubt = 0.0 if p is None else p[state.ENCODER_SLOPE, state.ENCODER_SLOPE]
+        slope = math.sqrt(x[state.ENCODER_SLOPE] ** 2 + doubt)
         finer_m = SETTINGS.uneven_share * slope * model.stroke_m
         nodes_m = np.linspace(0.0, model.stroke_m, len(model.map_sigma_m))
         unknown_m = float(np.interp(r.table_m, nodes_m, model.map_sigma_m))
         wander_m2 = process.stretch_wander_m**2 + finer_m**2 + unknown_m**2
-        q[STRETCH_WANDER, STRETCH_WANDER] = wander_m2 * (1.0 - keep**2)
-        f[REVERSAL, REVERSAL] = math.exp(-elapsed_s / SETTINGS.friction_s)
+        q[state.STRETCH_WANDER, state.STRETCH_WANDER] = wander_m2 * (1.0 - keep**2)
+        f[state.REVERSAL, state.REVERSAL] = math.exp(-elapsed_s / SETTINGS.friction_s)
         keep = math.exp(-elapsed_s / GROWTH_S)
-        for place, rate in ((ENCODER_OFFSET, OFFSET_RATE), (ENCODER_SLOPE, SLOPE_RATE)):
+        for place, rate in (
+            (state.ENCODER_OFFSET, state.OFFSET_RATE),
+            (state.ENCODER_SLOPE, state.SLOPE_RATE),
+        ):
             f[rate, rate], f[place, rate] = keep, GROWTH_S * (1.0 - keep)
     for i in range(size):
         if i not in FRICTIONS:
@@ -97,7 +76,7 @@ def motion_of(
 
 def _walked_s(i: int, elapsed_s: float) -> float:
     """Time over which an element's walk is summed: a thermal one settles, as int exp(-2 t / T)."""
-    time_s = GROWTH_S if i >= TORQUE_STATES and i != REVERSAL else SETTINGS.friction_s
+    time_s = GROWTH_S if i >= state.TORQUE_STATES and i != state.REVERSAL else SETTINGS.friction_s
     return 0.5 * time_s * -math.expm1(-2.0 * elapsed_s / time_s)
 
 
@@ -105,7 +84,7 @@ def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, f
     """Torque and stretch (2,), their slopes (2, n), and the compliance; one without an encoder."""
     slopes, factor = np.zeros((2, len(x))), stroke_factor(model, r.table_m)
     values = [expected_torque(model, x, r, factor, stribeck(model, r), slopes[0])]
-    if len(x) == TORQUE_STATES or math.isnan(r.stretch_m):
+    if len(x) == state.TORQUE_STATES or math.isnan(r.stretch_m):
         return np.array(values), slopes[:1], 0.0
     stretch, compliance = expected_stretch(model, x, r, factor, slopes[1])
     return np.array([*values, stretch]), slopes, compliance
@@ -119,7 +98,7 @@ def noise_of(
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
     noise = np.diag([torque + (0.3 * stribeck(model, r)) ** 2, 0.0])
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
-    noise[1, 1] = stretch + (process.loose_m * math.exp(-math.exp(x[PRELOAD]) / 0.3)) ** 2
+    noise[1, 1] = stretch + (process.loose_m * math.exp(-math.exp(x[state.PRELOAD]) / 0.3)) ** 2
     axial = process.axial_n * np.array([model.ratio_m_per_rad, compliance])
     return (noise + np.outer(axial, axial))[:quantities, :quantities]
 
@@ -140,14 +119,14 @@ def corrected(
     nis = float(error @ np.linalg.solve(s, error))
     s *= max(1.0, nis / USUAL)
     gain = np.linalg.solve(s, slopes @ p).T
-    if len(x) > TORQUE_STATES:
+    if len(x) > state.TORQUE_STATES:
         gain[CONSIDERED, :] = 0.0
     cross = gain @ slopes @ p
     p = p - cross - cross.T + gain @ s @ gain.T
     x = x + gain @ error
-    if len(x) > TORQUE_STATES:
-        x[LOOSENESS] = max(x[LOOSENESS], 0.0)
-        x[COUPLING] = max(x[COUPLING], 0.0)
+    if len(x) > state.TORQUE_STATES:
+        x[state.LOOSENESS] = max(x[state.LOOSENESS], 0.0)
+        x[state.COUPLING] = max(x[state.COUPLING], 0.0)
     return bounded(model, x, p), p, nis
 
 
@@ -156,18 +135,18 @@ def bounded(model: AxisModel, x: Floats, p: Floats) -> Floats:
 
     What is considered stays; all is in standard deviations, of what varies.
     """
-    most = math.log(MOST_SHARE * model.fresh_percent)
-    if x[PRELOAD] <= most:
+    most = math.log(state.MOST_SHARE * model.fresh_percent)
+    if x[state.PRELOAD] <= most:
         return x
     sigma = np.sqrt(np.diag(p))
     free = [i for i in range(len(x)) if sigma[i] > 0.0]
-    if len(x) > TORQUE_STATES:
+    if len(x) > state.TORQUE_STATES:
         free = [i for i in free if i not in CONSIDERED]
     system, right = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
     system[:-1, :-1] = np.linalg.inv(p[np.ix_(free, free)] / np.outer(sigma[free], sigma[free]))
-    row = free.index(PRELOAD)
+    row = free.index(state.PRELOAD)
     system[-1, row] = system[row, -1] = 1.0
-    right[-1] = (most - x[PRELOAD]) / sigma[PRELOAD]
+    right[-1] = (most - x[state.PRELOAD]) / sigma[state.PRELOAD]
     y = x.copy()
     y[free] += sigma[free] * np.linalg.solve(system, right)[:-1]
     return y
@@ -176,16 +155,16 @@ def bounded(model: AxisModel, x: Floats, p: Floats) -> Floats:
 def alone(start: Start, sigma: float) -> Bank:
     """A bank in which only the steady belief lives, and goes on alone while it learns."""
     bank = empty_bank(len(start.mean))
-    bank.mean[STEADY], bank.covariance[STEADY] = start.mean, start.covariance
-    bank.covariance[STEADY, PRELOAD, PRELOAD] = sigma**2
-    bank.log_weight[STEADY], bank.alive[STEADY] = 0.0, 1
-    bank.moments[LEARNING] = 1.0
+    bank.mean[state.STEADY], bank.covariance[state.STEADY] = start.mean, start.covariance
+    bank.covariance[state.STEADY, state.PRELOAD, state.PRELOAD] = sigma**2
+    bank.log_weight[state.STEADY], bank.alive[state.STEADY] = 0.0, 1
+    bank.moments[state.LEARNING] = 1.0
     return bank
 
 
 def never(process: Process) -> Process:
     """Nothing happens to the axis, no force acts, and the bank learns for ever."""
-    nothing = np.full(HYPOTHESES, -np.inf)
+    nothing = np.full(state.HYPOTHESES, -np.inf)
     assumed = process.assumed._replace(
         force_share=1e-300, rapid_share=1e-300, force_stay=0.0, learn_s=math.inf
     )

@@ -12,12 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from edge_service.estimate.mixture.state import (
-    PRELOAD,
-    SPEED_ERROR_END,
-    SPEED_ERROR_START,
-    STEADY,
-)
+from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.step import step
 from edge_service.messages.samples import Floats
 
@@ -61,12 +56,12 @@ def errors(one_encoder: bool) -> Errors:
     nees, preload_nees, nis = [], [], []
     model, start, process = parts(one_encoder)
     process, size = never(process), len(start.mean)
-    left_out = {SPEED_ERROR_START, SPEED_ERROR_END, *CONSIDERED}
+    left_out = {state.SPEED_ERROR_START, state.SPEED_ERROR_END, *CONSIDERED}
     kept = [i for i in range(size) if i not in left_out]
     for seed in range(RUNS):
         rng = np.random.default_rng((seed, one_encoder))
         bank = alone(start, PRELOAD_SIGMA)
-        x = start.mean + normal(rng, bank.covariance[STEADY])
+        x = start.mean + normal(rng, bank.covariance[state.STEADY])
         for _ in range(PHASES):
             r, elapsed_s = idle(rng, one_encoder), float(rng.uniform(0.1, 1.0))
             f, q = motion_of(model, process, r, elapsed_s, x)
@@ -77,11 +72,11 @@ def errors(one_encoder: bool) -> Errors:
             values = values + normal(rng, noise)
             r = r._replace(torque_nm=values[0], stretch_m=values[-1] if len(values) > 1 else np.nan)
             nis.append(step(bank, model, process, r, elapsed_s))
-        error, covariance = x - bank.mean[STEADY], bank.covariance[STEADY]
+        error, covariance = x - bank.mean[state.STEADY], bank.covariance[state.STEADY]
         sigma = np.sqrt(np.diag(covariance)[kept])
         unit = covariance[np.ix_(kept, kept)] / np.outer(sigma, sigma)
         nees.append((error[kept] / sigma) @ np.linalg.solve(unit, error[kept] / sigma))
-        preload_nees.append(error[PRELOAD] ** 2 / covariance[PRELOAD, PRELOAD])
+        preload_nees.append(error[state.PRELOAD] ** 2 / covariance[state.PRELOAD, state.PRELOAD])
     return Errors(np.array(nees), np.array(preload_nees), np.array(nis), len(kept))
 
 

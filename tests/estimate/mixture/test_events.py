@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
-from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.offline.reproduce.simulation import ThesisCase, run_case
 
 from ...bench.estimator.axis import downsampled
+from ...bench.estimator.plants.thesis import thesis_blocks, thesis_estimator, thesis_machine
 from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
 
 
@@ -168,3 +170,50 @@ def test_warm_up_is_no_wear() -> None:
     late = answers[answers[:, 0] > 60.0]
     assert FRESH - late[:, 1].min() < 0.7
     assert np.mean(late[:, 3] >= FRESH) > 0.94
+
+
+def test_the_drop_of_the_thesis_is_seen_in_the_third_informative_step() -> None:
+    """Steps in which the drag may hold the axis tell nothing."""
+    simulated, _ = run_case(ThesisCase(4), seed=3)
+    blocks = thesis_blocks(simulated)
+    estimator = thesis_estimator(thesis_machine())
+    percents = {e.time_s: e.preload_percent for e in run(blocks, estimator)}
+    before = [p for time_s, p in percents.items() if 10.0 < time_s < 50.15 and p is not None]
+    assert min(before) > 9.5
+    informative = [block.time_s for block in blocks if block.time_s > 50.15 and block.phases]
+    after = [percents[time_s] for time_s in informative[2:]]
+    assert max(p for p in after if p is not None) < 5.0
+
+
+HEALTHY_S, STOPPED_S, CHANGED_S = 40.0, 5.0, 60.0
+PAYLOAD = "10 kg on the table"
+
+
+def answer_to(effect: str) -> PreloadEstimate:
+    """Production, healthy at first; then, after a stop, the axis has the effect."""
+    percent = np.full(round(1000 * CHANGED_S), FRESH)
+    frames = list(AXIS.frames("production", percent[: round(1000 * HEALTHY_S)], 7))
+    effects = (effect,) if effect != PAYLOAD else ()
+    loads = {"added_mass_kg": np.full(len(percent), 10.0)} if effect == PAYLOAD else {}
+    frames += [
+        replace(frame, time_s=frame.time_s + HEALTHY_S + STOPPED_S)
+        for frame in AXIS.frames("production", percent, 8, effects, **loads)
+    ]
+    return run(downsampled(frames, machine()))[-1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "fault"),
+    [
+        ("drag_error:change_nm=0.12", "lubrication"),
+        ("compliance:level_m_per_n=4e-9", "looseness"),
+        (PAYLOAD, "payload"),
+    ],
+)
+def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
+    said = answer_to(effect)
+    assert said.fault_probability[fault] > 0.9
+    assert said.fault_probability["preload_loss"] < 0.5
+    assert said.low is not None
+    assert said.high is not None
+    assert said.low <= FRESH <= said.high

@@ -5,18 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
 from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
-from edge_service.estimate.mixture.state import (
-    INERTIA_ERROR,
-    INERTIA_TORQUE,
-    LOSS,
-    PRELOAD,
-    STEADY,
-    TOTAL_LOSS,
-    Bank,
-    Reading,
-)
+from edge_service.estimate.mixture.state import Bank, Reading
 from edge_service.estimate.mixture.step import step
 
 from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
@@ -30,12 +22,12 @@ def settled(one_encoder: bool = False) -> Bank:
     bank = initial_bank(start, SETTINGS)
     for r in production(11, 60.0, Truth(), one_encoder):
         step(bank, model, process, r, 0.1)
-    assert leader_of(bank) == STEADY
+    assert leader_of(bank) == state.STEADY
     return bank
 
 
 def percent(bank: Bank) -> float:
-    return math.exp(bank.mean[leader_of(bank), PRELOAD])
+    return math.exp(bank.mean[leader_of(bank), state.PRELOAD])
 
 
 def pushed(r: Reading, force_n: float, yields: float = 1.0) -> Reading:
@@ -73,7 +65,7 @@ def bursts(rng: np.random.Generator, seconds: float) -> np.ndarray:
 
 def acceleration_error(bank: Bank) -> float:
     """Torque that acceleration takes, over the commissioned one, less 1."""
-    return float(bank.moments[INERTIA_ERROR] / bank.moments[INERTIA_TORQUE])
+    return float(bank.moments[state.INERTIA_ERROR] / bank.moments[state.INERTIA_TORQUE])
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
@@ -84,7 +76,7 @@ def test_cuts_are_no_other_torque_constant(one_encoder: bool, seed: int) -> None
     force_n = bursts(np.random.default_rng([seed, 7]), 90.0)
     for k, r in enumerate(production(20 + seed, 90.0, Truth(), one_encoder)):
         step(bank, model, process, pushed(r, float(force_n[k])), 0.1)
-        if k > 50 and bank.moments[INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
+        if k > 50 and bank.moments[state.INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
             assert abs(acceleration_error(bank)) < INERTIA_OFF, k
 
 
@@ -95,7 +87,7 @@ def test_a_drop_is_no_force_that_lasts(left: float) -> None:
     bank = settled()
     for r in production(14, 2.0, Truth(percent=left * FRESH)):
         step(bank, model, process, r, 0.1)
-    assert leader_of(bank) in (LOSS, TOTAL_LOSS)
+    assert leader_of(bank) in (state.LOSS, state.TOTAL_LOSS)
     assert percent(bank) < 0.7 * FRESH
 
 

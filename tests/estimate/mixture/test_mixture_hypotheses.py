@@ -6,16 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture.hypotheses import (
-    LOAD_SLOT,
-    NUT_SLOT,
-    accepted,
-    adapt_hypotheses,
-    continue_after_stop,
-    initial_bank,
-    leader_of,
-    normalise,
-)
+from edge_service.estimate.mixture import hypotheses
 from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
@@ -50,7 +41,7 @@ TICK = idle(np.random.default_rng(0), direction=1.0)
 
 def settled(one_encoder: bool = False) -> Bank:
     """A bank whose beginning is over: steady and wearing, and what was believed before."""
-    bank = initial_bank(parts(one_encoder)[1], SETTINGS)
+    bank = hypotheses.initial_bank(parts(one_encoder)[1], SETTINGS)
     bank.alive[:] = 0
     for slot, weight in ((STEADY, 0.0), (WEARING, -3.0), (BEFORE, -8.0)):
         bank.mean[slot], bank.covariance[slot] = bank.mean[0], bank.covariance[0]
@@ -81,7 +72,7 @@ class Challenger:
 def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
     """Over a healthy time, a loss and its return."""
     model, start, process = parts(one_encoder)
-    bank = initial_bank(start, SETTINGS)
+    bank = hypotheses.initial_bank(start, SETTINGS)
     for percent in (FRESH, 1.0, FRESH):
         for k, r in enumerate(production(3, 30.0, Truth(percent=percent), one_encoder)):
             step(bank, model, process, r, 0.1)
@@ -92,19 +83,19 @@ def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
                 assert bank.alive[WEARING], k
                 assert bank.alive[BEFORE], k
             assert bank.log_weight[BEFORE if bank.alive[BEFORE] else STEADY] >= SETTINGS.floor
-            normalise(bank, SETTINGS.floor)
+            hypotheses.normalise(bank, SETTINGS.floor)
             assert np.exp(bank.log_weight[bank.alive > 0]).sum() == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it() -> None:
     bank = Challenger().bank()
     believed_before = bank.mean[STEADY].copy()
-    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == 0.0
     np.testing.assert_array_equal(bank.mean[BEFORE], believed_before)
     assert bank.log_weight[STEADY] == 2.5
     assert bank.log_weight[BEFORE] == 0.0
-    assert leader_of(bank) == accepted(bank) == STEADY
+    assert hypotheses.leader_of(bank) == hypotheses.accepted(bank) == STEADY
     assert all(bank.alive[k] for k in (LOSS, TOTAL_LOSS, LOOSENING))  # the next contest
 
 
@@ -115,7 +106,7 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
     rival = 2.0 * bank.mean[STEADY]
     bank.mean[LUBRICATION], bank.covariance[LUBRICATION] = rival, bank.covariance[STEADY]
     bank.alive[LUBRICATION], bank.log_weight[LUBRICATION] = 1, bank.log_weight[LOSS] - behind
-    adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     assert bool(bank.mean[LUBRICATION, PRELOAD] == rival[PRELOAD]) is goes_on
     assert bank.alive[LUBRICATION]  # if not that one, the next
 
@@ -132,7 +123,7 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
 def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> None:
     bank = challenger.bank()
     before = bank.mean[STEADY].copy()
-    adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
     np.testing.assert_array_equal(bank.mean[STEADY], before)
     assert bank.alive[LOSS]
     assert bank.mean[LOSS, PRELOAD] == 0.0
@@ -144,11 +135,11 @@ def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> Non
 def test_a_loss_begins_with_the_phase_that_surprises(nis: float, calm: bool, begins: bool) -> None:
     """One that began before it has learned that nothing happened, and a total one would win."""
     bank = settled()
-    adapt_hypotheses(bank, PROCESS, TICK, 4.0, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 4.0, True)
     bank.mean[LOSS, PRELOAD] = -1.0
     bank.moments[SURPRISE] = nis
     bank.moments[SINCE_SPAWN_S] = 0.0
-    adapt_hypotheses(bank, PROCESS, TICK, 0.1, calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, calm)
     assert bool(bank.mean[LOSS, PRELOAD] == bank.mean[STEADY, PRELOAD]) is begins
 
 
@@ -159,7 +150,7 @@ def test_the_longer_a_stop_the_likelier_is_another_load(
 ) -> None:
     """Even where the phase after it passes for one under a force: that may be the other load."""
     bank = settled()
-    adapt_hypotheses(bank, PROCESS, TICK, stop_s, calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, stop_s, calm)
     for slot in (LOAD, LUBRICATION):
         expected = math.log(SETTINGS.stop_hazard * counted_s)
         assert bank.log_weight[slot] - bank.log_weight[STEADY] == pytest.approx(expected)
@@ -169,9 +160,9 @@ def test_the_longer_a_stop_the_likelier_is_another_load(
 def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     """Each challenger is the belief, but for what has just happened to it."""
     bank = settled()
-    adapt_hypotheses(bank, PROCESS, TICK, 5.0, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 5.0, True)
     for _ in range(40):
-        adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     frictions = set(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: frictions}
@@ -185,13 +176,13 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
 
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
-    bank = initial_bank(START, SETTINGS)
+    bank = hypotheses.initial_bank(START, SETTINGS)
     bank.log_weight[:LOSS] = -9.0
     bank.log_weight[[*CHALLENGERS]] = (-1.0, -0.5, -9.0, -9.0, -9.0)
-    adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]
-    adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
     assert bank.moments[LEARNING] == 0.0
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == none
     assert bank.mean[BEFORE, PRELOAD] == half
@@ -202,10 +193,10 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
     bank = settled()
     before = bank.covariance[STEADY, PRELOAD, PRELOAD]
     bank.covariance[STEADY, 11, 11] = 1e-20
-    continue_after_stop(bank, START, 86_400.0)
+    hypotheses.continue_after_stop(bank, START, 86_400.0)
     assert bank.covariance[STEADY, PRELOAD, PRELOAD] == pytest.approx(before + 0.1**2)
     assert bank.covariance[STEADY, 11, 11] == START.covariance[11, 11]
     assert bank.alive.sum() == 3
-    assert bank.mean[NUT_SLOT, PRELOAD] == START.mean[PRELOAD]
-    assert bank.covariance[LOAD_SLOT, PAYLOAD, PAYLOAD] == START.load[PAYLOAD, PAYLOAD]
+    assert bank.mean[hypotheses.NUT_SLOT, PRELOAD] == START.mean[PRELOAD]
+    assert bank.covariance[hypotheses.LOAD_SLOT, PAYLOAD, PAYLOAD] == START.load[PAYLOAD, PAYLOAD]
     assert bank.moments[LEARNING] == 1.0

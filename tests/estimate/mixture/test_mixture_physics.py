@@ -5,29 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture import physics
+from edge_service.estimate.mixture import physics, state
 from edge_service.estimate.mixture.physics import stribeck, stroke_factor
-from edge_service.estimate.mixture.state import (
-    BEARING_FRICTION,
-    CLOCK_SKEW,
-    COUPLING,
-    ENCODER_OFFSET,
-    ENCODER_SLOPE,
-    GUIDE_FRICTION,
-    GUIDE_VISCOUS,
-    LOOSENESS,
-    MAP,
-    NUT_COMPLIANCE,
-    NUT_FRICTION,
-    PAYLOAD,
-    PRELOAD,
-    REVERSAL,
-    STRETCH_STATES,
-    TABLE_MASS,
-    TORQUE_OFFSET,
-    VISCOUS,
-    Reading,
-)
+from edge_service.estimate.mixture.state import Reading
 from edge_service.messages.samples import Floats
 from edge_service.models.screw.nut_law import nut_deflection
 
@@ -40,17 +20,17 @@ PERCENTS = (0.05, 0.3, 1.0, 3.0, 7.0, 9.0)
 
 
 def state_of(truth: Truth) -> Floats:
-    x = np.zeros(STRETCH_STATES)
-    x[PRELOAD] = math.log(truth.percent)
-    x[NUT_FRICTION], x[BEARING_FRICTION] = truth.nut, truth.bearing
-    x[GUIDE_FRICTION], x[VISCOUS] = truth.guide, truth.viscous
-    x[GUIDE_VISCOUS], x[PAYLOAD] = truth.guide_viscous, truth.payload_kg
-    x[TORQUE_OFFSET], x[LOOSENESS] = truth.offset_nm, truth.loose_m_per_n
-    x[ENCODER_OFFSET], x[ENCODER_SLOPE] = truth.encoder_m, truth.encoder_slope
-    x[CLOCK_SKEW], x[NUT_COMPLIANCE] = truth.skew_s, truth.nut_compliance
-    x[COUPLING] = truth.coupling_m_per_n
-    x[REVERSAL], x[TABLE_MASS] = truth.reversal, truth.mass_error
-    x[MAP:] = truth.map_m
+    x = np.zeros(state.STRETCH_STATES)
+    x[state.PRELOAD] = math.log(truth.percent)
+    x[state.NUT_FRICTION], x[state.BEARING_FRICTION] = truth.nut, truth.bearing
+    x[state.GUIDE_FRICTION], x[state.VISCOUS] = truth.guide, truth.viscous
+    x[state.GUIDE_VISCOUS], x[state.PAYLOAD] = truth.guide_viscous, truth.payload_kg
+    x[state.TORQUE_OFFSET], x[state.LOOSENESS] = truth.offset_nm, truth.loose_m_per_n
+    x[state.ENCODER_OFFSET], x[state.ENCODER_SLOPE] = truth.encoder_m, truth.encoder_slope
+    x[state.CLOCK_SKEW], x[state.NUT_COMPLIANCE] = truth.skew_s, truth.nut_compliance
+    x[state.COUPLING] = truth.coupling_m_per_n
+    x[state.REVERSAL], x[state.TABLE_MASS] = truth.reversal, truth.mass_error
+    x[state.MAP :] = truth.map_m
     return x
 
 
@@ -119,7 +99,7 @@ def test_slopes_of_the_stretch_are_its_differences(seed: int) -> None:
     truth, r = another(seed)
     x = state_of(truth)
     scale = np.full(len(x), 1e-4)
-    scale[[NUT_COMPLIANCE, LOOSENESS, COUPLING]] = 1e-13
+    scale[[state.NUT_COMPLIANCE, state.LOOSENESS, state.COUPLING]] = 1e-13
     _, slope, _ = stretch(x, r)
     for i in range(1, len(x)):
         step = np.zeros(len(x))

@@ -6,15 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.estimate.mixture import drift, hypotheses, physics, step
+from edge_service.estimate.mixture import hypotheses, physics, step
 from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
-from edge_service.estimate.mixture.state import (
-    MOST_SHARE,
-    PRELOAD,
-    STEADY,
-    TABLE_MASS,
-    Bank,
-)
+from edge_service.estimate.mixture.state import MOST_SHARE, PRELOAD, STEADY, TABLE_MASS, Bank
 
 from .mixture_axis import FRESH, RATIO, SETTINGS, Truth, idle, measured, parts, production
 from .mixture_filter import USUAL, alone, corrected, motion_of, never, unit
@@ -41,7 +35,7 @@ def test_plain_python_gives_the_same_numbers(
     elapsed = [3.0 if k == 25 else 0.1 for k in range(len(readings))]
     fast, slow = both(one_encoder)
     first = [step.step(fast, model, process, r, s) for r, s in zip(readings, elapsed, strict=True)]
-    rooms = (physics, drift, hypotheses, step)
+    rooms = (physics, hypotheses, step)
     kernels = {
         name: value.py_func
         for room in rooms

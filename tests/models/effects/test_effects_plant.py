@@ -13,20 +13,9 @@ from edge_service.models.effects.registry import effect_names, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import Dwell, Move, Setpoints
+from edge_service.models.plant import two_mass
 from edge_service.models.plant.closed_loop import Sensors
-from edge_service.models.plant.two_mass import (
-    MOTOR_FRICTION,
-    MOTOR_SPEED,
-    MOTOR_TRAVEL,
-    STATE_SIZE,
-    TABLE_FRICTION,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    Load,
-    Plant,
-    advance_plant,
-    axial_compliance,
-)
+from edge_service.models.plant.two_mass import Load, Plant, advance_plant, axial_compliance
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))
 START_M, HOME_M, PERCENT = 0.4, 0.2, 6.8
@@ -37,9 +26,9 @@ def with_effects(plant: Plant, *texts: str) -> Plant:
 
 
 def moving(speed_m_s: float) -> Floats:
-    state = np.zeros(STATE_SIZE)
-    state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
-    state[[MOTOR_SPEED, TABLE_SPEED]] = speed_m_s
+    state = np.zeros(two_mass.STATE_SIZE)
+    state[[two_mass.MOTOR_TRAVEL, two_mass.TABLE_POSITION]] = START_M
+    state[[two_mass.MOTOR_SPEED, two_mass.TABLE_SPEED]] = speed_m_s
     return state
 
 
@@ -73,9 +62,9 @@ def test_dry_friction_never_gives_energy(plant: Plant, text: str) -> None:
         before = state.copy()
         torque_nm = 1.2 * math.sin(2.0 * math.pi * 4.0 * k * h)
         advance_plant(rubbing, state, Load(torque_nm, 0.0, 0.146, compliance), h, 1)
-        heat.append(state[MOTOR_FRICTION] * state[MOTOR_SPEED])
-        heat.append(state[TABLE_FRICTION] * state[TABLE_SPEED])
-        assert abs(state[MOTOR_TRAVEL] - before[MOTOR_TRAVEL]) < 1e-3
+        heat.append(state[two_mass.MOTOR_FRICTION] * state[two_mass.MOTOR_SPEED])
+        heat.append(state[two_mass.TABLE_FRICTION] * state[two_mass.TABLE_SPEED])
+        assert abs(state[two_mass.MOTOR_TRAVEL] - before[two_mass.MOTOR_TRAVEL]) < 1e-3
     assert min(heat) >= 0.0
     assert sum(heat) > 0.0
 
@@ -89,11 +78,11 @@ def test_presliding_is_a_spring_that_dissipates_over_a_cycle(plant: Plant) -> No
         state, work, travel = moving(0.0), 0.0, []
         for k in range(8000):
             torque_nm = share * 0.146 * math.sin(2.0 * math.pi * 0.5 * k * 1e-3)
-            before, held_n = state[MOTOR_TRAVEL], state[MOTOR_FRICTION]
+            before, held_n = state[two_mass.MOTOR_TRAVEL], state[two_mass.MOTOR_FRICTION]
             advance_plant(soft, state, Load(torque_nm, 0.0, 0.146, compliance), 1e-3, 16)
-            moved = state[MOTOR_TRAVEL] - before
-            travel.append(state[MOTOR_TRAVEL] - START_M)
-            work += 0.5 * (held_n + state[MOTOR_FRICTION]) * moved if k >= 4000 else 0.0
+            moved = state[two_mass.MOTOR_TRAVEL] - before
+            travel.append(state[two_mass.MOTOR_TRAVEL] - START_M)
+            work += 0.5 * (held_n + state[two_mass.MOTOR_FRICTION]) * moved if k >= 4000 else 0.0
         if elastic:
             assert max(travel) == pytest.approx(share * 2e-5, rel=0.02)
             assert abs(work) < 1e-3 * level_n * 2e-5

@@ -6,28 +6,21 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import (
-    MOTIONS,
-    MotionError,
-    MotionLimits,
-    Move,
-    Setpoints,
-    motion_limits,
-)
+from edge_service.models.motions import registry as motions
 
 MOVES = st.builds(
-    Move,
+    motions.Move,
     distance_m=st.floats(1e-6, 2.0) | st.floats(-2.0, -1e-6),
     speed_m_s=st.floats(1e-3, 2.0),
     acceleration_m_s2=st.floats(0.1, 20.0),
     jerk_m_s3=st.floats(1.0, 2000.0),
 )
-LIMITS = MotionLimits(0.04, 0.76)
+LIMITS = motions.MotionLimits(0.04, 0.76)
 
 
 @given(MOVES)
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: Move) -> None:
+def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: motions.Move) -> None:
     time_s = np.linspace(0.0, move.duration_s, 1001)
     travel, speed, acceleration = move.setpoints(time_s).T
     assert (travel[0], speed[0], acceleration[0]) == (0.0, 0.0, 0.0)
@@ -42,7 +35,7 @@ def test_a_move_ends_exactly_where_it_should_and_keeps_its_limits(move: Move) ->
 
 @given(MOVES)
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_travel_is_the_integral_of_speed_and_speed_that_of_acceleration(move: Move) -> None:
+def test_travel_is_the_integral_of_speed_and_speed_that_of_acceleration(move: motions.Move) -> None:
     time_s = np.linspace(0.0, move.duration_s, 1001)
     travel, speed, acceleration = move.setpoints(time_s).T
     h = time_s[1]
@@ -53,7 +46,7 @@ def test_travel_is_the_integral_of_speed_and_speed_that_of_acceleration(move: Mo
 
 
 def test_duration_is_the_closed_form_where_all_limits_are_reached() -> None:
-    move = Move(0.5, 0.4, 4.0, 200.0)
+    move = motions.Move(0.5, 0.4, 4.0, 200.0)
     assert move.duration_s == pytest.approx(0.5 / 0.4 + 0.4 / 4.0 + 4.0 / 200.0)
     peaks = np.max(np.abs(move.setpoints(np.linspace(0.0, move.duration_s, 10_001))), axis=0)
     assert peaks[1:] == pytest.approx([0.4, 4.0], rel=1e-6)
@@ -61,12 +54,12 @@ def test_duration_is_the_closed_form_where_all_limits_are_reached() -> None:
 
 
 def test_duration_of_a_short_step_is_four_jerk_phases() -> None:
-    move = Move(1e-4, 0.4, 4.0, 200.0)
+    move = motions.Move(1e-4, 0.4, 4.0, 200.0)
     assert move.duration_s == pytest.approx(4.0 * (1e-4 / 400.0) ** (1.0 / 3.0))
 
 
 def test_a_middle_distance_reaches_the_acceleration_but_not_the_speed() -> None:
-    move = Move(0.02, 2.0, 4.0, 200.0)
+    move = motions.Move(0.02, 2.0, 4.0, 200.0)
     peaks = np.max(move.setpoints(np.linspace(0.0, move.duration_s, 10_001)), axis=0)
     assert peaks[2] == pytest.approx(4.0, rel=1e-6)
     assert peaks[1] < 2.0
@@ -74,8 +67,8 @@ def test_a_middle_distance_reaches_the_acceleration_but_not_the_speed() -> None:
 
 
 def take_production(seed: int, parts: list[int]) -> np.ndarray:
-    segments = MOTIONS["production"](LIMITS, np.random.default_rng(seed))
-    source = Setpoints(segments, LIMITS.low_m, 1000.0)
+    segments = motions.MOTIONS["production"](LIMITS, np.random.default_rng(seed))
+    source = motions.Setpoints(segments, LIMITS.low_m, 1000.0)
     return np.concatenate([source.take(n) for n in parts])
 
 
@@ -97,14 +90,14 @@ def test_production_stays_inside_its_limits_and_is_continuous(seed: int) -> None
 
 
 def test_limits_follow_the_machine_file(machine: Machine) -> None:
-    limits = motion_limits(machine)
+    limits = motions.motion_limits(machine)
     assert (limits.low_m, limits.high_m) == pytest.approx((0.04, 0.76))
     assert limits.speed_m_s == pytest.approx(2.0, rel=1e-3)  # 6000 rpm of Table A.4, lead 20 mm
     assert (limits.rapid_m_s, limits.acceleration_m_s2) == (0.5, 4.0)
     assert (limits.lead_m, limits.torque_nm) == (0.02, 16.0)
     slow = {"max_speed_rad_s": 50.0, "max_acceleration_m_s2": 1.0, "stroke_m": 0.4}
     axis = machine.axis.model_copy(update=slow)
-    limits = motion_limits(machine.model_copy(update={"axis": axis}))
+    limits = motions.motion_limits(machine.model_copy(update={"axis": axis}))
     assert limits.high_m == pytest.approx(0.38)
     assert limits.speed_m_s == pytest.approx(50.0 * 0.02 / (2.0 * math.pi))
     assert limits.rapid_m_s == limits.speed_m_s
@@ -113,7 +106,7 @@ def test_limits_follow_the_machine_file(machine: Machine) -> None:
 
 def test_a_weak_motor_accelerates_with_half_of_its_torque(machine: Machine) -> None:
     axis = machine.axis.model_copy(update={"max_torque_nm": 1.0})
-    limits = motion_limits(machine.model_copy(update={"axis": axis}))
+    limits = motions.motion_limits(machine.model_copy(update={"axis": axis}))
     ratio = 0.02 / (2.0 * math.pi)
     torque_nm = 1.5e-3 * limits.acceleration_m_s2 / ratio
     assert torque_nm == pytest.approx(0.5)
@@ -123,5 +116,7 @@ def test_a_weak_motor_accelerates_with_half_of_its_torque(machine: Machine) -> N
 
 def test_a_motor_that_friction_holds_fast_is_refused(machine: Machine) -> None:
     axis = machine.axis.model_copy(update={"max_torque_nm": 0.25})
-    with pytest.raises(MotionError, match=r"axis\.max_torque_nm: 0\.25 N m against .* 0\.146 N m"):
-        motion_limits(machine.model_copy(update={"axis": axis}))
+    with pytest.raises(
+        motions.MotionError, match=r"axis\.max_torque_nm: 0\.25 N m against .* 0\.146 N m"
+    ):
+        motions.motion_limits(machine.model_copy(update={"axis": axis}))

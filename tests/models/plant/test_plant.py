@@ -8,13 +8,9 @@ from edge_service.messages.samples import Floats
 from edge_service.models.effects.forward import put_into
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.machine import Machine
+from edge_service.models.plant import two_mass
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import (
-    MOTOR_SPEED,
-    MOTOR_TRAVEL,
-    STATE_SIZE,
-    TABLE_POSITION,
-    TABLE_SPEED,
     Load,
     Plant,
     advance_plant,
@@ -25,7 +21,7 @@ from edge_service.models.plant.two_mass import (
 PERIOD_S = 1e-3
 START_M = 0.4
 PRELOAD_PERCENT = 6.8
-MOTION = slice(MOTOR_TRAVEL, TABLE_SPEED + 1)
+MOTION = slice(two_mass.MOTOR_TRAVEL, two_mass.TABLE_SPEED + 1)
 
 
 def with_effects(plant: Plant, *texts: str) -> Plant:
@@ -33,8 +29,8 @@ def with_effects(plant: Plant, *texts: str) -> Plant:
 
 
 def at_rest() -> Floats:
-    state = np.zeros(STATE_SIZE)
-    state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
+    state = np.zeros(two_mass.STATE_SIZE)
+    state[[two_mass.MOTOR_TRAVEL, two_mass.TABLE_POSITION]] = START_M
     return state
 
 
@@ -105,7 +101,7 @@ def test_sliding_agrees_with_an_independent_integrator(plant: Plant, guide_force
     errors_m = []
     for substeps in (16, 32, 64):
         state = at_rest()
-        state[[MOTOR_SPEED, TABLE_SPEED]] = 0.1
+        state[[two_mass.MOTOR_SPEED, two_mass.TABLE_SPEED]] = 0.1
         states = run(plant, np.full(50, 1.0), drag_nm=drag_nm, substeps=substeps, state=state)
         errors_m.append(float(np.max(np.abs(states[-1, :4] - expected) * [1, 1e-3, 1, 1e-3])))
     assert errors_m[0] < 2e-8
@@ -121,7 +117,7 @@ def test_friction_through_reversals_converges_with_the_substeps(plant: Plant) ->
         float(np.max(np.abs(run(plant, torque_nm, drag_nm=0.146, substeps=n) - finest)[:, 0]))
         for n in (16, 64, 256)
     ]
-    travel_m = float(np.ptp(finest[:, MOTOR_TRAVEL]))
+    travel_m = float(np.ptp(finest[:, two_mass.MOTOR_TRAVEL]))
     assert errors_m[0] < 1e-3 * travel_m
     assert errors_m[1] < errors_m[0] / 3.0
     assert errors_m[2] < errors_m[1] / 3.0
@@ -133,12 +129,12 @@ def test_work_of_the_torque_is_kept_or_turned_to_heat(plant: Plant) -> None:
     h, ratio, drag_nm = 1.0 / 16_000.0, plant.ratio_m_per_rad, 0.146
     torque_nm = np.repeat(1.5 * np.sin(2.0 * math.pi * 4.0 * np.arange(500) * PERIOD_S), 16)
     states = run(plant, torque_nm, drag_nm=drag_nm, period_s=h, substeps=1)
-    travel = np.diff(states[:, [MOTOR_TRAVEL, TABLE_POSITION]], axis=0)
+    travel = np.diff(states[:, [two_mass.MOTOR_TRAVEL, two_mass.TABLE_POSITION]], axis=0)
     kinetic = 0.5 * (
-        plant.motor_mass_kg * states[:, MOTOR_SPEED] ** 2
-        + plant.table_mass_kg * states[:, TABLE_SPEED] ** 2
+        plant.motor_mass_kg * states[:, two_mass.MOTOR_SPEED] ** 2
+        + plant.table_mass_kg * states[:, two_mass.TABLE_SPEED] ** 2
     )
-    stretch = states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]
+    stretch = states[:, two_mass.MOTOR_TRAVEL] - states[:, two_mass.TABLE_POSITION]
     stored = kinetic + 0.5 * stretch**2 / compliance(plant)
     viscous = plant.motor_viscous_nm_s_per_rad / ratio**2 * travel[:, 0] ** 2 / h
     viscous += plant.table_viscous_n_s_per_m * travel[:, 1] ** 2 / h
@@ -162,20 +158,20 @@ def test_table_sticks_in_its_guides_while_the_screw_winds_up(plant: Plant) -> No
     plant = plant._replace(guide_force_n=60.0)
     torque_nm = 0.4 * 60.0 * plant.ratio_m_per_rad
     states = run(plant, np.full(4000, torque_nm))
-    assert np.all(states[:, TABLE_POSITION] == START_M)
-    wound_m = states[-1, MOTOR_TRAVEL] - START_M
+    assert np.all(states[:, two_mass.TABLE_POSITION] == START_M)
+    wound_m = states[-1, two_mass.MOTOR_TRAVEL] - START_M
     assert wound_m == pytest.approx(24.0 * compliance(plant), rel=1e-6)
 
 
 def test_a_sliding_axis_comes_to_an_exact_stop_after_its_braking_distance(machine: Machine) -> None:
     plant = plant_of(machine)._replace(motor_viscous_nm_s_per_rad=0.0)
     state = at_rest()
-    state[[MOTOR_SPEED, TABLE_SPEED]] = speed = 0.05
+    state[[two_mass.MOTOR_SPEED, two_mass.TABLE_SPEED]] = speed = 0.05
     states = run(plant, np.zeros(400), drag_nm=0.146, state=state)
-    assert states[-1, MOTOR_SPEED] == 0.0
+    assert states[-1, two_mass.MOTOR_SPEED] == 0.0
     total_kg = machine.model.inertia_kg_m2.value / plant.ratio_m_per_rad**2
     braking_m = 0.5 * total_kg * speed**2 / (0.146 / plant.ratio_m_per_rad)
-    assert states[-1, MOTOR_TRAVEL] - START_M == pytest.approx(braking_m, rel=2e-3)
+    assert states[-1, two_mass.MOTOR_TRAVEL] - START_M == pytest.approx(braking_m, rel=2e-3)
 
 
 def test_parts_of_the_friction_never_make_it_push(plant: Plant) -> None:

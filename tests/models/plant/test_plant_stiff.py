@@ -15,19 +15,9 @@ from edge_service.messages.samples import Floats
 from edge_service.models.effects.forward import Forward, put_into
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.machine import Machine
+from edge_service.models.plant import two_mass
 from edge_service.models.plant.from_machine import plant_of
-from edge_service.models.plant.two_mass import (
-    MOTOR_FRICTION,
-    MOTOR_SPEED,
-    MOTOR_TRAVEL,
-    STATE_SIZE,
-    TABLE_FRICTION,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    Load,
-    advance_plant,
-    axial_compliance,
-)
+from edge_service.models.plant.two_mass import Load, advance_plant, axial_compliance
 
 START_M, PERCENT = 0.4, 6.8
 SCREW_NM, BEARING_NM, GUIDE_N = 0.146, 0.05, 60.0
@@ -122,8 +112,8 @@ def torque_nm(period: int) -> float:
 
 def advance(axis: Axis, substeps: int) -> Floats:
     """States after each of the steps, (n, STATE_SIZE)."""
-    plant, state = axis.forward.plant, np.zeros(STATE_SIZE)
-    state[[MOTOR_TRAVEL, TABLE_POSITION]] = START_M
+    plant, state = axis.forward.plant, np.zeros(two_mass.STATE_SIZE)
+    state[[two_mass.MOTOR_TRAVEL, two_mass.TABLE_POSITION]] = START_M
     by_time = axis.forward.over_time(np.zeros(1), np.full(1, 20.0))
     states = [state.copy()]
     for period in range(PERIODS):
@@ -177,16 +167,19 @@ def test_work_is_kept_or_turned_to_heat_with_many_effects(
     for substeps in (16, 256):
         states = advance(axis, substeps)
         h = PERIOD_S / substeps
-        travel = np.diff(states[:, [MOTOR_TRAVEL, TABLE_POSITION]], axis=0)
+        travel = np.diff(states[:, [two_mass.MOTOR_TRAVEL, two_mass.TABLE_POSITION]], axis=0)
         given_nm = np.repeat([torque_nm(period) for period in range(PERIODS)], substeps)
-        stretch = states[:, MOTOR_TRAVEL] - states[:, TABLE_POSITION]
+        stretch = states[:, two_mass.MOTOR_TRAVEL] - states[:, two_mass.TABLE_POSITION]
         stretch = np.where(stretch > 0.0, stretch, np.minimum(stretch + 1e-5, 0.0))
         stored = 0.5 * stretch**2 / axis.compliance
-        stored += 0.5 * axis.motor_kg * states[:, MOTOR_SPEED] ** 2
-        stored += 0.5 * axis.table_kg * states[:, TABLE_SPEED] ** 2
+        stored += 0.5 * axis.motor_kg * states[:, two_mass.MOTOR_SPEED] ** 2
+        stored += 0.5 * axis.table_kg * states[:, two_mass.TABLE_SPEED] ** 2
         touching = stretch[:-1] != 0.0
         slip = travel[:, 0] - travel[:, 1]
-        heat = states[1:, MOTOR_FRICTION] @ travel[:, 0] + states[1:, TABLE_FRICTION] @ travel[:, 1]
+        heat = (
+            states[1:, two_mass.MOTOR_FRICTION] @ travel[:, 0]
+            + states[1:, two_mass.TABLE_FRICTION] @ travel[:, 1]
+        )
         heat += axis.viscous * float(np.sum(travel[:, 0] ** 2)) / h
         heat += axis.damping * float(np.sum(touching * slip**2)) / h
         put_in = given_nm / axis.ratio * travel[:, 0] - 0.05 / axis.ratio * travel[:, 1]

@@ -13,18 +13,9 @@ from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import Alarm, AlarmKind, Limits
+from edge_service.outputs import mtconnect
 from edge_service.outputs import mtconnect as module
 from edge_service.outputs.base import OutputContext
-from edge_service.outputs.mtconnect import (
-    HEARTBEAT_S,
-    MtconnectConfig,
-    MtconnectOutput,
-    changes,
-    devices_xml,
-    field,
-    lines,
-    values_of,
-)
 
 from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 from ...nodes.conftest import until
@@ -32,7 +23,7 @@ from .agent import Agent, connected, item_types, tokens
 
 NOW_NS = MEASURED_NS + 5_000_000
 CONTEXT = OutputContext("mtconnect", "hall", "mill", ("X", "Y_Z", "1.b"))
-DEVICES = devices_xml(CONTEXT, NOW_NS)
+DEVICES = mtconnect.devices_xml(CONTEXT, NOW_NS)
 NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
 
 FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
@@ -48,17 +39,17 @@ def told(*answers: AxisAnswer) -> Agent:
     """State of an agent that was told one answer after the other."""
     agent, before = Agent(item_types(DEVICES)), {}
     for each in answers:
-        after = values_of(each)
-        for line in lines(changes(before, after), NOW_NS, each.measured_ns):
+        after = mtconnect.values_of(each)
+        for line in mtconnect.lines(mtconnect.changes(before, after), NOW_NS, each.measured_ns):
             agent.take(line)
         before = after
     return agent
 
 
 @asynccontextmanager
-async def serving() -> AsyncIterator[MtconnectOutput]:
-    config = MtconnectConfig(endpoint="tcp://127.0.0.1:0")
-    output = MtconnectOutput(config, CONTEXT)
+async def serving() -> AsyncIterator[mtconnect.MtconnectOutput]:
+    config = mtconnect.MtconnectConfig(endpoint="tcp://127.0.0.1:0")
+    output = mtconnect.MtconnectOutput(config, CONTEXT)
     await output.open()
     await output.take(answer())
     try:
@@ -68,7 +59,7 @@ async def serving() -> AsyncIterator[MtconnectOutput]:
         await asyncio.sleep(0)
 
 
-async def nobody(adapter: MtconnectOutput) -> None:
+async def nobody(adapter: mtconnect.MtconnectOutput) -> None:
     async def gone() -> bool:
         return adapter.readings["clients"] == 0
 
@@ -118,7 +109,7 @@ def test_alarms_come_and_go_one_by_one(course: list[set[AlarmKind]]) -> None:
 
 @given(st.text())
 def test_whatever_a_text_holds_it_stays_one_field_on_one_line(text: str) -> None:
-    said = field(text.encode("utf-8", "replace").decode())
+    said = mtconnect.field(text.encode("utf-8", "replace").decode())
     assert len(f"a|{said}|b".splitlines()) == 1
     first, middle, last = tokens(f"a|{said}|b")
     assert (first, last) == ("a", "b")
@@ -136,7 +127,7 @@ async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes()
         await until(knows)
         assert agent.values["avail"] == "AVAILABLE"
         assert (agent.level("condition_X"), agent.level("condition_Y_Z")) == ("NORMAL", "WARNING")
-        assert agent.seconds == HEARTBEAT_S
+        assert agent.seconds == mtconnect.HEARTBEAT_S
         assert {"* shdrVersion: 2.0", "* mtconnectVersion: 2.0"} < set(agent.commands)
         lost = health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.PRELOAD_LOST),))
         await adapter.take(answer(health=lost))

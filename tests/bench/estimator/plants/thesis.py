@@ -11,21 +11,7 @@ from edge_service.messages.features import Fault, FeatureBlock, Phase
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
-from edge_service.offline.reproduce.simulation import (
-    DAMPING_NM_S_PER_RAD,
-    DRAG_PER_PERCENT_NM,
-    DURATION_S,
-    INERTIA_KG_M2,
-    PRINTED_STEP_S,
-    PROCESS_VARIANCE,
-    READING_VARIANCE,
-    ThesisCase,
-    ThesisRun,
-    preload_profile,
-    run_case,
-    simulate,
-    smoothed_preload,
-)
+from edge_service.offline.reproduce import simulation as thesis
 
 from ..scores import Recorded, Score, Track, detection, follow, score
 from .own import Part
@@ -61,21 +47,21 @@ def thesis_machine() -> Machine:
     def exact(value: float) -> Quantity:
         return Quantity(value=value, tolerance=1e-4)
 
-    fresh_nm = DRAG_PER_PERCENT_NM * FRESH_PERCENT
+    fresh_nm = thesis.DRAG_PER_PERCENT_NM * FRESH_PERCENT
     return Machine(
         axis=AxisConfig(lead_m=0.02, dynamic_load_rating_n=RATING_N),
         model=ModelConfig(
-            inertia_kg_m2=exact(INERTIA_KG_M2),
-            viscous_nm_s_per_rad=exact(DAMPING_NM_S_PER_RAD),
+            inertia_kg_m2=exact(thesis.INERTIA_KG_M2),
+            viscous_nm_s_per_rad=exact(thesis.DAMPING_NM_S_PER_RAD),
             preload_drag_nm=exact(fresh_nm),
             preload_n=exact(FRESH_PERCENT / 100.0 * RATING_N),
         ),
         commissioned=CommissionedConfig(
             coulomb_nm=fresh_nm,
-            noise_density_nm2_s=torque_noise_var() * PRINTED_STEP_S,
+            noise_density_nm2_s=torque_noise_var() * thesis.PRINTED_STEP_S,
             edge_noise_rad2_s2=edge_noise_var(),
-            motion_s=DURATION_S,
-            sample_period_s=PRINTED_STEP_S,
+            motion_s=thesis.DURATION_S,
+            sample_period_s=thesis.PRINTED_STEP_S,
         ),
     )
 
@@ -90,7 +76,7 @@ def thesis_estimator(machine: Machine) -> MixturePreloadEstimator:
 
 def torque_noise_var() -> float:
     """Variance of J times the speed's own noise over T, (N m)^2 (4.6.1)."""
-    return float((INERTIA_KG_M2 / PRINTED_STEP_S) ** 2 * PROCESS_VARIANCE[1])
+    return float((thesis.INERTIA_KG_M2 / thesis.PRINTED_STEP_S) ** 2 * thesis.PROCESS_VARIANCE[1])
 
 
 def edge_noise_var() -> float:
@@ -99,18 +85,20 @@ def edge_noise_var() -> float:
     The angle's own noise, and the encoder's at both ends. Two neighbours share a reading of the
     encoder; taking them as independent is on the safe side.
     """
-    bend = PROCESS_VARIANCE[0] + 2.0 * READING_VARIANCE[0]
-    return float(bend / PRINTED_STEP_S**2)
+    bend = thesis.PROCESS_VARIANCE[0] + 2.0 * thesis.READING_VARIANCE[0]
+    return float(bend / thesis.PRINTED_STEP_S**2)
 
 
-def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
+def thesis_blocks(run: thesis.ThesisRun) -> list[FeatureBlock]:
     """A block per step: the second difference of the angle is what the torque of a step did.
 
     The Euler plant moves the angle at k + 2 by the torque of step k; a step that the drag may
     stop gives no phase.
     """
-    step_s, angle = PRINTED_STEP_S, run.measurement[:, 0]
-    surely_slides = np.abs(run.torque_nm) > FRESH_PERCENT * DRAG_PER_PERCENT_NM + STUCK_MARGIN_NM
+    step_s, angle = thesis.PRINTED_STEP_S, run.measurement[:, 0]
+    surely_slides = (
+        np.abs(run.torque_nm) > FRESH_PERCENT * thesis.DRAG_PER_PERCENT_NM + STUCK_MARGIN_NM
+    )
     blocks = []
     for k in range(len(angle)):
         informative = k >= 2 and bool(surely_slides[k - 1])
@@ -130,8 +118,8 @@ def thesis_blocks(run: ThesisRun) -> list[FeatureBlock]:
 def _block(step: int, direction: float, phase: Phase) -> FeatureBlock:
     missing = math.nan
     return FeatureBlock(
-        time_s=(step + 1) * PRINTED_STEP_S,
-        duration_s=PRINTED_STEP_S,
+        time_s=(step + 1) * thesis.PRINTED_STEP_S,
+        duration_s=thesis.PRINTED_STEP_S,
         sample_count=1,
         fault=Fault.NONE,
         torque_mean_nm=missing,
@@ -179,26 +167,28 @@ def thesis_runs(first: int, runs: int) -> Iterator[Part]:
                 yield Part(f"thesis' {name}, after step {LATE_STEP}", late)
 
 
-def _simulated(simulation: int, seed: int) -> ThesisRun:
-    time_s = PRINTED_STEP_S * np.arange(round(DURATION_S / PRINTED_STEP_S), dtype=np.float64)
+def _simulated(simulation: int, seed: int) -> thesis.ThesisRun:
+    time_s = thesis.PRINTED_STEP_S * np.arange(
+        round(thesis.DURATION_S / thesis.PRINTED_STEP_S), dtype=np.float64
+    )
     if simulation == ONE_POINT:
-        percent = np.where(time_s < 0.5 * DURATION_S, FRESH_PERCENT, FRESH_PERCENT - 1.0)
+        percent = np.where(time_s < 0.5 * thesis.DURATION_S, FRESH_PERCENT, FRESH_PERCENT - 1.0)
     else:
-        percent = preload_profile(simulation, time_s)
-    return simulate(percent, np.random.default_rng(seed))
+        percent = thesis.preload_profile(simulation, time_s)
+    return thesis.simulate(percent, np.random.default_rng(seed))
 
 
 def _scored(simulation: int, track: Track) -> Score:
     levels = {4: 0.5 * FRESH_PERCENT, ONE_POINT: FRESH_PERCENT - 0.5}
     if simulation not in levels:
         return score(track)
-    return score(track, detection_s=detection(track, 0.5 * DURATION_S, levels[simulation]))
+    return score(track, detection_s=detection(track, 0.5 * thesis.DURATION_S, levels[simulation]))
 
 
 def _published(simulation: int, seed: int) -> Score:
     """The thesis' method with the causal window of 20 steps; it gives no intervals."""
-    run, bank = run_case(ThesisCase(simulation), seed)
-    percent = smoothed_preload(bank.mode_probability, THESIS_WINDOW_STEPS)
-    time_s: Floats = run.time_s + PRINTED_STEP_S
+    run, bank = thesis.run_case(thesis.ThesisCase(simulation), seed)
+    percent = thesis.smoothed_preload(bank.mode_probability, THESIS_WINDOW_STEPS)
+    time_s: Floats = run.time_s + thesis.PRINTED_STEP_S
     truth = run.preload_percent
     return _scored(simulation, Track(time_s, truth, percent, percent, percent, time_s))

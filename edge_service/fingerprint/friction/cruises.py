@@ -1,21 +1,29 @@
-"""Tests at constant speed beside friction: evenness of the torque, order spectrum."""
+"""Cruises at constant speed: mean torque (the thesis' friction test), its evenness, its orders."""
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 
 from ...messages.samples import ANGLE, TORQUE, Floats
 from ...models.screw.ball_screw import BallPassOrders
+from ...recordings.conditioning import central_difference, low_pass
 from ...regression.interval_estimate import IntervalEstimate, undetermined
-from ...regression.linear import effective_size
+from ...regression.linear import correlation_time, effective_size
 from ...regression.prepared_run import PreparedRun
 from ..result import Contents, Curve, mean_of, rounded_rpm
-from .points import cruises
 
+TREND_HZ = 10.0
+"""Slower than the ripple of a revolution at feed speeds, faster than a ramp."""
+STEADY, OVER_S = 0.02, 0.1
+"""Greatest relative change of a constant speed, and the time within which."""
+SETTLE_S = 0.1
+"""Cut from the start and the end of each cruise, where the drive settles."""
+LEAST_S = 0.1
+"""Shortest cruise that is used, after the cut."""
 SEGMENT_REVOLUTIONS = 8
 SAMPLES_PER_REVOLUTION = 128
 LOWEST_ORDER, HIGHEST_ORDER = 0.25, 32.0
@@ -28,13 +36,79 @@ _WINDOW_BINS = 1.5
 """Bins of noise that a Hann window lets into one."""
 
 
+@dataclass(frozen=True, slots=True)
+class FrictionPoint:
+    """Torque at one constant speed.
+
+    Attributes:
+        time_s: middle of the cruise, s.
+        speed_rad_s: mean motor speed, signed, rad/s.
+        torque_nm: mean torque, signed, N m; what its mean acceleration needs is taken off.
+        standard_error_nm: of that mean, from the effective number of samples, N m.
+    """
+
+    time_s: float
+    speed_rad_s: float
+    torque_nm: float
+    standard_error_nm: float
+
+    @property
+    def forward(self) -> bool:
+        """Motion in the positive direction."""
+        return self.speed_rad_s > 0.0
+
+
+def friction_points(
+    runs: Iterable[PreparedRun], inertia_kg_m2: float = 0.0
+) -> Iterator[FrictionPoint]:
+    """One point per cruise.
+
+    Args:
+        runs: with torque.
+        inertia_kg_m2: of the axis at the motor, for the small acceleration that is left.
+    """
+    for run in runs:
+        for cruise in cruises(run):
+            torque = run.channels[TORQUE][cruise] - inertia_kg_m2 * run.acceleration_rad_s2[cruise]
+            independent = len(torque) / correlation_time(torque)
+            error_nm = float(np.std(torque)) / math.sqrt(max(independent - 1.0, 1.0))
+            time_s = float(np.mean(run.time_s[cruise]))
+            speed_rad_s = float(np.mean(run.speed_rad_s[cruise]))
+            yield FrictionPoint(time_s, speed_rad_s, float(np.mean(torque)), error_nm)
+
+
+def cruises(run: PreparedRun) -> Iterator[slice]:
+    """Samples of constant speed, trimmed; of a revolution or more, to whole revolutions.
+
+    So what repeats with the screw leaves the mean alone.
+    """
+    trend_hz = min(TREND_HZ, run.settings.cutoff_hz)
+    speed = low_pass(run.speed_rad_s, trend_hz, 2, run.period_s)
+    change = np.abs(central_difference(speed, run.period_s)) * OVER_S
+    steady = run.moving & (change < STEADY * np.abs(speed))
+    margin = math.ceil(SETTLE_S / run.period_s)
+    least = max(math.ceil(LEAST_S / run.period_s), 8)
+    labels, count = ndimage.label(steady)
+    for (where,) in ndimage.find_objects(labels, count):
+        start, end = where.start + margin, where.stop - margin
+        if end - start < least:
+            continue
+        angle = run.channels[ANGLE]
+        travel = np.abs(angle[start:end] - angle[start])
+        revolutions = math.floor(travel[-1] / (2.0 * math.pi))
+        if revolutions:
+            end = start + int(np.searchsorted(travel, 2.0 * math.pi * revolutions))
+        if end - start >= least:
+            yield slice(start, end)
+
+
 def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
     """Root mean square of the torque about its mean at each constant speed.
 
     Raises ValueError: no cruise of a revolution or more.
     """
     ripples: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for cruise in _torque_cruises(runs, least_revolutions=1.0):
+    for cruise in _torque_cruises(runs, revolutions=1.0):
         ripple = signal.detrend(cruise.torque_nm)
         rms = float(np.std(ripple))
         error = 0.5 * rms * math.sqrt(2.0 / effective_size(ripple**2))
@@ -45,14 +119,10 @@ def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
     for rpm in sorted(ripples, key=float):
         rms_nm, errors_nm = zip(*ripples[rpm], strict=True)
         figures[f"ripple_{rpm}_rpm_nm"] = mean_of(rms_nm, errors_nm, "N m")
-    curve = Curve(
-        "ripple",
-        np.array([float(rpm) for rpm in sorted(ripples, key=float)]),
-        np.array([figure.value for figure in figures.values()]),
-        "screw speed, rpm",
-        "torque ripple, N m rms",
-    )
-    return figures, (curve,)
+    speeds_rpm = np.array(sorted(map(float, ripples)))
+    levels_nm = np.array([figure.value for figure in figures.values()])
+    labels = ("screw speed, rpm", "torque ripple, N m rms")
+    return figures, (Curve("ripple", speeds_rpm, levels_nm, *labels),)
 
 
 def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None = None) -> Contents:
@@ -69,7 +139,7 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     """
     spectra: dict[str, list[Floats]] = defaultdict(list)
     highest: dict[str, float] = defaultdict(lambda: HIGHEST_ORDER)
-    for cruise in _torque_cruises(runs, least_revolutions=SEGMENT_REVOLUTIONS):
+    for cruise in _torque_cruises(runs, revolutions=SEGMENT_REVOLUTIONS):
         segments = cruise.power_over_orders()
         if not segments:  # a few samples short of one
             continue
@@ -98,14 +168,8 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
         raise ValueError(f"at {rpm} rpm, the slowest, every order lies above the low-pass")
     shown = (order >= LOWEST_ORDER) & (order <= highest[rpm])
     amplitude = np.sqrt(2.0 * np.mean(power, axis=0))
-    curve = Curve(
-        f"{rpm} rpm",
-        order[shown],
-        amplitude[shown],
-        "order, per revolution of the screw",
-        "torque amplitude, N m",
-    )
-    return figures, (curve,)
+    labels = ("order, per revolution of the screw", "torque amplitude, N m")
+    return figures, (Curve(f"{rpm} rpm", order[shown], amplitude[shown], *labels),)
 
 
 def _ball_figures(
@@ -159,13 +223,11 @@ class _TorqueCruise:
         return powers
 
 
-def _torque_cruises(
-    runs: Iterable[PreparedRun], least_revolutions: float
-) -> Iterable[_TorqueCruise]:
+def _torque_cruises(runs: Iterable[PreparedRun], revolutions: float) -> Iterator[_TorqueCruise]:
     for run in runs:
         for inside in cruises(run):
             angle = run.channels[ANGLE][inside]
-            if abs(angle[-1] - angle[0]) > 2.0 * math.pi * (least_revolutions - 0.05):
+            if abs(angle[-1] - angle[0]) > 2.0 * math.pi * (revolutions - 0.05):
                 speed = float(np.mean(run.speed_rad_s[inside]))
                 torque = run.channels[TORQUE][inside]
                 yield _TorqueCruise(angle, torque, speed, run.settings.cutoff_hz)
