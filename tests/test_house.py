@@ -164,7 +164,7 @@ MOST_LINES = {
     "messages": 2056,
     "models": 5789,
     "nodes": 2941,
-    "offline": 5601,
+    "offline": 5602,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,

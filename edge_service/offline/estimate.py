@@ -133,7 +133,8 @@ def estimate_to_csv(
     if last is not None and last.status is not EstimateStatus.ESTIMATED:
         ending += f" ({'; '.join(last.reasons)})"
     told = {"out": str(out), "blocks": rows, "last": last}
-    return Answer(f"{out}: {rows} blocks, last status {ending}{refused}", told)
+    by = " by a test of shaking" if tested else refused
+    return Answer(f"{out}: {rows} blocks, last status {ending}{by}", told)
 
 
 def estimate_case(

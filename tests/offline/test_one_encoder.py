@@ -53,7 +53,8 @@ def test_the_commands_lead_from_tests_to_a_preload(tmp_path: Path) -> None:
     for preload in (5.0, 2.5, 1.25):
         out = tmp_path / "e.csv"
         test = simulated("chirp", 7, preload)
-        run("estimate", test, "--machine", learned, "--state", state, "--out", out)
+        said = run("estimate", test, "--machine", learned, "--state", state, "--out", out)
+        assert "1 blocks, last status estimated by a test of shaking" in said
         (row,) = csv.DictReader(out.read_text().splitlines())
         assert row["status"] == "estimated"
         assert float(row["low"]) <= preload <= float(row["high"])
