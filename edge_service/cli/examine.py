@@ -39,6 +39,9 @@ def commission(
     machine: MachineFile,
     axis_number: AxisNumber,
     out: Annotated[Path, Option("Machine file to write.")],
+    tests: Annotated[
+        tuple[Path, ...], Option("Recording of `motion chirp`; repeat for other days.", "--test")
+    ],
     assume_fresh: Annotated[
         bool, Option("Treat the screw as fresh although recordings or data sheet say otherwise.")
     ],
@@ -52,16 +55,10 @@ def commission(
     ],
 ) -> Answer:
     """Learn what is normal from a healthy, cold axis."""
-    from ..offline.commission import commission_to_file
+    from ..offline.commission import commission_to_file as run
 
-    return commission_to_file(
-        machine,
-        traces,
-        out,
-        axis_number,
-        assume_fresh=assume_fresh,
-        interval_s=interval,
-        progress=progress,
+    return run(
+        machine, traces, out, axis_number, tests, interval, progress, assume_fresh=assume_fresh
     )
 
 

@@ -53,7 +53,7 @@ class PreloadEstimator(Protocol):
 AUTO = "auto"
 """Method that takes the first estimator of the registry that suits the machine."""
 ESTIMATORS = {
-    "mixture": "mixture.estimator:mixture",
+    "mixture": "one_encoder:mixture",
     "kf-imm": "imm.estimator:kalman_imm",
     "sif-imm": "imm.estimator:sliding_innovation_imm",
 }

@@ -24,6 +24,7 @@ TEXTS = {
         "record a test and run a diagnosis."
     ),
     Task.REGREASE: "Regrease the screw: its friction has risen, not its preload.",
+    Task.TEST: "Run the test by shaking, and record it: there is none of the last 7 days.",
     Task.FIND_CHANGE: (
         "Find out what changed: a new part, other grease, a repair? If a part was replaced, "
         "note “part replaced”."
@@ -84,6 +85,8 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
         yield Task.FIND_WEAR
     if estimate and estimate.fault_probability.get("lubrication", 0.0) >= LIKELY_GREASE:
         yield Task.REGREASE
+    said = () if estimate is None else estimate.reasons
+    yield from (Task.TEST for reason in said if reason.startswith("test_due:"))
     if health.trend is not None and health.trend.status is TrendStatus.RISING:
         yield Task.FIND_CHANGE
     if AlarmKind.SERVICE in active:

@@ -150,7 +150,14 @@ class AxisAlarms:
             )
         else:  # the same fall, further down: the estimates need a second for it
             self.fall = self.fall.model_copy(update={"to_percent": share * value})
-        latch, words = self._latches[AlarmKind.SUDDEN_DROP], _drop_words(self.fall)
+        latch, fall = self._latches[AlarmKind.SUDDEN_DROP], self.fall
+        words = told(
+            Code.PRELOAD_FELL_SUDDENLY,
+            {"time": clock(fall.time_ns)},
+            before=fall.from_percent,
+            after=fall.to_percent,
+            time=rfc3339(fall.time_ns),
+        )
         if again:
             return latch.update(True, words, now_ns)
         latch.reword(words)
@@ -311,16 +318,6 @@ def _rate_words(loss_per_h: float) -> Statement:
     per = short[0] if short else "minute"
     rate = loss_per_h * _SPANS_H[per]
     return told(Code.PRELOAD_FALLING, {"per": f"per {per}"}, rate=rate, per=per)
-
-
-def _drop_words(fall: PreloadFall) -> Statement:
-    return told(
-        Code.PRELOAD_FELL_SUDDENLY,
-        {"time": clock(fall.time_ns)},
-        before=fall.from_percent,
-        after=fall.to_percent,
-        time=rfc3339(fall.time_ns),
-    )
 
 
 def _changed_words(channel: str) -> Statement:

@@ -67,6 +67,7 @@ class Task(StrEnum):
     FIND_WEAR = "find_wear"
     DIAGNOSE = "diagnose"
     REGREASE = "regrease"
+    TEST = "test"
     FIND_CHANGE = "find_change"
     CHECK_SERVICE = "check_service"
     CHECK_CONNECTION = "check_connection"

@@ -75,15 +75,13 @@ def parse_moment(text: str) -> float:
     return time_s
 
 
-def _to_ns(value: object) -> object:
-    return round(parse_moment(value) * 1000.0) * 1_000_000 if isinstance(value, str) else value
-
-
 EXACT = "exact"
 """Context of `model_dump_json` that keeps times to the ns, as integers: for what is stored."""
 TimeNs = Annotated[
     int,
-    BeforeValidator(_to_ns),
+    BeforeValidator(
+        lambda raw: round(parse_moment(raw) * 1000.0) * 1_000_000 if isinstance(raw, str) else raw
+    ),
     PlainSerializer(
         lambda ns, info: ns if info.context == EXACT else rfc3339(ns), when_used="json"
     ),

@@ -39,6 +39,28 @@ class TransmissionConfig(_Table):
     noise_slow_rad_s: float = Field(0.0, ge=0.0)  # motion as slow as this has twice that variance
 
 
+class Notch(_Table):
+    """Antiresonance by a test of shaking on a slow feed: the table swings against a held motor."""
+
+    antiresonance_hz: float = Field(gt=0.0)
+    antiresonance_sigma_hz: float = Field(ge=0.0)
+    damping_ratio: float = Field(gt=0.0)
+    inertia_ratio: float = Field(gt=0.0)  # M R^2 / J, of the table over motor and screw
+    inertia_ratio_sigma: float = Field(ge=0.0)
+    place_rad: float  # mean angle of the motor
+    feed_rad_s: float = Field(gt=0.0)
+    friction_nm: float | None = None  # half of what the torque differs between the directions
+
+
+class NotchConfig(Notch):
+    """`[commissioned.notch]`: the test of the healthy axis, mean of `repeats` of different days."""
+
+    repeats: int = Field(ge=1)
+    compliance_scatter: float = Field(gt=0.0)  # from day to day, standard deviation, a share
+    nut_share: float = Field(gt=0.0, le=1.0)
+    nut_share_sigma: float = Field(ge=0.0)
+
+
 class CommissionedConfig(_Table):
     """`[commissioned]`: friction of the whole axis and the noise around the model."""
 
@@ -62,4 +84,5 @@ class CommissionedConfig(_Table):
     """For how long torque, motor angle and table repeat a value; 0: new in each sample."""
     interval_s: float | None = Field(None, ge=0.001, le=10.0, exclude_if=_is_none)
     """Length of a block of features; None: 0.1 s."""
+    notch: NotchConfig | None = Field(None, exclude_if=_is_none)
     assumed_fresh: bool | None = Field(None, exclude_if=_is_none)  # said, not shown

@@ -12,14 +12,16 @@ from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
-from ..estimate.commissioning.shares import doubt_of_fresh_screw
+from ..estimate.commissioning.shares import doubt_of_fresh_screw, learned_notch
+from ..fingerprint.response.notch import notch_of
 from ..messages.features import FeatureBlock
 from ..messages.interval import Interval, printed
 from ..messages.samples import Floats
+from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
-from .recordings import Progress, open_recording, reported, require_sound, silent
+from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
 from .report.quantities import tolerated
 
 _IDENTIFIED = (
@@ -41,21 +43,23 @@ def commission_to_file(
     traces: Sequence[Path],
     out: Path,
     axis_number: int | None = None,
-    *,
-    assume_fresh: bool = False,
+    tests: Sequence[Path] = (),
     interval_s: float | None = None,
     progress: Progress = silent,
+    *,
+    assume_fresh: bool = False,
 ) -> Answer:
     """Write the commissioned machine file; returns what was learned.
 
     Args:
+        tests: recordings of `motion chirp`, of different days, for an axis with one encoder.
+        interval_s: of the blocks from now on; that of the machine file unless given.
         assume_fresh: take the screw for fresh where recordings and data sheet contradict it. Where
             they leave it open it is assumed, said, and kept in the file.
-        interval_s: of the blocks from now on; that of the machine file unless given.
 
     Raises ConfigError, TraceError, ExaminationError.
     """
-    if any(out.resolve() == given.resolve() for given in traces):
+    if any(out.resolve() == given.resolve() for given in (*traces, *tests)):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     nominal = load_machine(machine_file, axis_number)
     require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
@@ -76,6 +80,9 @@ def commission_to_file(
     doubt = doubt_of_fresh_screw(nominal, machine)
     more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist())}
     more |= {} if interval_s is None else {"interval_s": interval_s}
+    if tests:
+        shaken = [_notch(nominal, each) for each in tests]
+        more["notch"] = learned_notch(shaken, nominal, machine)
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
@@ -140,6 +147,16 @@ def _read(
     return found, hold_s
 
 
+def _notch(machine: Machine, test: Path) -> Notch:
+    try:
+        notch = notch_of(read_recording(machine, test))
+    except ValueError as error:
+        raise ConfigError(f"--test {test}: {error}") from error
+    if notch is None:
+        raise ConfigError(f"--test {test}: nothing shakes the axis on a slow feed (motion chirp)")
+    return notch
+
+
 def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     model = document["model"]
     for name in _IDENTIFIED:
@@ -151,7 +168,7 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
     document.pop("commissioned", None)
     learned = tomlkit.table()
     values = machine.commissioned.model_dump(mode="json", exclude_none=True)
-    for name in sorted(values, key=lambda name: name == "transmission"):  # a table comes last
+    for name in sorted(values, key=lambda name: isinstance(values[name], dict)):  # tables come last
         learned[name] = values[name]
     effects = document.pop("effects", None)  # tables after an array of tables would join it
     document["commissioned"] = learned
@@ -178,7 +195,7 @@ def _learned(
     if transmission is None or mass is None:
         lines.append(
             "  no stretch between two encoders: preload will rest on torque alone, and its "
-            "interval will hold what warm-up and lubrication may do to friction"
+            "interval will hold what warm-up and lubrication may do to friction, but for --test"
         )
     else:
         is_stated = model.nut_stiffness_n_per_m is not None
@@ -198,6 +215,13 @@ def _learned(
             lines.append(
                 "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
             )
+    if learned.notch is not None:
+        notch = learned.notch
+        lines.append(
+            f"  antiresonance {notch.antiresonance_hz:.4g} Hz by {notch.repeats} tests, compliance "
+            f"+- {100.0 * notch.compliance_scatter:.2g} % from day to day, nut's share "
+            f"{notch.nut_share:.2f} +- {notch.nut_share_sigma:.2f}"
+        )
     if doubt is not None:
         lines.append(f"  the screw is assumed to be fresh: {doubt}")
     for name, read in unlike.items():
@@ -215,6 +239,7 @@ def _learned(
         "guide_force_n": guides_n,
         "bearing_drag_nm": bearings_nm,
         "stretch": stretch,
+        "notch": learned.notch,
         "assumed_fresh_because": doubt,
         "not_as_fresh_percent": unlike,
     }

@@ -10,11 +10,15 @@ import numpy as np
 from ..atomic import replaced_file
 from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
+from ..estimate.one_encoder import OneEncoderEstimator
+from ..fingerprint.response.notch import notch_of
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.estimated_axis import DAMAGED, UNKNOWN_STOP_S, Kept, StateError, identity_of
 from ..nodes.stages import make_downsampler, make_estimator
+from ..recordings.conditioning import MAX_ROWS
+from ..recordings.reader import joined
 from .recordings import Progress, open_recording, reported, require_sound, silent
 
 COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
@@ -48,6 +52,25 @@ class OfflineEstimate:
         document = Kept(self._end_s, 0, snapshot).document(self._machine.axis.name, self._identity)
         with replaced_file(path) as file:
             json.dump(document, file)
+
+    def of_test(self, trace: Path) -> PreloadEstimate | None:
+        """Estimate by a test that a recording holds; None of another recording or axis.
+
+        Raises ValueError: the test cannot be used.
+        """
+        if not isinstance(self._estimator, OneEncoderEstimator):
+            return None
+        frames = []
+        with open_recording(self._machine, trace) as reader:
+            for frame in reader:
+                frames.append(frame)
+                if sum(map(len, frames)) > MAX_ROWS:
+                    return None
+        notch = notch_of(joined(frames)) if frames else None
+        if notch is None:
+            return None
+        self._end_s = float(np.fmax.reduce(frames[-1].time_s))
+        return self._estimator.take_test(notch, self._end_s)
 
     def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:
         """One estimate per completed interval, as the service would publish it."""
@@ -89,11 +112,16 @@ def estimate_to_csv(
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)
-    rows, last = 0, None
+    rows, last, refused = 0, None, ""
+    try:
+        tested = offline.of_test(trace)
+    except ValueError as error:
+        tested, refused = None, f"; the test says nothing: {error}"
     with open_recording(machine, trace) as frames, replaced_file(out) as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for last in offline.estimates(reported(frames, f"estimating {trace.name}", progress)):
+        live = offline.estimates(reported(frames, f"estimating {trace.name}", progress))
+        for last in live if tested is None else (tested,):
             rows += 1
             drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value
             numbers = (last.time_s, last.preload_percent, last.low, last.high)
@@ -105,7 +133,8 @@ def estimate_to_csv(
     if last is not None and last.status is not EstimateStatus.ESTIMATED:
         ending += f" ({'; '.join(last.reasons)})"
     told = {"out": str(out), "blocks": rows, "last": last}
-    return Answer(f"{out}: {rows} blocks, last status {ending}", told)
+    by = " by a test of shaking" if tested else refused
+    return Answer(f"{out}: {rows} blocks, last status {ending}{by}", told)
 
 
 def estimate_case(

@@ -242,6 +242,13 @@ def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> 
     assert nut.together_with == (Task.REGREASE,)
 
 
+def test_a_test_that_is_due_is_a_task() -> None:
+    axis = Axis()
+    due = "test_due: no test yet, and the interval is 5.0 points wide: run a test"
+    axis.hear(_estimate(1.0, 0.05, 1.0, 0.0).model_copy(update={"reasons": (due,)}), 20)
+    assert [each.task for each in axis.answer().advice] == [Task.TEST]
+
+
 def test_whoever_presents_an_axis_forms_every_sentence_from_the_number_that_it_shows() -> None:
     axis = Axis()
     axis.hear(_estimate(1.0, 0.05, 1.0, 0.0), 10)

@@ -5,11 +5,12 @@ the fresh screw's, so a worn screw that is learned as fresh is never seen again.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...models.commissioned import TransmissionConfig
+from ...models.commissioned import Notch, NotchConfig, TransmissionConfig
 from ...models.machine import Machine, Quantity
 from ...models.screw.stiffness import STEEL_MODULUS_PA, screw_area, screw_torsional_rigidity
 from .series_compliance import SeriesCompliance
@@ -22,6 +23,9 @@ NUT_SHARE, NUT_SHARE_SIGMA = 0.27, 0.12
 
 Catalogue stiffness of preloaded nuts beside that of a fixed bearing, half the screw (5.3.9, with
 its twist) and the coupling gives .18 to .38 for screws of 16 to 40 mm."""
+WANTED_TESTS, TEST_SCATTER, LEAST_SCATTER = 3, 0.03, 0.003
+"""Tests of the healthy axis from which on their scatter counts; what is assumed of fewer, and the
+least: of the compliance from day to day, a share."""
 SIGMAS = 3.0
 UNEXPLAINED_SHARE = 0.1
 """Of the fresh screw's drag: friction of nobody, which a loss of as much could hide behind."""
@@ -97,6 +101,32 @@ def nut_share(
         return share, relative * share
     weight, assumed = sigma**-2.0, NUT_SHARE_SIGMA**-2.0
     return (share * weight + NUT_SHARE * assumed) / (weight + assumed), (weight + assumed) ** -0.5
+
+
+def learned_notch(tests: Sequence[Notch], machine: Machine, learned: Machine) -> NotchConfig:
+    """Mean of the tests of a healthy axis; the scatter of its compliance is that of the repeats.
+
+    `machine` has the data sheet's figures. A mass that it does not state follows from the inertia.
+    """
+    count, ratio = len(tests), machine.transmission_ratio_m_per_rad
+    names = Notch.model_fields.keys() - {"friction_nm"}
+    mean = {name: float(np.mean([getattr(test, name) for test in tests])) for name in names}
+    levels = [test.friction_nm for test in tests if test.friction_nm is not None]
+    level_nm = float(np.mean(levels)) if levels else None
+    scatter = TEST_SCATTER
+    if count >= WANTED_TESTS:
+        spread = np.std([2.0 * math.log(test.antiresonance_hz) for test in tests], ddof=1)
+        scatter = max(float(spread) * math.sqrt(1.0 + 1.0 / count), LEAST_SCATTER)
+    mass = machine.model.table_mass_kg
+    if mass is None:
+        table = mean["inertia_ratio"]
+        whole_kg = learned.model.inertia_kg_m2.value / ratio**2
+        error = mean["inertia_ratio_sigma"] / table / (1.0 + table)
+        mass = Quantity(value=whole_kg * table / (1.0 + table), tolerance=error)
+    stiffness = mass.value * (2.0 * math.pi * mean["antiresonance_hz"]) ** 2
+    share, sigma = nut_share(machine, 1.0 / stiffness, mass.tolerance)
+    more = {"compliance_scatter": scatter, "nut_share": share, "nut_share_sigma": sigma}
+    return NotchConfig(**mean, **more, friction_nm=level_nm, repeats=count)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,13 @@ def cells() -> Floats:
 
 
 @compiled
+def prior() -> Floats:
+    """Prior of each cell, (n,): as it was made, or any other, equally likely."""
+    fresh = np.exp(-0.5 * ((cells() - 1.0) / AS_MADE) ** 2)
+    return fresh / sum_of(fresh) + 1.0 / CELLS
+
+
+@compiled
 def weigh(
     coulomb_nm: float,
     sigma_nm: float,
@@ -41,16 +48,13 @@ def weigh(
 ) -> Floats:
     """Probability of each cell of preload, (n,), given the dry friction of the whole axis.
 
-    That the preload is as it was made, and that it may be any other, is equally likely beforehand.
     Of the friction at commissioning `fresh_nm` was the nut's, `other_nm` that of guides, seals and
     bearings; `error_share` is the error of the drag per preload, and `friction` the most share lost
     to warmth, with standard deviations of all alike and of each apart.
     """
     warmth, together, apart_share = friction
     shares = cells()
-    weights = np.empty(CELLS)
-    fresh = np.exp(-0.5 * ((shares - 1.0) / AS_MADE) ** 2)
-    prior = fresh / sum_of(fresh) + 1.0 / CELLS
+    weights = prior()
     for i in range(CELLS):
         drag_nm, likelihood = fresh_nm * shares[i], 0.0
         apart = (apart_share * drag_nm) ** 2 + (apart_share * other_nm) ** 2
@@ -60,7 +64,7 @@ def weigh(
             variance = (together * expected_nm) ** 2 + apart + sigma_nm * sigma_nm
             away = coulomb_nm - expected_nm
             likelihood += math.exp(-0.5 * away * away / variance) / math.sqrt(variance)
-        weights[i] = prior[i] * likelihood
+        weights[i] *= likelihood
     whole = sum_of(weights)
     return weights / whole if whole > 0.0 else np.full(CELLS, 1.0 / CELLS)
 

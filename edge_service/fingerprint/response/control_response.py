@@ -20,8 +20,8 @@ from ...messages.samples import Floats
 from ...recordings.sinumerik.tuning import MeasuredResponse
 from ...regression.interval_estimate import IntervalEstimate, around, normal_quantile, undetermined
 from ..result import Contents, Curve, Section, examined
-from .frequency_response import LEAST_COHERENCE, Complexes, FrequencyResponse
-from .two_mass_fit import TwoMassFit, fit_two_mass, modes
+from .frequency_response import LEAST_COHERENCE, FrequencyResponse
+from .two_mass_fit import TwoMassFit, fit_two_mass, independent_share, modes
 
 LOWEST_HZ = 5.0
 LEAST_PROMINENCE = math.log(2.0)
@@ -39,7 +39,6 @@ _RIGID = 0.7
 _LEAST_FREQUENCIES = 5
 _AWAY = math.log(1.2)
 """Greatest distance of the fitted notch from that of the response."""
-_MOST_CORRELATED = 0.95
 _LEAST_SLOPE, _MOST_SLOPE = -2.0, -0.5
 """Of the response of a mass, which falls as 1 / f, below its modes."""
 
@@ -124,9 +123,7 @@ def measure_control_response(measured: FrequencyResponse, speed_over_torque: boo
     )
     high_hz = min(_ABOVE * mode.resonance_hz, math.sqrt(mode.resonance_hz * next_hz))
     band = coherent.within(_BELOW * mode.antiresonance_hz, high_hz)
-    fit = fit_two_mass(band)
-    misfit = np.log(fit.response(band.frequency_hz) / band.response)
-    fit = fit_two_mass(band, independent_share=_independent_share(misfit, band.relative_error))
+    fit = fit_two_mass(band, correlated=True)
     figures = modes(fit)
     if abs(math.log(figures["antiresonance_hz"].value / mode.antiresonance_hz)) >= _AWAY:
         note = f"two masses do not fit the notch at {mode.antiresonance_hz:.4g} Hz"
@@ -184,25 +181,13 @@ def _rigid(measured: FrequencyResponse) -> dict[str, IntervalEstimate]:
         raise ValueError("the axis is not rigid, and no mode stands out of the noise")
     weights = 1.0 / (measured.relative_error**2 + np.var(levels))
     level = float(np.average(levels, weights=weights))
-    share = _independent_share(levels - level, measured.relative_error)
+    share = independent_share(levels - level, measured.relative_error)
     independent = share * len(levels)
     own = float(np.sqrt(1.0 / (share * np.sum(weights))))
     sigma = math.hypot(own, _RIGID_WITHIN / normal_quantile())  # a mode may be hidden in the noise
     found = around(level, sigma, "1", independent)
     value, low, high = (math.exp(each) for each in (found.value, found.low, found.high))
     return {_INERTIA: IntervalEstimate(value, low, high, "kg m^2", independent, found.note)}
-
-
-def _independent_share(misfit: Floats | Complexes, error: Floats) -> float:
-    """Share of the frequencies that count, for the correlation of neighbouring misfits."""
-    weighted = misfit / np.hypot(error, float(np.std(misfit)))
-    deviations = weighted - np.mean(weighted)
-    power = float(np.sum(np.abs(deviations) ** 2))
-    if not power > 0.0:
-        return 1.0
-    lagged = float(np.sum((deviations[1:] * np.conj(deviations[:-1])).real))
-    correlation = min(max(lagged / power, 0.0), _MOST_CORRELATED)
-    return (1.0 - correlation) / (1.0 + correlation)
 
 
 def _mechanics(fit: TwoMassFit, share: IntervalEstimate) -> dict[str, IntervalEstimate]:

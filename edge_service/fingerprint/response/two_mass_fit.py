@@ -29,6 +29,7 @@ _WINDOW_BINS = 1.5
 """Bins of a Hann window that are one independent one."""
 _LEAST_FREQUENCIES = 10
 _LEAST_SHARE = 1e-5
+_MOST_CORRELATED = 0.95
 _FEW = 400
 """Frequencies on which the first valley is looked for."""
 SHAKEN_HZ, LEAST_SHAKEN = 50.0, 75
@@ -226,7 +227,7 @@ def shakes(frame: SampleFrame) -> bool:
 
 
 def fit_two_mass(
-    measured: FrequencyResponse | Sequence[FrequencyResponse], independent_share: float = 1.0
+    measured: FrequencyResponse | Sequence[FrequencyResponse], *, correlated: bool = False
 ) -> TwoMassFit:
     """Fit omega / torque = 1 / (J s + D) N(s) / D(s) exp(-s T).
 
@@ -237,7 +238,7 @@ def fit_two_mass(
     Args:
         measured: of `drive_response` or `drive_responses_along`, within the frequencies to be
             fitted.
-        independent_share: of the frequencies that count, where neighbours err alike.
+        correlated: neighbours err alike, by what two masses leave.
 
     Raises ValueError: fewer than ten frequencies.
     """
@@ -260,11 +261,13 @@ def fit_two_mass(
     first = best_values(lambda values: misfit_few(values) / error_few, unknowns, starts)
     rough = np.hypot(error, _FIRST_ERROR)
     first = best_values(lambda values: misfit(values) / rough, unknowns, [first])
-    share = unexplained_share(misfit(first), error, np.ones_like(error), len(unknowns))
+    left, counted = misfit(first), 2.0 * count
+    if correlated:
+        counted *= independent_share(left[:count] + 1j * left[count:], error[:count])
+    share = unexplained_share(left, error, np.ones_like(error), len(unknowns))
     error = np.hypot(error, max(share, _LEAST_SHARE))
-    windowed = any(place.resolution_hz > 0.0 for place in places)
-    independent = 2.0 * count * independent_share / (_WINDOW_BINS if windowed else 1.0)
-    fit = fit_profiled(lambda values: misfit(values) / error, unknowns, [first], independent)
+    counted /= _WINDOW_BINS if any(place.resolution_hz > 0.0 for place in places) else 1.0
+    fit = fit_profiled(lambda values: misfit(values) / error, unknowns, [first], counted)
     found = fit.parameters
     notch, damping, ratio = found["antiresonance"], found["damping"], found["ratio"]
     low, value, high = (1.0 - bound**-2 for bound in (ratio.low, ratio.value, ratio.high))
@@ -298,6 +301,18 @@ def modes(fit: TwoMassFit) -> dict[str, IntervalEstimate]:
         return found
     note = f"no resonance: the fitted mode has a damping ratio of {fit.resonance_damping.value:.2g}"
     return {name: undetermined(each.unit, note) for name, each in found.items()}
+
+
+def independent_share(misfit: Floats | Complexes, error: Floats) -> float:
+    """Share of the frequencies that count, for the correlation of neighbouring misfits."""
+    weighted = misfit / np.hypot(error, float(np.std(misfit)))
+    deviations = weighted - np.mean(weighted)
+    power = float(np.sum(np.abs(deviations) ** 2))
+    if not power > 0.0:
+        return 1.0
+    lagged = float(np.sum((deviations[1:] * np.conj(deviations[:-1])).real))
+    correlation = min(max(lagged / power, 0.0), _MOST_CORRELATED)
+    return (1.0 - correlation) / (1.0 + correlation)
 
 
 def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:

@@ -15,6 +15,7 @@ from .dates import LAWS, ask_healthy, ask_of_a_law, dates_table
 from .healthy.false_conditions import healthy_table, shifts
 from .healthy.production_cases import PLANTS, SHIFT_S
 from .losses import losses_table, lost
+from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
 from .plants.foreign import foreign, foreign_errors, foreign_one_encoder
 from .plants.own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
@@ -31,6 +32,7 @@ _TABLES: Mapping[str, Callable[[Any], Table]] = {
     "rates": rate_table,
     "healthy": healthy_table,
     "losses": losses_table,
+    "notch": notch_table,
     "dates": dates_table,
     "second-plant": plant_table,
 }
@@ -87,6 +89,7 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
     yield from _dates(quick, axes)
     shift_s = 60.0 if quick else SHIFT_S
     for axis in axes:
+        yield Task("notch", f"tested by shaking {axis}", partial(tested, axis, quick))
         for plant in ("foreign", "own"):
             for shape in shapes(quick):
                 name = f"life {plant} {axis}: {shape}"

@@ -2,5 +2,5 @@
 
 TABLE = ("own", "foreign", "thesis", "spoiled")
 """Parts whose rows make the table with aims."""
-PARTS = (*TABLE, "life", "rates", "healthy", "losses", "dates", "second-plant")
+PARTS = (*TABLE, "life", "rates", "healthy", "losses", "notch", "dates", "second-plant")
 FIRST_SEED = 3

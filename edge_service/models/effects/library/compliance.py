@@ -72,11 +72,6 @@ def _load_windup(compliance_m_per_n: float, share: float) -> MotionCurve:
     return curve
 
 
-def _healthy_level(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
-    """Mean and standard deviation of what the spring gives more, m/N."""
-    return 0.0, 2e-10
-
-
 EFFECT = Effect(
     name="compliance",
     description="The drive train gives more under load: a loose coupling, bearing or nut.",
@@ -107,6 +102,8 @@ EFFECT = Effect(
     imitates=frozenset({"presliding", "timestamp_skew"}),
     most_shapes=2,
     most_entries=2,
-    trace=Trace(_healthy_level, {"friction_share": 1.0, "viscous_share": 0.0}),
+    trace=Trace(  # what the spring gives more, m/N
+        lambda _period_s, _coulomb_nm: (0.0, 2e-10), {"friction_share": 1.0, "viscous_share": 0.0}
+    ),
     empirical_forms=_empirical_forms,
 )

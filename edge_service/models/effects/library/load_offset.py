@@ -2,13 +2,8 @@
 
 import numpy as np
 
-from ..contribution import Curve, DryFriction, Over, Side, SmoothTorque, constant
+from ..contribution import DryFriction, Over, Side, SmoothTorque, constant
 from ..effect import Effect, Kind, amount
-
-
-def _by_direction(asymmetry_nm: float) -> Curve:
-    return lambda speed_rad_s: asymmetry_nm * np.sign(speed_rad_s)
-
 
 EFFECT = Effect(
     name="load_offset",
@@ -35,6 +30,6 @@ EFFECT = Effect(
     ),
     contributions=lambda values: (
         SmoothTorque(Over.TIME, constant(values["constant_nm"]), Side.TABLE),
-        DryFriction(Over.SPEED, _by_direction(values["asymmetry_nm"]), Side.AS_DRAG),
+        DryFriction(Over.SPEED, lambda v: values["asymmetry_nm"] * np.sign(v), Side.AS_DRAG),
     ),
 )

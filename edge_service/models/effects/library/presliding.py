@@ -3,12 +3,6 @@
 from ..contribution import Change, Constant
 from ..effect import ACCELERATION_HZ, Effect, Kind, Parameter, Role, Trace
 
-
-def _healthy_share(_period_s: float, _coulomb_nm: float) -> tuple[float, float]:
-    """Mean and standard deviation of its share: sliding begins after a micrometre."""
-    return 0.5, 0.5
-
-
 EFFECT = Effect(
     name="presliding",
     description="At reversals friction builds up over some micrometres like a spring.",
@@ -31,5 +25,5 @@ EFFECT = Effect(
     imitates=frozenset({"backlash", "compliance", "quadratic_friction", "stribeck"}),
     most_shapes=1,
     most_entries=1,
-    trace=Trace(_healthy_share, {"reach_m": 1e-6}),
+    trace=Trace(lambda _period_s, _coulomb_nm: (0.5, 0.5), {"reach_m": 1e-6}),  # its share
 )

@@ -5,18 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..baseline import Baseline
-from ..contribution import Contribution, Curve, Over, Side, SmoothTorque
+from ..contribution import Contribution, Over, Side, SmoothTorque
 from ..effect import Effect, Kind, Values, amount
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = _quadratic(values["coefficient_nm_s2_per_rad2"])
-    return (SmoothTorque(Over.SPEED, curve, Side.MOTOR),)
-
-
-def _quadratic(coefficient_nm_s2_per_rad2: float) -> Curve:
-    return lambda speed_rad_s: coefficient_nm_s2_per_rad2 * speed_rad_s * np.abs(speed_rad_s)
+    share = values["coefficient_nm_s2_per_rad2"]
+    return (SmoothTorque(Over.SPEED, lambda v: share * v * np.abs(v), Side.MOTOR),)
 
 
 def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ....messages.samples import Floats
 from ..baseline import Baseline, Motion
-from ..contribution import Contribution, Curve, Over, Strain, lagged_warming
+from ..contribution import Contribution, Over, Strain, lagged_warming
 from ..effect import Effect, Kind, Values, amount, reference_temperature, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
@@ -20,18 +20,11 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
     per_k, reference_c = values["strain_per_k"], values["reference_c"]
     parts: list[Contribution] = [lagged_warming(rise_k, time_constant_s)]
     if rise_k:
-        parts.append(Strain(Over.TIME, _growth(rise_k, time_constant_s)))
+        most = EXPANSION_PER_K * rise_k
+        parts.append(Strain(Over.TIME, lambda time_s: -most * np.expm1(-time_s / time_constant_s)))
     if per_k:
-        parts.append(Strain(Over.TEMPERATURE, _grown(per_k, reference_c)))
+        parts.append(Strain(Over.TEMPERATURE, lambda warm_c: per_k * (warm_c - reference_c)))
     return tuple(parts)
-
-
-def _grown(per_k: float, reference_c: float) -> Curve:
-    return lambda temperature_c: per_k * (temperature_c - reference_c)
-
-
-def _growth(rise_k: float, time_constant_s: float) -> Curve:
-    return lambda time_s: -EXPANSION_PER_K * rise_k * np.expm1(-time_s / time_constant_s)
 
 
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
