@@ -106,7 +106,7 @@ def _is_shifted(innovation: Innovation) -> bool:
     e, s = innovation.error, innovation.covariance
     usual = e[0] * e[0] < _USUAL_SIGMA * _USUAL_SIGMA * s[0, 0]
     far = e[1] * e[1] > _SHIFTED_SIGMA * _SHIFTED_SIGMA * s[1, 1]
-    return usual and far and abs(e[1]) > _SHIFTED_M
+    return bool(usual and far and abs(e[1]) > _SHIFTED_M)
 
 
 @inlined
