@@ -47,7 +47,7 @@ def written(path: Path, columns: Mapping[str, Floats]) -> str:
 def moves(path: Path) -> dict[int, list[Floats]]:
     """Sequences by their load: time s, setpoint mm, position error mm, current A, (n, 4) each."""
     names = ("load", "time", "set_point", "position_error", "current")
-    rows = np.genfromtxt(path, delimiter=",", names=True, usecols=names)
+    rows = np.genfromtxt(path, delimiter=",", names=True)
     found = {}
     for load in np.unique(rows["load"]):
         table = np.column_stack([rows[rows["load"] == load][name] for name in names[1:]])
