@@ -4,8 +4,7 @@ Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Scre
 and a data sheet. DMC 60 H: two encoders, 500 Hz, four axes in one file.
 """
 
-import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -45,35 +44,36 @@ def written(path: Path, columns: Mapping[str, Floats]) -> str:
     return str(path)
 
 
-def moves(condition: str, load: str) -> Iterator[Floats]:
-    """Sequences of one load: time s, setpoint mm, position error mm, current A, (n, 4) each."""
-    with (DATA / "cranfield" / f"{condition}.csv").open() as file:
-        rows = [
-            [float(row[name]) for name in ("time", "set_point", "position_error", "current")]
-            for row in csv.DictReader(file)
-            if row["load"] == load
-        ]
-    table = np.array(rows)
-    yield from np.split(table, np.flatnonzero(np.diff(table[:, 0]) < 0.0) + 1)
+def moves(path: Path) -> dict[int, list[Floats]]:
+    """Sequences by their load: time s, setpoint mm, position error mm, current A, (n, 4) each."""
+    names = ("load", "time", "set_point", "position_error", "current")
+    rows = np.genfromtxt(path, delimiter=",", names=True)
+    found = {}
+    for load in np.unique(rows["load"]):
+        table = np.column_stack([rows[rows["load"] == load][name] for name in names[1:]])
+        found[int(load)] = np.split(table, np.flatnonzero(np.diff(table[:, 0]) < 0.0) + 1)
+    return found
+
+
+def one_actuator(sequences: Iterable[Floats]) -> dict[str, Floats]:
+    """Sequences in one; the current has the sign of the motion that is asked for."""
+    parts, clock_s = [], 0.0
+    for each in sequences:
+        position = 1e-3 * (each[:, 1] - each[:, 2])
+        torque = 0.1 * each[:, 3] * np.sign(np.gradient(each[:, 1]))
+        parts.append(np.column_stack((each[:, 0] + clock_s, torque, position)))
+        clock_s = float(parts[-1][-1, 0]) + 1.0
+    names = ("time_s", "torque_command_nm", "table_position_m")
+    return dict(zip(names, np.vstack(parts).T, strict=True))
 
 
 def recordings(folder: Path, condition: str, load: str) -> list[str]:
-    """Traces of some sequences each; the current has the sign of the motion that is asked for."""
-    every = list(moves(condition, load))
-    paths = []
-    for start in range(0, len(every), SEQUENCES):
-        part, clock_s = [], 0.0
-        for each in every[start : start + SEQUENCES]:
-            way = np.sign(np.gradient(each[:, 1]))
-            position = 1e-3 * (each[:, 1] - each[:, 2])
-            torque = 0.1 * each[:, 3] * way
-            part.append(np.column_stack((each[:, 0] + clock_s, torque, position)))
-            clock_s = float(part[-1][-1, 0]) + 1.0
-        columns = dict(
-            zip(("time_s", "torque_command_nm", "table_position_m"), np.vstack(part).T, strict=True)
-        )
-        paths.append(written(folder / f"{condition}{start}.csv", columns))
-    return paths
+    """Traces of some sequences each."""
+    every = moves(DATA / "cranfield" / f"{condition}.csv")[int(load)]
+    return [
+        written(folder / f"{condition}{k}.csv", one_actuator(every[k : k + SEQUENCES]))
+        for k in range(0, len(every), SEQUENCES)
+    ]
 
 
 def screw_actuator(path: Path, name: str) -> str:

@@ -19,10 +19,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .. import foreign_plant
-from .real_machines import ACTUATOR_TOML, SCREW_TOML, milling_machine, recordings, screw_actuator
+from .real_machines import (
+    ACTUATOR_TOML,
+    SCREW_TOML,
+    milling_machine,
+    recordings,
+    screw_actuator,
+    written,
+)
 
 ROOT = Path(__file__).parents[2]
 BESIDE = ROOT.parent / "shared"
@@ -74,10 +79,7 @@ def make_recordings(folder: Path) -> None:
         made = foreign_plant.simulate(
             foreign_plant.case(effects, "production", seed=5, duration_s=60.0)
         )
-        table = np.column_stack(list(made.columns.values()))
-        head = ",".join(made.columns)
-        path = foreign / f"{cause or 'healthy'}.csv"
-        np.savetxt(path, table, fmt="%.9g", delimiter=",", header=head, comments="")
+        written(foreign / f"{cause or 'healthy'}.csv", made.columns)
 
 
 def make_real(folder: Path) -> None:

@@ -4,7 +4,7 @@ import contextlib
 import math
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
@@ -36,6 +36,13 @@ class Table:
     rows: tuple[tuple[object, ...], ...]
     notes: tuple[str, ...] = ()
     figures: "tuple[Figure, ...]" = ()
+
+    @classmethod
+    def of(cls, rows: Iterable[Mapping[str, object]], *notes: str) -> "Table":
+        """Rows by the heads of their columns; a cell that a row lacks is empty."""
+        every = list(rows)
+        heads = tuple(dict.fromkeys(head for row in every for head in row))
+        return cls(heads, tuple(tuple(row.get(head) for head in heads) for row in every), notes)
 
     def __str__(self) -> str:
         """Aligned columns, then the notes."""
@@ -154,6 +161,11 @@ def in_processes(
         started = {pool.submit(job): number for number, job in enumerate(jobs)}
         for done in as_completed(started):
             yield started[done], done.result()
+
+
+def listed(seeds: Iterable[int]) -> str:
+    """Seeds in order, each once."""
+    return ", ".join(map(str, sorted(set(seeds))))
 
 
 @contextlib.contextmanager

@@ -3,10 +3,9 @@
 from collections.abc import Collection
 
 from .. import real_machines
-from ..estimator.plants.second_plant import BESIDE
-from ..table import BenchError, Progress, Table
+from ..table import Progress, Table
 from .foreign_table import run_foreign
-from .second_plant import MAKE, has_diagnosis_plant, run_diagnosis_plant
+from .second_plant import run_diagnosis_plant
 from .seeded_errors import run_seeded_errors
 
 
@@ -18,9 +17,7 @@ def run_diagnose_bench(
     if "foreign" in parts:
         tables.append(run_foreign(20 if quick else 500, seed, progress))
     if "second-plant" in parts:
-        if not has_diagnosis_plant(BESIDE):
-            raise BenchError(f"bench diagnose: no {MAKE} in {BESIDE}")
-        tables.append(run_diagnosis_plant(BESIDE, seed, quick, progress))
+        tables.append(run_diagnosis_plant(seed, quick, progress))
     if "real-machines" in parts:
         tables.append(run_seeded_errors(real_machines.DATA, seed, progress))
     return tables

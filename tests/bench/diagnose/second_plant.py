@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..estimator.plants.second_plant import run_command, tool_command
+from ..estimator.plants.second_plant import make_recordings, scored
 from ..table import Progress, Table
 from .figures import Row, figures_table, share, value
 
@@ -28,40 +28,24 @@ _FRICTION = {"drag_error", "viscous_error"}
 Case = Mapping[str, Any]
 
 
-def has_diagnosis_plant(folder: Path) -> bool:
-    """Return whether its commands are there."""
-    return all((folder / name).is_file() for name in (MAKE, SCORE))
-
-
-def run_diagnosis_plant(folder: Path, seed: int, quick: bool, say: Progress) -> Table:
+def run_diagnosis_plant(seed: int, quick: bool, say: Progress) -> Table:
     """Make its recordings of one seed, score the answers to them, and tell both as a table.
 
     Args:
         quick: a dozen cases and two rates instead of ninety and five.
 
-    Raises BenchError where a command fails.
+    Raises BenchError where its commands are not there, or one fails.
     """
     with tempfile.TemporaryDirectory(prefix="second-plant-") as home:
         recordings = Path(home) / "recordings"
-        say(f"second plant, seed {seed}: making recordings")
-        extent = ["--set", "small" if quick else "full"]
-        run_command([str(folder / MAKE), str(recordings), "--seed", str(seed), *extent], say)
-        found = _scored(folder, recordings, f"seed {seed}", say)
+        make_recordings(MAKE, recordings, seed, quick, say)
+        found = scored(SCORE, recordings, f"seed {seed}", say)
         figures = figures_of(found["cases"], found["metrics"])
         for every in THINNED[1::2] if quick else THINNED:
             thinned, name = Path(home) / f"every{every}", f"{RATE_HZ / every:g} Hz"
             thin(recordings, thinned, every)
-            figures += slow_figures_of(_scored(folder, thinned, name, say)["cases"], name)
+            figures += slow_figures_of(scored(SCORE, thinned, name, say)["cases"], name)
     return figures_table(figures, (f"second plant beside the checkout, seed {seed}",))
-
-
-def _scored(folder: Path, recordings: Path, name: str, say: Progress) -> Mapping[str, Any]:
-    """Scores and cases of some recordings."""
-    answers = recordings / "scores.json"
-    command = [str(folder / SCORE), str(recordings), "--tool", tool_command()]
-    run_command([*command, "--json", str(answers)], lambda line: say(f"{name}: {line}"))
-    found: Mapping[str, Any] = json.loads(answers.read_text("utf-8"))
-    return found
 
 
 def thin(recordings: Path, out: Path, every: int) -> None:

@@ -20,7 +20,7 @@ from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.gap import BadDataError
 from edge_service.recordings.conditioning import white_noise_rms
 
-from ..real_machines import ACTUATOR_TOML, SEQUENCES
+from ..real_machines import ACTUATOR_TOML, SEQUENCES, moves, one_actuator, written
 from ..table import BenchError, Progress, Table, in_processes
 from .figures import Row, figures_table, share
 
@@ -191,11 +191,7 @@ def _of_cranfield(folder: Path) -> Iterator[Recording]:
     path = folder / "cranfield" / "normal.csv"
     if not path.is_file():
         return
-    table = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    for load in np.unique(table["load"]).tolist():
-        rows = table[table["load"] == load]
-        starts = np.flatnonzero(np.diff(rows["time"]) < 0.0) + 1
-        every = np.split(rows, starts)
+    for load, every in moves(path).items():
         parts = [
             every[first : first + SEQUENCES]
             for first in range(0, len(every) - SEQUENCES + 1, SEQUENCES)
@@ -204,22 +200,11 @@ def _of_cranfield(folder: Path) -> Iterator[Recording]:
         alike = frozenset({"drag_error", "viscous_error", "torque_gain_error", "load_friction"})
         shown = frozenset({"drag_error", "load_offset", "position_friction"})
         for k in (len(parts) - 2, len(parts) - 1):
-            reference = tuple(_one_actuator(each) for each in parts[: len(parts) - 2])
+            reference = tuple(one_actuator(each) for each in parts[: len(parts) - 2])
             name = f"cranfield {load} kgf {k}"
-            commanded_m = 1e-3 * np.concatenate([each["set_point"] for each in parts[k]])
-            columns = _one_actuator(parts[k])
+            commanded_m = 1e-3 * np.concatenate([each[:, 1] for each in parts[k]])
+            columns = one_actuator(parts[k])
             yield Recording(name, ACTUATOR_TOML, columns, commanded_m, reference, alike, shown)
-
-
-def _one_actuator(sequences: Sequence[np.ndarray]) -> dict[str, Floats]:
-    parts, clock_s = [], 0.0
-    for each in sequences:
-        position = 1e-3 * (each["set_point"] - each["position_error"])
-        torque = 0.1 * each["current"] * np.sign(np.gradient(each["set_point"]))
-        parts.append(np.column_stack((each["time"] + clock_s, torque, position)))
-        clock_s = float(parts[-1][-1, 0]) + 1.0
-    names = ("time_s", "torque_command_nm", "table_position_m")
-    return dict(zip(names, np.vstack(parts).T, strict=True))
 
 
 def motion_of(recording: Recording) -> Motion:
@@ -292,10 +277,9 @@ def run_case(recording: Recording, case: SeededCase, seed: int) -> SeededRow:
     with tempfile.TemporaryDirectory(prefix="seeded-") as home:
         folder = Path(home)
         (folder / "machine.toml").write_text(recording.machine_toml, "utf-8")
-        reference = [
-            _written(folder / f"healthy{k}.csv", each) for k, each in enumerate(recording.reference)
-        ]
-        trace = _written(folder / "trace.csv", with_error(recording, case, seed))
+        healthy = enumerate(recording.reference)
+        reference = [Path(written(folder / f"healthy{k}.csv", each)) for k, each in healthy]
+        trace = Path(written(folder / "trace.csv", with_error(recording, case, seed)))
         try:
             diagnose(folder / "machine.toml", [trace], folder / "out", reference=reference)
         except BadDataError:
@@ -318,12 +302,6 @@ def _is_right(
         return not case.error
     alike = recording.alike if case.error in recording.alike else frozenset()
     return bool({case.error, *alike} & {effects[0][0], *ties[0]})
-
-
-def _written(path: Path, columns: Columns) -> Path:
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-    return path
 
 
 def run_seeded_errors(folder: Path, seed: int, say: Progress) -> Table:

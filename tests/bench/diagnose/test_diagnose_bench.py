@@ -14,7 +14,7 @@ from ..estimator.plants.second_plant import BESIDE
 from ..real_machines import DATA
 from .foreign import BenchCase, BenchRow, run_cases
 from .foreign_table import are_all_named, figures_of, is_first, is_sure, reliability
-from .second_plant import has_diagnosis_plant
+from .second_plant import MAKE
 from .seeded_errors import OPEN, SeededCase, recordings, run_case
 
 HEALTHY = [BenchCase((), 1.0, motion, 70 + k) for k, motion in enumerate(("full", "staircase"))]
@@ -111,7 +111,7 @@ def test_a_real_axis_with_an_error_is_named_rightly(error: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not has_diagnosis_plant(BESIDE), reason=f"no second plant in {BESIDE}")
+@pytest.mark.skipif(not (BESIDE / MAKE).is_file(), reason=f"no second plant in {BESIDE}")
 def test_the_installed_command_is_scored_on_the_second_plant() -> None:
     line = ["diagnose", "--only", "second-plant", "--quick", "--seed", "11"]
     table = CliRunner().invoke(bench, line, catch_exceptions=False).stdout

@@ -3,7 +3,6 @@
 import asyncio
 import socket
 import struct
-import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Iterator
@@ -20,6 +19,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import Floats
 from edge_service.nodes.acquire_node import BACKOFF_CAP_S, BACKOFF_FIRST_S
 
+from ..speed.process_meter import Program
 from ..table import BenchError, Figure
 
 RESPONDER = Path(__file__).with_name("modbus_responder.py")
@@ -30,39 +30,14 @@ STALE_S = 2.0
 _REQUEST = struct.Struct(">HHHBBHH")
 
 
-class Responders:
-    """The devices, in a process of their own."""
-
-    def __init__(self, process: "subprocess.Popen[str]", ports: list[int]) -> None:
-        self.ports = ports
-        self._process = process
-
-    def tell(self, command: str, index: int) -> None:
-        """`hang` or `answer`."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{command} {index}\n")
-        self._process.stdin.flush()
-
-
 @contextmanager
-def responders(count: int) -> Iterator[Responders]:
-    """Devices that answer every read."""
-    with subprocess.Popen(
-        [sys.executable, str(RESPONDER), str(count)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            ports = [int(port) for port in process.stdout.readline().split()]
-            if len(ports) != count:
-                raise BenchError("the devices of the bench did not start")
-            yield Responders(process, ports)
-        finally:
-            process.stdin.close()
-            process.wait()
+def responders(count: int) -> Iterator[tuple[Program, list[int]]]:
+    """Devices that answer every read, in a process of their own, and their ports."""
+    with Program(sys.executable, str(RESPONDER), str(count)) as devices:
+        ports = [int(port) for port in devices.hear().split()]
+        if len(ports) != count:
+            raise BenchError("the devices of the bench did not start")
+        yield devices, ports
 
 
 def make_driver(port: int, period_s: float) -> Driver:
@@ -85,9 +60,9 @@ def make_driver(port: int, period_s: float) -> Driver:
 
 def poll_figures(seconds: float) -> list[Figure]:
     """Flat out against one device: the driver, and a bare client of struct and socket."""
-    with responders(1) as devices:
-        bare_s, bare_cpu_s = _bare_polls(devices.ports[0], seconds)
-        driver_s, driver_cpu_s = asyncio.run(_driver_polls(devices.ports[0], seconds))
+    with responders(1) as (_, (port,)):
+        bare_s, bare_cpu_s = _bare_polls(port, seconds)
+        driver_s, driver_cpu_s = asyncio.run(_driver_polls(port, seconds))
     bare = "a bare client"
     return [
         Figure("Modbus driver, flat out: a poll", 1e6 * driver_s, "us", 1e6 * bare_s, bare),
@@ -145,21 +120,23 @@ class _Axis:
 
 def fleet_figures(window_s: float, hang_s: float) -> list[Figure]:
     """Many devices in one process, before and while one of them hangs."""
-    with responders(DEVICES) as devices:
-        return asyncio.run(_watch_fleet(devices, window_s, hang_s))
+    with responders(DEVICES) as (devices, ports):
+        return asyncio.run(_watch_fleet(devices, ports, window_s, hang_s))
 
 
-async def _watch_fleet(devices: Responders, window_s: float, hang_s: float) -> list[Figure]:
-    async with _reading(devices.ports) as axes:
+async def _watch_fleet(
+    devices: Program, ports: list[int], window_s: float, hang_s: float
+) -> list[Figure]:
+    async with _reading(ports) as axes:
         loop = asyncio.get_running_loop()
         await asyncio.sleep(2.0)
         start_s, cpu_s = loop.time(), time.process_time()
         await asyncio.sleep(window_s)
         hung_s, cpu_s = loop.time(), time.process_time() - cpu_s
-        devices.tell("hang", 0)
+        devices.tell("hang 0")
         await asyncio.sleep(hang_s)
         end_s = loop.time()
-        devices.tell("answer", 0)
+        devices.tell("answer 0")
         await asyncio.sleep(BACKOFF_CAP_S + 2.0)
     hanging, others = axes[0], axes[1:]
     before, during = (

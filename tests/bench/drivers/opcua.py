@@ -10,12 +10,11 @@ from drivers.registry import load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import CHANNELS
 
-from ..speed.process_meter import ServiceProcess
+from ..speed.process_meter import PATIENCE_S, ServiceProcess
 from ..table import BenchError, Figure
 
 SESSIONS = 8
 """Of the ten that the stub has."""
-PATIENCE_S = 120.0
 _URL = "opc.tcp://127.0.0.1:{port}"
 _AXIS = """[[axes]]
 name = "A{number}"

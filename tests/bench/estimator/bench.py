@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from ..life.bench import life_table, live, shapes
-from ..table import BenchError, Progress, Table, in_processes
+from ..table import Progress, Table, in_processes
 from .dates import LAWS, ask_healthy, ask_of_a_law, dates_table
 from .healthy.false_conditions import healthy_table, shifts
 from .healthy.production_cases import PLANTS, SHIFT_S
@@ -19,7 +19,7 @@ from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
 from .plants.foreign import foreign, foreign_errors, foreign_one_encoder
 from .plants.own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
-from .plants.second_plant import BESIDE, has_second_plant, plant_table, run_second_plant
+from .plants.second_plant import plant_table, run_second_plant
 from .plants.spoiled import hostile
 from .plants.thesis import thesis_runs
 from .rows import table_of
@@ -129,9 +129,7 @@ def run_estimator_bench(
     for number, task in enumerate(tasks):
         found.setdefault("table" if task.part in TABLE else task.part, []).extend(done[number])
     if "second-plant" in parts:
-        if not has_second_plant(BESIDE):
-            raise BenchError(f"bench estimator: no second plant in {BESIDE}")
         for each in range(seed, seed + seeds):
-            rows = run_second_plant(BESIDE, each, quick, PROCESSES, say)
+            rows = run_second_plant(each, quick, PROCESSES, say)
             found.setdefault("second-plant", []).extend(rows)
     return [_TABLES[name](found[name]) for name in _TABLES if name in found]

@@ -2,31 +2,27 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
 from scipy import stats
 
 from edge_service.regression.interval_estimate import LEVEL
 
-from ..table import Progress, Table, in_processes
+from ..table import Progress, Table, in_processes, mean_of
 from .cases import Recovered, Recoveries, recoveries
-
-_HEADS = ("parameter", "unit", "truth", "mean", "bias/s", "held", "share, 95 %", "width")
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """One parameter over all seeds.
+    """One parameter over all seeds; its means are of those with a finite interval.
 
     Attributes:
-        truth, mean: the truth and the mean estimate of the determined ones.
+        truth: by its mean where it changes with the seed.
         bias_sigma: mean error over the mean standard deviation that the intervals state.
         held: in how many the interval holds the truth; infinite intervals do.
         count: of seeds; `undetermined` of them have no finite interval.
-        share_low, share_high: of held to count, 95 % (Clopper and Pearson, 1934).
         width: mean width of the finite intervals, in the unit.
     """
 
@@ -38,44 +34,40 @@ class Recovery:
     held: int
     count: int
     undetermined: int
-    share_low: float
-    share_high: float
     width: float
 
     @classmethod
     def of(cls, name: str, each: Sequence[Recovered]) -> "Recovery":
-        """Summed up; a truth that changes with the seed counts by its mean."""
+        """Summed up."""
         known = [one for one in each if one.found.determined and math.isfinite(one.found.value)]
-        held, count = sum(one.found.holds(one.truth) for one in each), len(each)
-        error = [one.found.value - one.truth for one in known]
-        sigma = [one.found.sigma for one in known]
-        low, high = share_interval(held, count)
-        nothing = math.nan
+        error = mean_of([one.found.value - one.truth for one in known])
         return cls(
             name,
             each[0].found.unit,
-            float(np.mean([one.truth for one in each])),
-            float(np.mean([one.found.value for one in known])) if known else nothing,
-            float(np.mean(error) / np.mean(sigma)) if known else nothing,
-            held,
-            count,
-            count - len(known),
-            low,
-            high,
-            float(np.mean([one.found.high - one.found.low for one in known])) if known else nothing,
+            mean_of([one.truth for one in each]),
+            mean_of([one.found.value for one in known]),
+            error / mean_of([one.found.sigma for one in known]),
+            sum(one.found.holds(one.truth) for one in each),
+            len(each),
+            len(each) - len(known),
+            mean_of([one.found.high - one.found.low for one in known]),
         )
 
-
-def share_interval(held: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Interval of a binomial share (Clopper and Pearson, 1934).
-
-    >>> [round(bound, 3) for bound in share_interval(95, 100)]
-    [0.887, 0.984]
-    """
-    tail = 0.5 * (1.0 - level)
-    low = float(stats.beta.ppf(tail, held, count - held + 1)) if held else 0.0
-    high = float(stats.beta.ppf(1.0 - tail, held + 1, count - held)) if held < count else 1.0
-    return low, high
+    def row(self) -> Mapping[str, str]:
+        """As printed; the share of those that hold it by Clopper and Pearson, 1934."""
+        share = stats.binomtest(self.held, self.count).proportion_ci(0.95)
+        missing = f" ({self.undetermined} infinite)" if self.undetermined else ""
+        relative = f"{100.0 * self.width / abs(self.truth):.2g} %" if self.truth else ""
+        return {
+            "parameter": self.name,
+            "unit": self.unit,
+            "truth": f"{self.truth:.5g}",
+            "mean": f"{self.mean:.5g}",
+            "bias/s": f"{self.bias_sigma:+.2f}",
+            "held": f"{self.held}/{self.count}{missing}",
+            "share, 95 %": f"{share.low:.2f} to {share.high:.2f}",
+            "width": relative or f"{self.width:.2g}",
+        }
 
 
 def run(seeds: int, progress: Progress = lambda _line: None) -> list[Recovery]:
@@ -91,24 +83,9 @@ def run(seeds: int, progress: Progress = lambda _line: None) -> list[Recovery]:
 def table_of(found: Sequence[Recovery]) -> Table:
     """A row for each parameter, then what it means."""
     held, count = sum(each.held for each in found), sum(each.count for each in found)
-    note = (
+    return Table.of(
+        [each.row() for each in found],
         f"{held} of {count} intervals hold the truth, {100 * LEVEL:g} % are meant to; "
         "bias/s: mean error over the stated standard deviation; width: of the interval, "
-        "as a share of the truth where that is not 0."
-    )
-    return Table(_HEADS, tuple(_row(each) for each in found), (note,))
-
-
-def _row(each: Recovery) -> tuple[str, ...]:
-    width = f"{100.0 * each.width / abs(each.truth):.2g} %" if each.truth else f"{each.width:.2g}"
-    missing = f" ({each.undetermined} infinite)" if each.undetermined else ""
-    return (
-        each.name,
-        each.unit,
-        f"{each.truth:.5g}",
-        f"{each.mean:.5g}",
-        f"{each.bias_sigma:+.2f}",
-        f"{each.held}/{each.count}{missing}",
-        f"{each.share_low:.2f} to {each.share_high:.2f}",
-        width,
+        "as a share of the truth where that is not 0.",
     )

@@ -1,13 +1,10 @@
 """Processor time of one request for `/preload`, beside that of an application that does nothing."""
 
 import http.client
-import subprocess
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
 
-from .process_meter import ServiceProcess, cpu_s
+from .process_meter import Program, ServiceProcess, cpu_s
 
 IDLE_S = 3.0
 PATH = "/api/v1/axes/A1/preload"
@@ -34,17 +31,8 @@ def request_costs_us(
     What the service does meanwhile for its axes is measured in an equal time before, and taken off.
     """
     body, ours_us = _cost_us(service.pid, host, port, count)
-    with subprocess.Popen(
-        [sys.executable, "-c", BARE, body.decode()],
-        cwd=Path(__file__).parents[3],
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as bare:
-        try:
-            assert bare.stdout is not None
-            _, bare_us = _cost_us(bare.pid, "127.0.0.1", int(bare.stdout.readline()), count)
-        finally:
-            bare.kill()
+    with Program(sys.executable, "-c", BARE, body.decode()) as bare:
+        _, bare_us = _cost_us(bare.pid, "127.0.0.1", int(bare.hear()), count)
     return ours_us, bare_us
 
 
@@ -54,7 +42,9 @@ def _cost_us(pid: int, host: str, port: int, count: int) -> tuple[bytes, float]:
     try:
         for _ in range(20):
             body = _asked(connection)
-        idle = _cores(pid, lambda: time.sleep(IDLE_S))
+        begun_s, before_s = time.monotonic(), cpu_s(pid)
+        time.sleep(IDLE_S)
+        idle = (cpu_s(pid) - before_s) / (time.monotonic() - begun_s)
         begun_s, before_s = time.monotonic(), cpu_s(pid)
         for _ in range(count):
             body = _asked(connection)
@@ -62,12 +52,6 @@ def _cost_us(pid: int, host: str, port: int, count: int) -> tuple[bytes, float]:
         return body, 1e6 * max(0.0, spent_s - idle * span_s) / count
     finally:
         connection.close()
-
-
-def _cores(pid: int, work: Callable[[], None]) -> float:
-    begun_s, before_s = time.monotonic(), cpu_s(pid)
-    work()
-    return (cpu_s(pid) - before_s) / (time.monotonic() - begun_s)
 
 
 def _asked(connection: http.client.HTTPConnection) -> bytes:

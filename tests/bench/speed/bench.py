@@ -20,11 +20,9 @@ from .paced import MOSQUITTO, Paced, measure_paced, service
 from .page import CHROMIUM, page_times_ms
 from .parts import bank_us, estimator_us, history_us, ivp_s, plant_s, recorder_us
 from .parts_of import SPEED_PARTS
-from .process_meter import ServiceProcess, read_stolen_s
+from .process_meter import PATIENCE_S, ServiceProcess, read_stolen_s
 from .replay_speed import replay_figures
 from .soak import soak
-
-_PATIENCE_S = 120.0
 
 
 class SpeedBench:
@@ -65,7 +63,7 @@ class SpeedBench:
     def _service(self, axes: int) -> Iterator[ServiceProcess]:
         """A service that has served its page for a while."""
         with service(self._folder, self._kernels, self._recording, axes) as process:
-            process.wait_for_address(_PATIENCE_S)
+            process.wait_for_address()
             time.sleep(self._warm_up_s)
             yield process
 
@@ -143,16 +141,16 @@ class SpeedBench:
     def _requests(self) -> list[Figure]:
         with self._service(1) as process:
             count = 300 if self._quick else 3000
-            ours, theirs = request_costs_us(process, *process.wait_for_address(_PATIENCE_S), count)
+            ours, theirs = request_costs_us(process, *process.wait_for_address(), count)
         name = "GET /preload: processor"
         return [Figure(name, ours, "us", theirs, "bare uvicorn", at_least=0.25)]
 
     def _started(self) -> tuple[float, float]:
         """Time from the start of a service to its page, and to the first `estimated`, s."""
         with service(self._folder, self._kernels, self._recording, 1) as process:
-            with closing(PreloadPoller(*process.wait_for_address(_PATIENCE_S), "A1")) as poller:
+            with closing(PreloadPoller(*process.wait_for_address(), "A1")) as poller:
                 page_s = process.since_start_s()
-                while poller.ask().status != "estimated" and process.since_start_s() < _PATIENCE_S:
+                while poller.ask()[0] != "estimated" and process.since_start_s() < PATIENCE_S:
                     time.sleep(0.01)
             return page_s, process.since_start_s()
 
@@ -170,9 +168,7 @@ class SpeedBench:
         figures = []
         for axes in (1, 8):
             with self._service(axes) as process:
-                delays_s = sample_delays_s(
-                    *process.wait_for_address(_PATIENCE_S), "A1", self._window_s
-                )
+                delays_s = sample_delays_s(*process.wait_for_address(), "A1", self._window_s)
             for percent in (50, 99):
                 name = f"sample to `/preload`, {_axes(axes)}: {percent}th percentile"
                 delay_ms = 1e3 * float(np.percentile(delays_s, percent))
@@ -184,7 +180,7 @@ class SpeedBench:
         figures = []
         for axes in (1, 8) if CHROMIUM else ():
             with self._service(axes) as process:
-                times_ms = page_times_ms(*process.wait_for_address(_PATIENCE_S), self._repeats)
+                times_ms = page_times_ms(*process.wait_for_address(), self._repeats)
             for name, value in zip(
                 ("first paint", "headline"), np.median(times_ms, 0), strict=True
             ):

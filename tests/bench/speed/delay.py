@@ -4,7 +4,6 @@ import http.client
 import json
 import time
 from contextlib import closing
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 
@@ -18,15 +17,6 @@ INTERVAL_S, PERIOD_S = 0.1, 0.001
 _POLL_PERIOD_S, _PATIENCE_S = 0.005, 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
-    """An answer: its status, the end of the newest interval behind it, and when it was seen, s."""
-
-    status: str
-    measured_s: float | None
-    seen_s: float
-
-
 class PreloadPoller:
     """Asks for the preload of one axis over one kept-alive connection."""
 
@@ -34,16 +24,15 @@ class PreloadPoller:
         self._connection = http.client.HTTPConnection(host, port, timeout=_PATIENCE_S)
         self._path = f"/api/v1/axes/{axis}/preload"
 
-    def ask(self) -> Sighting:
-        """The answer of now; BenchError if there is none."""
+    def ask(self) -> tuple[str, float | None]:
+        """Status of now, and end of the newest interval behind it, s; BenchError without one."""
         try:
             self._connection.request("GET", self._path)
             answer = json.loads(self._connection.getresponse().read())
             status, measured = answer["status"], answer["measured_at"]
         except (OSError, http.client.HTTPException, ValueError, KeyError) as error:
             raise BenchError(f"GET {self._path}: no preload ({error!r})") from None
-        at_s = None if measured is None else datetime.fromisoformat(measured).timestamp()
-        return Sighting(status, at_s, time.time())
+        return status, None if measured is None else datetime.fromisoformat(measured).timestamp()
 
     def close(self) -> None:
         """End the connection."""
@@ -59,10 +48,10 @@ def sample_delays_s(host: str, port: int, axis: str, window_s: float) -> Floats:
     firsts, until_s, newest_s = [], time.monotonic() + window_s, -np.inf
     with closing(PreloadPoller(host, port, axis)) as poller:
         while time.monotonic() < until_s:
-            found = poller.ask()
-            if found.measured_s is not None and found.measured_s > newest_s:
-                newest_s = found.measured_s
-                firsts.append((found.measured_s, found.seen_s))
+            _, measured_s = poller.ask()
+            if measured_s is not None and measured_s > newest_s:
+                newest_s = measured_s
+                firsts.append((measured_s, time.time()))
             time.sleep(_POLL_PERIOD_S)
     delays: list[float] = []
     for (before_s, _), (measured_s, seen_s) in pairwise(firsts):

@@ -1,10 +1,8 @@
 """Processor time per sample of the service and of a peer, both at work in the same seconds."""
 
-import http.client
 import re
 import shutil
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -16,12 +14,11 @@ from drivers.replay import LOOP_GAP_S
 
 from ...drivers.bench import free_port
 from ..table import BenchError
-from .process_meter import ServiceProcess, Usage, usage_of
+from .process_meter import Program, ServiceProcess, Usage, get, usage_of, wait_until
 
 RATE_HZ = 1000.0
 _SAMPLES = re.compile(r'counter="samples"\} ([0-9.e+]+)')
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
-_PATIENCE_S = 120.0
 _KEPT_UP = 0.97
 """Share of the samples that are due which a service that keeps up has read at least."""
 SERVICE = """\
@@ -78,9 +75,10 @@ def measure_paced(
     """
     with ExitStack() as stack:
         ours = stack.enter_context(service(folder, kernels, recording, axes))
-        address = ours.wait_for_address(_PATIENCE_S)
+        address = ours.wait_for_address()
         peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO and beside_peer else None
-        _wait_for_axes(*address, axes)
+        read = f"{axes} axes: not all of them are read"
+        wait_until(lambda: sum(n > 0.0 for n in _samples(*address)) >= axes, read, 1.0)
         time.sleep(warm_up_s)
         samples = sum(_samples(*address))
         before, begun_s = usage_of(ours.pid), time.monotonic()
@@ -97,38 +95,20 @@ def measure_paced(
     return Paced(us, peers_us, after)
 
 
-def _wait_for_axes(host: str, port: int, axes: int) -> None:
-    """Wait until samples of every axis have been read."""
-    until_s = time.monotonic() + _PATIENCE_S
-    while sum(each > 0.0 for each in _samples(host, port)) < axes:
-        if time.monotonic() > until_s:
-            raise BenchError(f"{axes} axes: not all of them are read")
-        time.sleep(1.0)
-
-
 def _samples(host: str, port: int) -> list[float]:
     """Samples read so far, of each axis that has any."""
-    connection = http.client.HTTPConnection(host, port, timeout=_PATIENCE_S)
-    try:
-        connection.request("GET", "/metrics")
-        return [float(each) for each in _SAMPLES.findall(connection.getresponse().read().decode())]
-    finally:
-        connection.close()
+    return [float(each) for each in _SAMPLES.findall(get(host, port, "/metrics")[1].decode())]
 
 
 class _Peer:
-    def __init__(self, processes: "list[subprocess.Popen[str]]") -> None:
-        self._processes = processes
+    def __init__(self, *programs: Program) -> None:
+        self._programs = programs
 
     def look(self) -> tuple[float, int]:
         """Processor time of all three, s, and the samples that were estimated from."""
-        estimating = self._processes[-1]
-        assert estimating.stdin is not None
-        assert estimating.stdout is not None
-        estimating.stdin.write("\n")
-        estimating.stdin.flush()
-        count = int(estimating.stdout.readline())
-        return sum(usage_of(each.pid).cpu_s for each in self._processes), count
+        self._programs[-1].tell("")
+        count = int(self._programs[-1].hear())
+        return sum(usage_of(each.pid).cpu_s for each in self._programs), count
 
 
 @contextmanager
@@ -136,40 +116,16 @@ def _peer(folder: Path, axes: int) -> Iterator[_Peer]:
     port = free_port()
     config = folder / "mosquitto.conf"
     config.write_text(f"user root\nlistener {port} 127.0.0.1\nallow_anonymous true\n")
-    with ExitStack() as stack:
-        broker = stack.enter_context(_running([str(MOSQUITTO), "-c", str(config)]))
-        _wait_for(port)
-        module = [sys.executable, "-m", "tests.bench.speed.peer"]
-        publish, estimate = (
-            stack.enter_context(_running([*module, role, str(port), str(axes)]))
-            for role in ("publish", "estimate")
-        )
-        yield _Peer([broker, publish, estimate])
+    line = (sys.executable, "-m", "tests.bench.speed.peer")
+    with Program(str(MOSQUITTO), "-c", str(config)) as broker:
+        wait_until(lambda: _is_open(port), "the peer's broker does not begin", 0.02)
+        with (
+            Program(*line, "publish", str(port), str(axes)) as publish,
+            Program(*line, "estimate", str(port), str(axes)) as estimate,
+        ):
+            yield _Peer(broker, publish, estimate)
 
 
-@contextmanager
-def _running(line: list[str]) -> "Iterator[subprocess.Popen[str]]":
-    with subprocess.Popen(
-        line,
-        cwd=Path(__file__).parents[3],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def _wait_for(port: int) -> None:
-    until_s = time.monotonic() + _PATIENCE_S
-    while time.monotonic() < until_s:
-        try:
-            socket.create_connection(("127.0.0.1", port), 1.0).close()
-        except OSError:
-            time.sleep(0.02)
-        else:
-            return
-    raise BenchError("the peer's broker does not begin")
+def _is_open(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0

@@ -1,19 +1,20 @@
 """Processes of the service, started for a measurement: their time, memory and certain end."""
 
+import http.client
 import os
 import re
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from ..table import BenchError
 
-STOP_PATIENCE_S = 10.0
+PATIENCE_S, STOP_PATIENCE_S, _TIMEOUT_S = 120.0, 10.0, 10.0
 _LOOK_PERIOD_S = 0.005
 _SERVING = re.compile(r"serving http://(\S+):(\d+)/")
 
@@ -74,12 +75,54 @@ def _text(path: Path) -> str:
         return ""
 
 
-@dataclass(frozen=True, slots=True)
-class FinishedRun:
-    """Processor time and output of a process that has ended well."""
+def get(host: str, port: int, path: str) -> tuple[int, bytes]:
+    """Status and body of one answer."""
+    with closing(http.client.HTTPConnection(host, port, timeout=_TIMEOUT_S)) as connection:
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
 
-    cpu_s: float
-    output: str
+
+def wait_until(holds: Callable[[], bool], problem: str, period_s: float = 0.1) -> None:
+    """Look again and again; BenchError with the problem where it does not hold in two minutes."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        if time.monotonic() > until_s:
+            raise BenchError(problem)
+        time.sleep(period_s)
+
+
+class Program:
+    """A program that is told lines and says lines; as a context manager it always ends."""
+
+    def __init__(self, *line: str) -> None:
+        self._process = subprocess.Popen(
+            line,
+            cwd=Path(__file__).parents[3],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self.pid = self._process.pid
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def tell(self, line: str) -> None:
+        """Write it to its input."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def hear(self) -> str:
+        """Its next line; empty where it has ended."""
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()
 
 
 class ServiceProcess:
@@ -108,12 +151,7 @@ class ServiceProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property
@@ -125,7 +163,7 @@ class ServiceProcess:
         """Time since it was started, s."""
         return time.monotonic() - self.started_s
 
-    def wait_for_address(self, patience_s: float) -> tuple[str, int]:
+    def wait_for_address(self, patience_s: float = PATIENCE_S) -> tuple[str, int]:
         """Host and port of its page, once it is served."""
         while True:
             if found := _SERVING.search(self.output):
@@ -136,8 +174,8 @@ class ServiceProcess:
                 raise self._failure(f"served no page within {patience_s:g} s")
             time.sleep(_LOOK_PERIOD_S)
 
-    def wait_for_end(self, patience_s: float) -> FinishedRun:
-        """Wait until it has ended with exit status 0."""
+    def wait_for_end(self, patience_s: float) -> tuple[float, str]:
+        """Processor time, s, and output, once it has ended with exit status 0."""
         flags = os.WEXITED | os.WNOHANG | os.WNOWAIT
         while os.waitid(os.P_PID, self.pid, flags) is None:
             if self.since_start_s() > patience_s:
@@ -146,7 +184,7 @@ class ServiceProcess:
         spent_s = cpu_s(self.pid)  # /proc has it until it is waited for
         if (status := self._process.wait()) != 0:
             raise self._failure(f"ended with exit status {status}")
-        return FinishedRun(spent_s, self.output)
+        return spent_s, self.output
 
     def stop(self) -> None:
         """Ask it to end, then make it; safe twice."""

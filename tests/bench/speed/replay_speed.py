@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..identification.simulated_axis import write_recording
 from ..table import BenchError, Figure
-from .process_meter import FinishedRun, ServiceProcess
+from .process_meter import ServiceProcess
 
 SHORT_S = 5.0
 _PATIENCE_S = 300.0
@@ -24,7 +24,7 @@ def replay_figures(folder: Path, kernels: Path, recording_s: float) -> list[Figu
     free = ["--speed", "0", "--port", "0"]
     out = ["--out", str(folder / "estimates.csv")]
 
-    def run(*arguments: str) -> FinishedRun:
+    def run(*arguments: str) -> tuple[float, str]:
         with ServiceProcess(arguments, folder, kernels) as process:
             return process.wait_for_end(_PATIENCE_S)
 
@@ -35,10 +35,10 @@ def replay_figures(folder: Path, kernels: Path, recording_s: float) -> list[Figu
         ("a recording flat out through all nodes, per core", replays, 150.0),
         ("`estimate` over a recording, per core", estimates, None),
     ):
-        if long.cpu_s > short.cpu_s:  # else start-up varied by more than the recording took
-            speed = (recording_s - SHORT_S) / (long.cpu_s - short.cpu_s)
+        if long[0] > short[0]:  # else start-up varied by more than the recording took
+            speed = (recording_s - SHORT_S) / (long[0] - short[0])
             figures.append(Figure(name, speed, "x real time", at_least=aim))
-    lost = estimate_count(estimates[1].output) - estimate_count(replays[1].output)
+    lost = estimate_count(estimates[1][1]) - estimate_count(replays[1][1])
     return [*figures, Figure("intervals lost flat out", lost, "", at_most=0.0)]
 
 

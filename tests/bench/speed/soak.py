@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from ..table import BenchError, Figure
+from ..table import Figure
 from .paced import SERVICE
-from .process_meter import ServiceProcess, cpu_s, usage_of
+from .process_meter import PATIENCE_S, ServiceProcess, cpu_s, get, usage_of, wait_until
 
 AXES, READERS = 8, 5
-_PERIOD_S, _PATIENCE_S, _TIMEOUT_S = 5.0, 120.0, 10.0
+_PERIOD_S, _TIMEOUT_S = 5.0, 10.0
 _WARM_UP_SHARE = 0.25
 _CHECKOUT = Path(__file__).parents[3]
 _AXIS = """
@@ -38,8 +38,8 @@ def soak(folder: Path, kernels: Path, minutes: float) -> list[Figure]:
     (folder / "edge.toml").write_text(SERVICE + store + "".join(axes))
     looks: list[tuple[float, ...]] = []
     with ServiceProcess(["run", "edge.toml"], folder, kernels) as service:
-        address = service.wait_for_address(_PATIENCE_S)
-        _wait_ready(address)
+        address = service.wait_for_address()
+        wait_until(lambda: get(*address, "/readyz")[0] == 200, f"not ready within {PATIENCE_S:g} s")
         begun_s, before = time.monotonic(), cpu_s(service.pid)
         with live_readers(address):
             while time.monotonic() - begun_s < 60.0 * minutes:
@@ -62,30 +62,12 @@ def soak(folder: Path, kernels: Path, minutes: float) -> list[Figure]:
 
 def _look(service: ServiceProcess, address: tuple[str, int], begun_s: float) -> tuple[float, ...]:
     """Time, memory, descriptors, threads, and the axes without a number."""
-    answers = [_ask(address, f"/api/v1/axes/A{k}/preload")[1] for k in range(1, AXES + 1)]
+    answers = [get(*address, f"/api/v1/axes/A{k}/preload")[1] for k in range(1, AXES + 1)]
     for path in ("/metrics", *(f"/api/v1/axes/A{k}/history" for k in range(1, AXES + 1))):
-        _ask(address, path)
+        get(*address, path)
     without = sum(json.loads(each)["status"] != "estimated" for each in answers)
     counts = (len(list(Path(f"/proc/{service.pid}/{what}").iterdir())) for what in ("fd", "task"))
     return (time.monotonic() - begun_s, usage_of(service.pid).own_mb, *counts, without)
-
-
-def _ask(address: tuple[str, int], path: str) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection(*address, timeout=_TIMEOUT_S)
-    try:
-        connection.request("GET", path)
-        response = connection.getresponse()
-        return response.status, response.read()
-    finally:
-        connection.close()
-
-
-def _wait_ready(address: tuple[str, int]) -> None:
-    until_s = time.monotonic() + _PATIENCE_S
-    while _ask(address, "/readyz")[0] != 200:
-        if time.monotonic() > until_s:
-            raise BenchError(f"not ready within {_PATIENCE_S:g} s")
-        time.sleep(0.1)
 
 
 @contextmanager

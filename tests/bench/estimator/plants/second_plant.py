@@ -12,28 +12,13 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ...table import BenchError, Progress, Table, mean_of
+from ...table import BenchError, Progress, Table, listed, mean_of
 
 BESIDE = Path(__file__).parents[4].parent / "shared" / "bench"
 MAKE, SCORE = "preload_make.py", "preload_score.py"
-HEADS: tuple[str, ...] = (
-    "second plant beside the checkout",
-    "wrong",
-    "rows",
-    "machines",
-    "MAE",
-    "fresh",
-    "cover",
-    "score",
-    "drop",
-    "rise",
-    "end",
-)
-HEADS += ("seen s", "answered", "failed")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,47 +35,43 @@ class PlantPart:
     row: Mapping[str, Any]
 
 
-def has_second_plant(folder: Path) -> bool:
-    """Return whether its commands are there."""
-    return all((folder / name).is_file() for name in (MAKE, SCORE))
-
-
-def tool_command() -> str:
-    """The running installation's own command, as a shell would read it."""
-    return shlex.join([sys.executable, "-m", "edge_service"])
-
-
-def run_second_plant(
-    folder: Path, seed: int, quick: bool, processes: int, say: Progress
-) -> Iterator[PlantPart]:
+def run_second_plant(seed: int, quick: bool, processes: int, say: Progress) -> Iterator[PlantPart]:
     """Make its recordings of one seed and score them with and without a data sheet.
 
-    Raises BenchError where a command fails.
+    Raises BenchError where its commands are not there, or one fails.
     """
     with tempfile.TemporaryDirectory(prefix="second-plant-") as home:
-        out, answers = Path(home) / "recordings", Path(home) / "scores.json"
-        say(f"second plant, seed {seed}: making recordings")
-        extent = ["--set", "small" if quick else "full", "--jobs", str(processes)]
-        extent += ["--minutes", "2"] if quick else []
-        run_command([str(folder / MAKE), str(out), "--seed", str(seed), *extent], say)
+        out, options = Path(home) / "recordings", ["--jobs", str(processes)]
+        options += ["--minutes", "2"] if quick else []
+        make_recordings(MAKE, out, seed, quick, say, *options)
         for sheet in (False, True):
             name = f"second plant, seed {seed}, {'data sheet' if sheet else 'no data sheet'}"
-            command = [str(folder / SCORE), str(out), "--tool", tool_command()]
-            command += ["--json", str(answers), *(["--sheet"] if sheet else [])]
-            run_command(command, partial(_reported, say, name))
-            for row in json.loads(answers.read_text("utf-8"))["traces"]:
+            for row in scored(SCORE, out, name, say, *["--sheet"][: int(sheet)])["traces"]:
                 yield PlantPart(seed, sheet, row)
 
 
-def _reported(say: Progress, name: str, line: str) -> None:
-    say(f"{name}: {line}")
+def make_recordings(
+    make: str, out: Path, seed: int, quick: bool, say: Progress, *options: str
+) -> None:
+    """Run its command that makes recordings. Raises BenchError."""
+    if not (BESIDE / make).is_file():
+        raise BenchError(f"bench: no {make} in {BESIDE}")
+    say(f"second plant, seed {seed}: making recordings")
+    extent = ["--seed", str(seed), "--set", "small" if quick else "full"]
+    _run([str(BESIDE / make), str(out), *extent, *options], say)
 
 
-def run_command(command: Sequence[str], say: Progress) -> None:
-    """Run one of its commands; what it tells on stderr is progress.
+def scored(score: str, recordings: Path, name: str, say: Progress, *options: str) -> Any:
+    """Scores that its command gives the running installation's answers. Raises BenchError."""
+    answers = recordings / "scores.json"
+    tool = shlex.join([sys.executable, "-m", "edge_service"])
+    command = [str(BESIDE / score), str(recordings), "--tool", tool, "--json", str(answers)]
+    _run([*command, *options], lambda line: say(f"{name}: {line}"))
+    return json.loads(answers.read_text("utf-8"))
 
-    Raises BenchError where it fails.
-    """
+
+def _run(command: Sequence[str], say: Progress) -> None:
+    """Run one of its commands; what it tells on stderr is progress."""
     last = ""
     with (
         tempfile.TemporaryFile() as table,
@@ -109,24 +90,20 @@ def run_command(command: Sequence[str], say: Progress) -> None:
 
 def plant_table(parts: Sequence[PlantPart]) -> Table:
     """One row for each scenario over all seeds, without and with a data sheet; then all."""
-    rows: list[tuple[object, ...]] = []
+    rows: list[Mapping[str, object]] = []
     for sheet in dict.fromkeys(part.sheet for part in parts):
         mine = [part for part in parts if part.sheet is sheet]
         title = "sheet" if sheet else "no sheet"
         for scenario in dict.fromkeys(str(part.row["scenario"]) for part in mine):
             same = [part for part in mine if part.row["scenario"] == scenario]
-            rows.append((f"{scenario.replace('_', ' ')}, {title}", *figures_of(same)))
-        rows.append((f"all, {title}", *figures_of(mine)))
-    seeds = ", ".join(map(str, sorted({part.seed for part in parts})))
-    return Table(
-        HEADS,
-        tuple(rows),
-        (
-            f"seeds {seeds}; means over recordings; drop, rise: the farthest that a number left a "
-            "preload that never changed; end: mean size of the mean error of the last minute; "
-            "seen: s of motion, each recording with a drop or step",
-            *(_failure(part) for part in parts if part.row["state"] != "ok"),
-        ),
+            rows.append(_row(f"{scenario.replace('_', ' ')}, {title}", same))
+        rows.append(_row(f"all, {title}", mine))
+    return Table.of(
+        rows,
+        f"seeds {listed(part.seed for part in parts)}; means over recordings; drop, rise: the "
+        "farthest that a number left a preload that never changed; end: mean size of the mean "
+        "error of the last minute; seen: s of motion, each recording with a drop or step",
+        *(_failure(part) for part in parts if part.row["state"] != "ok"),
     )
 
 
@@ -136,8 +113,7 @@ def _failure(part: PlantPart) -> str:
     return f"  failed: {where}: {' '.join(str(part.row['state']).split())}"
 
 
-def figures_of(parts: Sequence[PlantPart]) -> tuple[object, ...]:
-    """Figures in the order of `HEADS` behind the first."""
+def _row(title: str, parts: Sequence[PlantPart]) -> Mapping[str, object]:
     rows = [part.row for part in parts]
 
     def known(key: str) -> list[float]:
@@ -148,18 +124,19 @@ def figures_of(parts: Sequence[PlantPart]) -> tuple[object, ...]:
         for row in rows
         if "detected" in row
     ]
-    return (
-        mean_of(known("wrong")),
-        int(sum(known("rows"))),
-        len({(part.seed, part.row["machine"]) for part in parts}),
-        mean_of(known("mae")),
-        mean_of(known("always_fresh_mae")),
-        mean_of(known("coverage")),
-        mean_of(known("interval_score")),
-        max(known("false_drop"), default=math.nan),
-        max(known("false_rise"), default=math.nan),
-        mean_of([abs(end) for end in known("end_error")]),
-        tuple(round(each, 1) for each in seen),
-        mean_of(known("estimated")),
-        sum(row["state"] != "ok" for row in rows),
-    )
+    return {
+        "second plant beside the checkout": title,
+        "wrong": mean_of(known("wrong")),
+        "rows": int(sum(known("rows"))),
+        "machines": len({(part.seed, part.row["machine"]) for part in parts}),
+        "MAE": mean_of(known("mae")),
+        "fresh": mean_of(known("always_fresh_mae")),
+        "cover": mean_of(known("coverage")),
+        "score": mean_of(known("interval_score")),
+        "drop": max(known("false_drop"), default=math.nan),
+        "rise": max(known("false_rise"), default=math.nan),
+        "end": mean_of([abs(end) for end in known("end_error")]),
+        "seen s": tuple(round(each, 1) for each in seen),
+        "answered": mean_of(known("estimated")),
+        "failed": sum(row["state"] != "ok" for row in rows),
+    }
