@@ -1,9 +1,10 @@
 """Parts of the tests of the whole service."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import cache
+from inspect import isawaitable
 from pathlib import Path
 from typing import Any
 
@@ -116,12 +117,14 @@ async def served(
             yield service, client
 
 
-async def until(probe: Callable[[], Awaitable[Any]]) -> Any:
-    """The first true answer of `probe`; fails after PATIENCE_S."""
+async def until(probe: Callable[[], Any]) -> Any:
+    """The first true answer of `probe`, which may have to be awaited; fails after PATIENCE_S."""
     async with asyncio.timeout(PATIENCE_S):
-        while not (answer := await probe()):
+        while True:
+            answer = probe()
+            if answer := await answer if isawaitable(answer) else answer:
+                return answer
             await asyncio.sleep(0.01)
-        return answer
 
 
 async def done(client: Any, path: str, command: dict[str, str], key: str) -> Any:

@@ -155,7 +155,7 @@ async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.Mo
         monkeypatch.setattr(MqttOutput, name, work)
     config = two_axes(outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
     async with running(config, ("mqtt", "acquire")) as service:
-        await until(lambda: asyncio.sleep(0, len(seen) == 1))
+        await until(lambda: len(seen) == 1)
         context, axis = service.context, config.axes[1]
         machine = context.machines["Y"]
         context.drop("Y")
@@ -165,7 +165,7 @@ async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.Mo
             await asyncio.sleep(0)
         assert len(seen) == 1
         go_on.set()
-        await until(lambda: asyncio.sleep(0, len(seen) == 3))
+        await until(lambda: len(seen) == 3)
         assert [what for what, _ in seen] == ["open", "closed", "open"]
         assert seen[0][1] == seen[1][1]
 
@@ -211,11 +211,7 @@ async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minut
                 publishers = context.publishers(RAW)
                 for axis in ("X", "X", "X", "Y"):
                     publishers[axis].publish(PAYLOADS["raw"], 1)
-
-                async def handled() -> bool:
-                    return taken == ["Y"]
-
-                await until(handled)
+                await until(lambda: taken == ["Y"])
                 component.publish()
         reports.close()
         seen = [report async for _, _, report in reports]
@@ -262,7 +258,7 @@ async def test_work_that_fails_while_it_is_ended_is_not_begun_anew() -> None:
     try:
         component = Component(NodeContext(two_axes(), bus), "part")
         task = asyncio.create_task(component.again(work, AT_ONCE, DriverUnavailableError))
-        await until(lambda: asyncio.sleep(0, bool(tries)))
+        await until(lambda: tries)
         task.cancel()
         await asyncio.wait_for(asyncio.wait({task}), PATIENCE_S)
     finally:
@@ -299,7 +295,7 @@ async def test_a_service_is_ready_when_it_serves_and_feeds_the_watchdog_over_the
     with listener(str(tmp_path / "notify")) as heard:
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
 
-        async def all_heard() -> bool:
+        def all_heard() -> bool:
             while True:
                 try:
                     said.append(heard.recv(4096).decode())
@@ -310,5 +306,5 @@ async def test_a_service_is_ready_when_it_serves_and_feeds_the_watchdog_over_the
         async with running(config, ("http", "health")) as service:
             await asyncio.wait_for(service.address, PATIENCE_S)
             await until(all_heard)
-        await all_heard()
+        all_heard()
     assert said[-1] == "STOPPING=1"

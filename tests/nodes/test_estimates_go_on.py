@@ -188,11 +188,8 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
         await feed.ready()
         begin_ns = time.time_ns() - 20 * NS
         await feed.send(blocks()[:60], begin_ns)
-
-        async def kept() -> Any:
-            return (document_in(tmp_path) or {}).get("time_s") == blocks()[59].time_s
-
-        await until(kept)
+        kept_s = blocks()[59].time_s
+        await until(lambda: (document_in(tmp_path) or {}).get("time_s") == kept_s)
     finally:
         process.send_signal(signal.SIGKILL)
         await process.wait()
