@@ -1,9 +1,10 @@
 """Parts of the tests of the whole service."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import cache
+from inspect import isawaitable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,9 @@ from edge_service.config import (
     load_machine,
 )
 from edge_service.estimate.interface import PreloadEstimator
+from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.samples import SampleFrame
+from edge_service.messages.topics import STATUS
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
@@ -37,9 +40,11 @@ PATIENCE_S = 60.0
 RATE_HZ = 1000.0
 
 
-def config_of(driver: str, settings: dict[str, Any], **changes: Any) -> EdgeConfig:
+def config_of(
+    driver: str, settings: dict[str, Any], machine: Path = DEFAULT_MACHINE, **changes: Any
+) -> EdgeConfig:
     """A configuration with one axis X, free ports."""
-    axis = AxisConfig(name="X", machine=DEFAULT_MACHINE, driver=driver, settings=settings)
+    axis = AxisConfig(name="X", machine=machine, driver=driver, settings=settings)
     places = {"bus": BusConfig(endpoint="tcp/127.0.0.1:0"), "http": HttpConfig(port=0)}
     return EdgeConfig.model_validate(places | {"axes": (axis,)} | changes)
 
@@ -112,16 +117,31 @@ async def served(
     """Run nodes, and a client of their page."""
     async with running(config, names) as service:
         address = await asyncio.wait_for(service.address, PATIENCE_S)
-        async with httpx.AsyncClient(base_url=address) as client:
+        async with httpx.AsyncClient(base_url=address, timeout=PATIENCE_S) as client:
             yield service, client
 
 
-async def until(probe: Callable[[], Awaitable[Any]]) -> Any:
-    """The first true answer of `probe`; fails after PATIENCE_S."""
+async def until(probe: Callable[[], Any]) -> Any:
+    """The first true answer of `probe`, which may have to be awaited; fails after PATIENCE_S."""
     async with asyncio.timeout(PATIENCE_S):
-        while not (answer := await probe()):
+        while True:
+            answer = probe()
+            if answer := await answer if isawaitable(answer) else answer:
+                return answer
             await asyncio.sleep(0.01)
-        return answer
+
+
+async def reported(
+    service: Running, component: str, status: ComponentStatus, axis: str | None = None
+) -> ComponentHealth:
+    """The first report of a component, of one axis, that shows a status."""
+    keys = service.context.config.keys
+    reports = service.bus.subscribe(keys.all_components(STATUS), STATUS, depth=4096)
+    async with asyncio.timeout(PATIENCE_S):
+        async for _, _, each in reports:
+            if (each.component, each.axis, each.status) == (component, axis, status):
+                return each
+    raise AssertionError
 
 
 async def done(client: Any, path: str, command: dict[str, str], key: str) -> Any:
@@ -145,6 +165,14 @@ def production(machine: Machine, percent: float, rows: int) -> SampleFrame:
     setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(rows)
     drive = FeedDrive(FeedDriveSettings.of_machine(machine, RATE_HZ), limits.low_m, percent, 1)
     return drive.advance(setpoints, np.full(rows, percent))
+
+
+@pytest.fixture
+async def bus() -> AsyncIterator[Bus]:
+    """A bus on which nothing runs."""
+    made = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
+    yield made
+    await made.close()
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ import pytest
 from edge_service.bus.fleet import HealthListener
 from edge_service.config import ConfigError, load_config
 
-from .conftest import running, until
+from .conftest import running, served, until
 
 AXIS = {"driver": "simulated", "settings": {"scenario": "healthy", "speed": 20.0}}
 PATH = "/api/v1/axes/{}/config"
@@ -28,10 +28,7 @@ def written(folder: Path, axes: str = "") -> Path:
 async def client(tmp_path: Path) -> AsyncIterator[httpx.AsyncClient]:
     """A service whose configuration has the axis Y."""
     axes = '[[axes]]\nname = "Y"\n[axes.settings]\nscenario = "healthy"\n'
-    async with (
-        running(load_config(written(tmp_path, axes))) as service,
-        httpx.AsyncClient(base_url=await service.address, timeout=60.0) as client,
-    ):
+    async with served(load_config(written(tmp_path, axes))) as (_, client):
         yield client
 
 

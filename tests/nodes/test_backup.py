@@ -14,7 +14,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.topics import PRELOAD
 from edge_service.offline.backup import BackupError, back_up, restore
 
-from .conftest import Running, done, running, until
+from .conftest import Running, done, served, until
 
 LOST = PreloadEstimate(
     time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=0.5, low=0.4, high=0.6
@@ -57,10 +57,6 @@ async def answers(client: httpx.AsyncClient, until_ns: int) -> dict[str, Any]:
     }
 
 
-def client_of(address: str) -> httpx.AsyncClient:
-    return httpx.AsyncClient(base_url=address, trust_env=False, timeout=30.0)
-
-
 class Worn:
     """A service that reads a lost preload."""
 
@@ -85,7 +81,7 @@ class Worn:
 async def test_a_service_answers_what_it_answered(config: Path, tmp_path: Path) -> None:
     file, history = tmp_path / "backup.zip", tmp_path / "history"
     settings, nodes = load_config(config), ("http", "health")
-    async with running(settings, nodes) as service, client_of(await service.address) as client:
+    async with served(settings, nodes) as (service, client):
         axis = Worn(service, settings, client)
         await until(axis.is_told)
         note = {"action": "note", "user": "Kim", "note": "greased"}
@@ -101,5 +97,5 @@ async def test_a_service_answers_what_it_answered(config: Path, tmp_path: Path) 
     restore(file, config)
     assert all(before.values()), before
     settings = load_config(config)
-    async with running(settings, nodes) as service, client_of(await service.address) as client:
+    async with served(settings, nodes) as (_, client):
         assert await answers(client, at_ns) == before

@@ -11,10 +11,9 @@ import pytest
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.simulated import SimulatedDriver
 from edge_service.bus.session import Bus
-from edge_service.bus.settings import BusSettings
-from edge_service.config import ConfigError, EdgeConfig
+from edge_service.config import ConfigError
 from edge_service.messages.command import Command
-from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.health import ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import RAW, STATUS
 from edge_service.nodes import acquire_node, health_node
@@ -25,21 +24,9 @@ from edge_service.outputs.mqtt import MqttOutput
 from edge_service.retry import Retry
 
 from ..messages.examples import PAYLOADS
-from .conftest import PATIENCE_S, Running, config_of, running, two_axes, until
+from .conftest import PATIENCE_S, config_of, reported, running, two_axes, until
 
 AT_ONCE = Retry(0.0, 0.0)
-
-
-async def reported(
-    service: Running, config: EdgeConfig, name: str, status: ComponentStatus, axis: str | None
-) -> ComponentHealth:
-    """The first report of a component, of one axis, that shows a status."""
-    reports = service.bus.subscribe(config.keys.all_components(STATUS), STATUS, depth=4096)
-    async with asyncio.timeout(PATIENCE_S):
-        async for _, _, each in reports:
-            if (each.component, each.axis, each.status) == (name, axis, status):
-                return each
-    raise AssertionError
 
 
 async def test_a_node_that_fails_ends_the_process_with_its_name_and_the_place(
@@ -89,10 +76,10 @@ async def test_a_driver_that_raises_stops_its_axis_until_it_is_begun_anew(
     monkeypatch.setattr(acquire_node, "BACKOFF_FIRST_S", 0.0)
     config = two_axes()
     async with running(config, ("acquire",)) as service:
-        failed = await reported(service, config, "acquire", ComponentStatus.RECOVERABLE_ERROR, "X")
+        failed = await reported(service, "acquire", ComponentStatus.RECOVERABLE_ERROR, "X")
         assert failed.reason.startswith("failed (ZeroDivisionError at test_component.py:")
         assert failed.readings["tasks_down"] == 1.0
-        mended = await reported(service, config, "acquire", ComponentStatus.OK, "X")
+        mended = await reported(service, "acquire", ComponentStatus.OK, "X")
         assert (mended.counters["task_restarts"], mended.readings["tasks_down"]) == (2, 0.0)
     assert opened.count("Y") == 1
 
@@ -110,7 +97,7 @@ async def test_a_driver_that_is_misconfigured_stops_its_axis_and_names_the_key(
     config = two_axes()
     async with running(config, ("acquire",)) as service:
         samples = service.bus.subscribe(config.keys.all_axes(RAW), RAW)
-        wrong = await reported(service, config, "acquire", ComponentStatus.PERMANENT_ERROR, "X")
+        wrong = await reported(service, "acquire", ComponentStatus.PERMANENT_ERROR, "X")
         assert wrong.reason == "axes.X.settings.scenario: no such file"
         async with asyncio.timeout(PATIENCE_S):
             assert (await anext(aiter(samples)))[0] == "Y"
@@ -129,11 +116,11 @@ async def test_an_output_that_raises_affects_only_itself(monkeypatch: pytest.Mon
         "simulated", {"scenario": "healthy"}, outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}}
     )
     async with running(config, ("mqtt", "acquire")) as service:
-        failed = await reported(service, config, "mqtt", ComponentStatus.RECOVERABLE_ERROR, None)
+        failed = await reported(service, "mqtt", ComponentStatus.RECOVERABLE_ERROR)
         assert failed.reason.startswith("failed (ZeroDivisionError")
-        again = await reported(service, config, "mqtt", ComponentStatus.RECOVERABLE_ERROR, None)
+        again = await reported(service, "mqtt", ComponentStatus.RECOVERABLE_ERROR)
         assert again.counters["task_restarts"] >= 1
-        await reported(service, config, "acquire", ComponentStatus.OK, "X")
+        await reported(service, "acquire", ComponentStatus.OK, "X")
         assert not service.task.done()
 
 
@@ -155,7 +142,7 @@ async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.Mo
         monkeypatch.setattr(MqttOutput, name, work)
     config = two_axes(outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
     async with running(config, ("mqtt", "acquire")) as service:
-        await until(lambda: asyncio.sleep(0, len(seen) == 1))
+        await until(lambda: len(seen) == 1)
         context, axis = service.context, config.axes[1]
         machine = context.machines["Y"]
         context.drop("Y")
@@ -165,33 +152,29 @@ async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.Mo
             await asyncio.sleep(0)
         assert len(seen) == 1
         go_on.set()
-        await until(lambda: asyncio.sleep(0, len(seen) == 3))
+        await until(lambda: len(seen) == 3)
         assert [what for what, _ in seen] == ["open", "closed", "open"]
         assert seen[0][1] == seen[1][1]
 
 
-async def test_an_axis_that_comes_back_goes_on_where_it_was() -> None:
-    bus, config = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), two_axes()
-    try:
-        context = NodeContext(config, bus)
-        monitors, machine = health_node.Monitors(context), context.machines["Y"]
-        monitors.load()
-        shelved = Command(action="shelve", alarm="rate", user="Kim", duration_s=3600.0)
-        monitors.axes["Y"].obey(shelved, 1)
-        kept = monitors.axes["Y"].snapshot() | {"saved_ns": 0}
-        context.drop("Y")
-        assert set(monitors.axes) == {"X"}
-        await monitors.foresee("Y")
-        context.renew(config.axes[1], machine)
-        assert monitors.axes["Y"].snapshot() | {"saved_ns": 0} == kept
-    finally:
-        await bus.close()
+async def test_an_axis_that_comes_back_goes_on_where_it_was(bus: Bus) -> None:
+    config = two_axes()
+    context = NodeContext(config, bus)
+    monitors, machine = health_node.Monitors(context), context.machines["Y"]
+    monitors.load()
+    shelved = Command(action="shelve", alarm="rate", user="Kim", duration_s=3600.0)
+    monitors.axes["Y"].obey(shelved, 1)
+    kept = monitors.axes["Y"].snapshot() | {"saved_ns": 0}
+    context.drop("Y")
+    assert set(monitors.axes) == {"X"}
+    await monitors.foresee("Y")
+    context.renew(config.axes[1], machine)
+    assert monitors.axes["Y"].snapshot() | {"saved_ns": 0} == kept
 
 
 async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minute(
-    caplog: pytest.LogCaptureFixture,
+    bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     config, taken = two_axes(), []
 
     def take(axis: str, *_: object) -> None:
@@ -199,28 +182,21 @@ async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minut
             raise ValueError("no number")
         taken.append(axis)
 
-    try:
-        context = NodeContext(config, bus)
-        component, other = Component(context, "part"), Component(context, "other")
-        key = config.keys.component("part", None, STATUS)
-        reports = bus.subscribe(key, STATUS, keys=(key,))
-        with caplog.at_level(logging.WARNING):
-            async with component.running():
-                component.to(ComponentStatus.OK)
-                component.follow(context.subscribe(RAW), take)
-                publishers = context.publishers(RAW)
-                for axis in ("X", "X", "X", "Y"):
-                    publishers[axis].publish(PAYLOADS["raw"], 1)
-
-                async def handled() -> bool:
-                    return taken == ["Y"]
-
-                await until(handled)
-                component.publish()
-        reports.close()
-        seen = [report async for _, _, report in reports]
-    finally:
-        await bus.close()
+    context = NodeContext(config, bus)
+    component, other = Component(context, "part"), Component(context, "other")
+    key = config.keys.component("part", None, STATUS)
+    reports = bus.subscribe(key, STATUS, keys=(key,))
+    with caplog.at_level(logging.WARNING):
+        async with component.running():
+            component.to(ComponentStatus.OK)
+            component.follow(context.subscribe(RAW), take)
+            publishers = context.publishers(RAW)
+            for axis in ("X", "X", "X", "Y"):
+                publishers[axis].publish(PAYLOADS["raw"], 1)
+            await until(lambda: taken == ["Y"])
+            component.publish()
+    reports.close()
+    seen = [report async for _, _, report in reports]
     assert other.status is ComponentStatus.STARTING
     assert len([line for line in caplog.messages if "no number" in line]) == 1
     told = next(each for each in seen if each.counters["message_failures"] == 3)
@@ -228,8 +204,10 @@ async def test_a_message_that_cannot_be_handled_is_counted_and_told_once_a_minut
     assert "cannot handle a message of axis X: ValueError: no number" in told.reason
 
 
-async def test_what_is_away_is_tried_again_and_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    bus, tries = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), []
+async def test_what_is_away_is_tried_again_and_said_once(
+    bus: Bus, caplog: pytest.LogCaptureFixture
+) -> None:
+    tries = []
 
     async def work() -> None:
         tries.append(1)
@@ -238,19 +216,16 @@ async def test_what_is_away_is_tried_again_and_said_once(caplog: pytest.LogCaptu
         if len(tries) == 4:
             raise DriverMisconfiguredError("url", "wrong")
 
-    try:
-        component = Component(NodeContext(two_axes(), bus), "part")
-        with pytest.raises(DriverMisconfiguredError), caplog.at_level(logging.WARNING):
-            await component.again(work, AT_ONCE, DriverUnavailableError, DriverMisconfiguredError)
-        await component.again(work, AT_ONCE, DriverUnavailableError)
-    finally:
-        await bus.close()
+    component = Component(NodeContext(two_axes(), bus), "part")
+    with pytest.raises(DriverMisconfiguredError), caplog.at_level(logging.WARNING):
+        await component.again(work, AT_ONCE, DriverUnavailableError, DriverMisconfiguredError)
+    await component.again(work, AT_ONCE, DriverUnavailableError)
     assert (len(tries), component.restarts) == (5, 3)
     assert caplog.messages == ["part: no answer; trying again"]
 
 
-async def test_work_that_fails_while_it_is_ended_is_not_begun_anew() -> None:
-    bus, tries = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router")), []
+async def test_work_that_fails_while_it_is_ended_is_not_begun_anew(bus: Bus) -> None:
+    tries = []
 
     async def work() -> None:
         tries.append(1)
@@ -259,14 +234,11 @@ async def test_work_that_fails_while_it_is_ended_is_not_begun_anew() -> None:
         finally:
             raise DriverUnavailableError("gone while it closed")
 
-    try:
-        component = Component(NodeContext(two_axes(), bus), "part")
-        task = asyncio.create_task(component.again(work, AT_ONCE, DriverUnavailableError))
-        await until(lambda: asyncio.sleep(0, bool(tries)))
-        task.cancel()
-        await asyncio.wait_for(asyncio.wait({task}), PATIENCE_S)
-    finally:
-        await bus.close()
+    component = Component(NodeContext(two_axes(), bus), "part")
+    task = asyncio.create_task(component.again(work, AT_ONCE, DriverUnavailableError))
+    await until(lambda: tries)
+    task.cancel()
+    await asyncio.wait_for(asyncio.wait({task}), PATIENCE_S)
     assert (task.cancelled(), len(tries)) == (True, 1)
 
 
@@ -299,7 +271,7 @@ async def test_a_service_is_ready_when_it_serves_and_feeds_the_watchdog_over_the
     with listener(str(tmp_path / "notify")) as heard:
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
 
-        async def all_heard() -> bool:
+        def all_heard() -> bool:
             while True:
                 try:
                     said.append(heard.recv(4096).decode())
@@ -310,5 +282,5 @@ async def test_a_service_is_ready_when_it_serves_and_feeds_the_watchdog_over_the
         async with running(config, ("http", "health")) as service:
             await asyncio.wait_for(service.address, PATIENCE_S)
             await until(all_heard)
-        await all_heard()
+        all_heard()
     assert said[-1] == "STOPPING=1"

@@ -20,15 +20,7 @@ import numpy as np
 import pytest
 
 from edge_service.bus.session import Bus, BusSettings
-from edge_service.config import (
-    DEFAULT_MACHINE,
-    AxisConfig,
-    BusConfig,
-    EdgeConfig,
-    EstimatorConfig,
-    HttpConfig,
-    load_machine,
-)
+from edge_service.config import DEFAULT_MACHINE, EdgeConfig, EstimatorConfig, load_machine
 from edge_service.config_tables import StoreConfig
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.store.events import EventLog
@@ -38,7 +30,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.health import ComponentStatus
-from edge_service.messages.topics import EVENT, FEAT, PRELOAD, STATUS
+from edge_service.messages.topics import EVENT, FEAT, PRELOAD
 from edge_service.models.machine import Machine, Quantity
 from edge_service.nodes import estimate_node
 from edge_service.nodes.context import NodeContext
@@ -53,7 +45,16 @@ from edge_service.nodes.estimated_axis import (
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
-from .conftest import PATIENCE_S, Running, estimated, production, running, until
+from .conftest import (
+    PATIENCE_S,
+    Running,
+    config_of,
+    estimated,
+    production,
+    reported,
+    running,
+    until,
+)
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
 PERCENT = 6.0
@@ -75,15 +76,8 @@ def blocks() -> tuple[FeatureBlock, ...]:
     return tuple(make_downsampler(true).push(production(true, PERCENT, 12_000)))
 
 
-def config_in(folder: Path | None, **changes: Any) -> EdgeConfig:
-    axis = AxisConfig(name="X", machine=COMMISSIONED)
-    return EdgeConfig(
-        bus=BusConfig(endpoint="tcp/127.0.0.1:0"),
-        http=HttpConfig(port=0),
-        axes=(axis,),
-        store=StoreConfig(folder=folder),
-        **changes,
-    )
+def config_in(folder: Path) -> EdgeConfig:
+    return config_of("simulated", {}, COMMISSIONED, store=StoreConfig(folder=folder))
 
 
 def one_piece(given: Sequence[FeatureBlock]) -> list[str]:
@@ -102,18 +96,7 @@ class Feed:
     def __init__(self, service: Running, config: EdgeConfig) -> None:
         self._keys, self._bus = config.keys, service.bus
         self._answers = self._bus.subscribe(self._keys.key("X", PRELOAD), PRELOAD)
-        self._reports = self._bus.subscribe(
-            self._keys.all_components(STATUS),
-            STATUS,
-        )
         self._features = self._bus.publisher(self._keys.key("X", FEAT), FEAT, "X")
-
-    async def ready(self) -> None:
-        """The node is there."""
-        async with asyncio.timeout(PATIENCE_S):
-            async for _, _, report in self._reports:
-                if report.component == "estimate" and report.status is ComponentStatus.OK:
-                    return
 
     async def send(self, given: Sequence[FeatureBlock], begin_ns: int) -> list[str]:
         """The answers to intervals whose axis clock began at a UNIX time."""
@@ -137,7 +120,7 @@ async def fed(config: EdgeConfig, given: Sequence[FeatureBlock], begin_ns: int) 
     """One run of the node, from start to clean stop."""
     async with running(config, NODE) as service:
         feed = Feed(service, config)
-        await feed.ready()
+        await reported(service, "estimate", ComponentStatus.OK, "X")
         return await feed.send(given, begin_ns)
 
 
@@ -183,16 +166,13 @@ async def test_a_killed_service_goes_on_from_what_was_kept_last(tmp_path: Path) 
         sys.executable, "-c", code, stderr=asyncio.subprocess.DEVNULL
     )
     try:
-        here: Any = SimpleNamespace(bus=bus)
-        feed = Feed(Running(here, asyncio.Future(), asyncio.current_task()), config)  # type: ignore[arg-type]
-        await feed.ready()
+        here: Any = SimpleNamespace(bus=bus, context=SimpleNamespace(config=config))
+        feed = Feed(here, config)
+        await reported(here, "estimate", ComponentStatus.OK, "X")
         begin_ns = time.time_ns() - 20 * NS
         await feed.send(blocks()[:60], begin_ns)
-
-        async def kept() -> Any:
-            return (document_in(tmp_path) or {}).get("time_s") == blocks()[59].time_s
-
-        await until(kept)
+        kept_s = blocks()[59].time_s
+        await until(lambda: (document_in(tmp_path) or {}).get("time_s") == kept_s)
     finally:
         process.send_signal(signal.SIGKILL)
         await process.wait()
@@ -238,7 +218,7 @@ async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> N
     config, begin_ns = config_in(tmp_path), time.time_ns() - 20 * NS
     async with running(config, NODE) as service:
         feed = Feed(service, config)
-        await feed.ready()
+        await reported(service, "estimate", ComponentStatus.OK, "X")
         await feed.send(blocks()[:40], begin_ns)
         feed.tell(replaced(time.time_ns()))
         answers = await feed.send(blocks()[40:60], begin_ns)

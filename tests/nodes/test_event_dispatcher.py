@@ -39,10 +39,7 @@ class Scene:
         self.dispatcher.put([event(text) for text in texts], publish)
 
     async def heard(self, count: int) -> list[tuple[str, str]]:
-        async def enough() -> bool:
-            return len(self.told) >= count
-
-        await until(enough)
+        await until(lambda: len(self.told) >= count)
         return self.told
 
     @asynccontextmanager

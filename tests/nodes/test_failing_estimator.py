@@ -12,13 +12,13 @@ from edge_service.estimate.interface import PreloadEstimator
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
-from edge_service.messages.health import ComponentHealth, ComponentStatus
+from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import FEAT, PRELOAD, STATUS
 from edge_service.nodes import estimate_node, stages
 from edge_service.nodes.estimated_axis import MOST_BLAMED, SOUND_PERIOD, EstimatedAxis
 
 from ..messages.examples import PAYLOADS
-from .conftest import PATIENCE_S, running, two_axes
+from .conftest import PATIENCE_S, reported, running, two_axes
 
 PERIOD_S = 0.1
 Raises = Callable[[int, int], bool]
@@ -205,15 +205,8 @@ async def test_an_axis_that_fails_says_so_and_the_other_is_undisturbed(
         reports = bus.subscribe(keys.all_components(STATUS), STATUS, depth=4096)
         preloads = bus.subscribe(keys.all_axes(PRELOAD), PRELOAD, depth=4096)
         sends = {name: bus.publisher(keys.key(name, FEAT), FEAT, name) for name in ("X", "Y")}
-
-        async def report(name: str, status: ComponentStatus) -> ComponentHealth:
-            async for _, _, each in reports:
-                if (each.component, each.axis, each.status) == ("estimate", name, status):
-                    return each
-            raise AssertionError
-
         async with asyncio.timeout(PATIENCE_S):
-            await report("Y", ComponentStatus.OK)
+            await reported(service, "estimate", ComponentStatus.OK, "Y")
             answers = aiter(preloads)
             for number in range(1, 21):
                 for send in sends.values():
@@ -226,10 +219,10 @@ async def test_an_axis_that_fails_says_so_and_the_other_is_undisturbed(
                 assert told["X"].preload_percent is None
                 assert told["X"].status is EstimateStatus.UNESTIMATED
                 assert told["Y"].preload_percent == float(number)
-            broken = await report("X", ComponentStatus.RECOVERABLE_ERROR)
+            broken = await reported(service, "estimate", ComponentStatus.RECOVERABLE_ERROR, "X")
             assert "the estimator fails" in broken.reason
             assert broken.readings["tasks_down"] == 1.0
-            await report("Y", ComponentStatus.OK)
+            await reported(service, "estimate", ComponentStatus.OK, "Y")
         reports.close()
         degraded = {
             (each.component, each.axis)

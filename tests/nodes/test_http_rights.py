@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 import trustme
 
@@ -12,7 +11,7 @@ from edge_service.config_tables import StoreConfig
 from edge_service.nodes.http_rights import check_access, server_files, tokens_of
 from tests.certificates import write_certificates
 
-from .conftest import config_of, running, until
+from .conftest import config_of, served, until
 
 
 def configured(folder: Path, **http: Any) -> Any:
@@ -59,10 +58,7 @@ async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
     tmp_path: Path,
 ) -> None:
     config = configured(tmp_path)
-    async with (
-        running(config, ("http",)) as service,
-        httpx.AsyncClient(base_url=await service.address) as client,
-    ):
+    async with served(config, ("http",)) as (_, client):
         assert (await client.get("api/v1/axes")).status_code == 200
         secret = tokens_of(config).add("kim", "operator", 0)
 

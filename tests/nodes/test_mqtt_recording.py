@@ -111,9 +111,7 @@ async def test_the_numbers_are_those_of_the_file(trace_path: Path, tmp_path: Pat
     await broker.start()
     try:
         settings = {"url": f"mqtt://127.0.0.1:{broker.port}", "topic": TOPIC}
-        config = config_of("mqtt", settings)
-        axis = config.axes[0].model_copy(update={"machine": MACHINE_FILE})
-        config = config.model_copy(update={"axes": (axis,)})
+        config = config_of("mqtt", settings, MACHINE_FILE)
         expected = on_file(recording, config)
         heard = await live(recording, config, len(expected))
     finally:

@@ -110,10 +110,7 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
             "**", lambda sample: heard.append(sample.payload.to_bytes())
         )
 
-        async def complained() -> bool:
-            lost = ("acquire: opc.tcp", *(["acquire: 127.0.0.1"] if HAS_MQTT else []))
-            return all(each in caplog.text for each in ("mqtt: 127", "a dead letter", *lost))
-
+        lost = ("acquire: opc.tcp", *(["acquire: 127.0.0.1"] if HAS_MQTT else []))
         async with httpx.AsyncClient(base_url=address) as client:
 
             async def sent() -> bool:
@@ -122,16 +119,13 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
                 return answer.status_code == 202
 
             await until(sent)
-            await until(complained)
+            for words in ("mqtt: 127", "a dead letter", *lost):
+                await until(lambda words=words: words in caplog.text)
             told = await answers(address)
             receiver.status = 200
             answer = await client.post("/api/v1/outputs/notify", json={"action": "requeue"})
             assert answer.status_code == 204
-
-            async def arrived() -> bool:
-                return bool(receiver.taken)
-
-            await until(arrived)
+            await until(lambda: receiver.taken)
         subscriber.undeclare()
     await receiver.stop()
     assert heard

@@ -30,7 +30,7 @@ from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 
-from .conftest import config_of, running, served, until
+from .conftest import config_of, reported, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
@@ -96,12 +96,8 @@ async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
 async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:
     config = config_of("replay", {"path": str(trace_path), "speed": 0.0})
     with open_trace(trace_path) as frames:
-        offline = [
-            e.model_dump_json()
-            for e in OfflineEstimate(load_machine(DEFAULT_MACHINE), config.estimator).estimates(
-                frames
-            )
-        ]
+        estimate = OfflineEstimate(load_machine(DEFAULT_MACHINE), config.estimator)
+        offline = [each.model_dump_json() for each in estimate.estimates(frames)]
     async with running(config, until_sources_end=True) as service:
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         await asyncio.wait_for(asyncio.shield(service.task), 60.0)
@@ -182,10 +178,7 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     path.write_text("\n".join(faulty))
     config = config_of("replay", {"path": str(path), "speed": 0.0})
     async with running(config, until_sources_end=True) as service:
-        reports = service.bus.subscribe(
-            config.keys.all_components(STATUS),
-            STATUS,
-        )
+        reports = service.bus.subscribe(config.keys.all_components(STATUS), STATUS)
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         await asyncio.wait_for(asyncio.shield(service.task), 60.0)
         subscriber.close()
@@ -211,11 +204,8 @@ async def test_an_axis_that_begins_anew_meets_nothing_of_its_clock_before() -> N
     async with running(config_of("simulated", HEALTHY), ("downsample",)) as service:
         context, heard = service.context, service.context.subscribe(FEAT)
         publisher = context.publisher("X", RAW)
-        reports = context.subscribe_to_components(STATUS)
+        await reported(service, "downsample", ComponentStatus.OK)
         async with asyncio.timeout(30.0):
-            async for _, _, report in reports:
-                if (report.component, report.status) == ("downsample", ComponentStatus.OK):
-                    break
             publisher.publish(moved(101.0), now_ns())
             context.renew(context.config.axes[0], context.machines["X"])
             publisher.publish(moved(0.0), now_ns())
@@ -274,7 +264,7 @@ def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path
 
 
 async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:
     def written(x_percent: float, port: int, driver: str = "simulated") -> EdgeConfig:
         shutil.copy(DEFAULT_MACHINE, tmp_path / "machine.toml")
@@ -287,7 +277,6 @@ async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
         path.write_text(f"[http]\nport = {port}\n" + "\n".join(tables))
         return load_config(path)
 
-    bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     context, stop = NodeContext(written(6.0, 1), bus), asyncio.Event()
     renewed: list[str] = []
     context.renewals.append(renewed.append)
@@ -315,7 +304,6 @@ async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
     finally:
         stop.set()
         await running_nodes
-        await bus.close()
     restart, refused = (each for each in caplog.messages if "axes" in each)
     assert restart == "what has changed beside the axes takes effect after a restart"
     assert "axes.X.driver: no driver 'none'" in refused

@@ -25,9 +25,7 @@ async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> No
         "accelerometer_hz": 10_000.0,
         "raceway_damage": 8.0,
     }
-    config = config_of("simulated", settings)
-    axis = config.axes[0].model_copy(update={"machine": machine})
-    config = config.model_copy(update={"axes": (axis,)})
+    config = config_of("simulated", settings, machine)
     async with running(config, ("downsample", "acquire")) as service:
         features = service.bus.subscribe(config.keys.all_axes(FEAT), FEAT)
         async with asyncio.timeout(120.0):

@@ -64,11 +64,7 @@ async def listening(broker: Broker, topic: str = "#") -> AsyncIterator[list[aiom
 
 async def there(heard: list[aiomqtt.Message], *topics: str) -> dict[str, Any]:
     """The last payload on each topic, once there is one."""
-
-    async def all_of_them() -> bool:
-        return set(topics) <= {str(each.topic) for each in heard}
-
-    await until(all_of_them)
+    await until(lambda: set(topics) <= {str(each.topic) for each in heard})
     return {str(each.topic): each.payload for each in heard}
 
 
@@ -132,11 +128,7 @@ async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_a_crash(
         await there(live, f"{ROOT}/Y/preload")
         assert sum(str(each.topic) == f"{ROOT}/X/preload" for each in live) == 1
         made._client._client._sock_close()
-
-        async def told() -> bool:
-            return any(each.payload == b"offline" for each in live)
-
-        await until(told)
+        await until(lambda: any(each.payload == b"offline" for each in live))
         with pytest.raises(OutputUnavailableError):
             for _ in range(100):
                 await made.take(Events("", (event(),)))
@@ -145,10 +137,7 @@ async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_a_crash(
 
 
 async def shows(home: Any, device: str, **expected: Any) -> None:
-    async def there_now() -> bool:
-        return expected.items() <= home.devices().get(device, {}).items()
-
-    await until(there_now)
+    await until(lambda: expected.items() <= home.devices().get(device, {}).items())
 
 
 async def test_home_assistant_finds_every_axis_and_shows_only_what_may_be_read(

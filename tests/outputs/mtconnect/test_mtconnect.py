@@ -60,10 +60,7 @@ async def serving() -> AsyncIterator[mtconnect.MtconnectOutput]:
 
 
 async def nobody(adapter: mtconnect.MtconnectOutput) -> None:
-    async def gone() -> bool:
-        return adapter.readings["clients"] == 0
-
-    await until(gone)
+    await until(lambda: adapter.readings["clients"] == 0)
 
 
 @pytest.mark.parametrize("condition", AxisCondition)
@@ -120,28 +117,16 @@ def test_whatever_a_text_holds_it_stays_one_field_on_one_line(text: str) -> None
 async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes() -> None:
     async with serving() as adapter, connected(adapter.port, DEVICES) as agent:
         await adapter.take(answer("Y_Z", health=health_of(AxisCondition.WARNING)))
-
-        async def knows() -> bool:
-            return "condition_Y_Z" in agent.conditions and agent.seconds > 0.0
-
-        await until(knows)
+        await until(lambda: "condition_Y_Z" in agent.conditions and agent.seconds > 0.0)
         assert agent.values["avail"] == "AVAILABLE"
         assert (agent.level("condition_X"), agent.level("condition_Y_Z")) == ("NORMAL", "WARNING")
         assert agent.seconds == mtconnect.HEARTBEAT_S
         assert {"* shdrVersion: 2.0", "* mtconnectVersion: 2.0"} < set(agent.commands)
         lost = health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.PRELOAD_LOST),))
         await adapter.take(answer(health=lost))
-
-        async def lost_now() -> bool:
-            return agent.level("condition_X") == "FAULT"
-
-        await until(lost_now)
+        await until(lambda: agent.level("condition_X") == "FAULT")
         async with connected(adapter.port, DEVICES) as late:
-
-            async def the_same() -> bool:
-                return late.conditions == agent.conditions and late.values == agent.values
-
-            await until(the_same)
+            await until(lambda: late.conditions == agent.conditions and late.values == agent.values)
 
 
 @pytest.mark.parametrize(
@@ -159,11 +144,7 @@ async def test_half_lines_and_garbage_change_nothing_and_end_with_the_client(sen
         writer.write(sent)
         await writer.drain()
         async with connected(adapter.port, DEVICES) as agent:
-
-            async def knows() -> bool:
-                return agent.seconds > 0.0
-
-            await until(knows)
+            await until(lambda: agent.seconds > 0.0)
         writer.close()
         await nobody(adapter)
 
@@ -183,11 +164,7 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(module, "UNREAD_BYTES", 10_000)
     async with serving() as adapter, connected(adapter.port, DEVICES) as agent:
         _, writer = await asyncio.open_connection("127.0.0.1", adapter.port, limit=1)
-
-        async def both() -> bool:
-            return adapter.readings["clients"] == 2
-
-        await until(both)
+        await until(lambda: adapter.readings["clients"] == 2)
         count = 0
 
         async def cut_off() -> bool:
@@ -200,11 +177,7 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
             return adapter.readings["clients"] == 1
 
         await until(cut_off)
-
-        async def up_to_date() -> bool:
-            return agent.conditions["alarms_X"]["rate"][1].startswith(f"{count} ")
-
-        await until(up_to_date)
+        await until(lambda: agent.conditions["alarms_X"]["rate"][1].startswith(f"{count} "))
         writer.close()
 
 
@@ -224,15 +197,7 @@ async def test_no_more_clients_than_allowed_and_a_place_is_free_again(
             writer.close()
         assert adapter.readings["clients"] == 2
         second[1].close()
-
-        async def one() -> bool:
-            return adapter.readings["clients"] == 1
-
-        await until(one)
+        await until(lambda: adapter.readings["clients"] == 1)
         async with connected(adapter.port, DEVICES) as agent:
-
-            async def knows() -> bool:
-                return "avail" in agent.values
-
-            await until(knows)
+            await until(lambda: "avail" in agent.values)
         first[1].close()
