@@ -16,7 +16,7 @@ import httpx
 
 from edge_service.cli.entry import main
 
-from ..http_api.conftest import Scene
+from ..http_api.conftest import Scene, client_of
 from .assertions import assert_holds
 from .case_file import Answer, Case, Refusal, Window, load_case, load_expected
 from .recipes import Store
@@ -146,8 +146,7 @@ def asked(case: Case) -> Outcome:
     scene.hear_all()
 
     async def get(path: str) -> httpx.Response:
-        transport = httpx.ASGITransport(app=scene.app, raise_app_exceptions=False)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        async with client_of(scene.app, raise_app_exceptions=False) as client:
             return await client.get(path)
 
     response = asyncio.run(get(case.request))

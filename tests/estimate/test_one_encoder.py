@@ -16,14 +16,7 @@ from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 
 from ..fingerprint.shaken_axis import STEP_S, Axis, driven
-from .tested_axis import (
-    FRESH_PERCENT,
-    as_it_is,
-    drawn,
-    frame_of,
-    machine_of,
-    on_a_day,
-)
+from .tested_axis import FRESH_PERCENT, as_it_is, drawn, machine_of, on_a_day
 
 DAY_S = 86400.0
 AXIS = Axis(share=0.3, guide_n=30.0)
@@ -44,23 +37,26 @@ def estimator(machine: Machine = MACHINE) -> OneEncoderEstimator:
     return made
 
 
+def bounds(estimate: PreloadEstimate) -> tuple[float, float]:
+    assert estimate.low is not None and estimate.high is not None
+    return estimate.low, estimate.high
+
+
 def width(estimate: PreloadEstimate) -> float:
-    assert estimate.low is not None
-    assert estimate.high is not None
-    return estimate.high - estimate.low
+    low, high = bounds(estimate)
+    return high - low
 
 
 def holds(estimate: PreloadEstimate, preload: float) -> bool:
-    assert estimate.low is not None
-    assert estimate.high is not None
-    return estimate.low <= FRESH_PERCENT * preload <= estimate.high
+    low, high = bounds(estimate)
+    return low <= FRESH_PERCENT * preload <= high
 
 
 def production(axis: Axis) -> list[FeatureBlock]:
     """Half a minute of moves to and fro."""
     speed = np.repeat([0.0, 0.2, 0.2, 0.0, -0.2, -0.2] * 5 + [0.0], round(1.0 / STEP_S))
     speed = np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
-    return make_downsampler(MACHINE).push(frame_of(driven(axis, speed, 2, 1000.0, 0.2, 0.003)))
+    return make_downsampler(MACHINE).push(driven(axis, speed, 2))
 
 
 @pytest.fixture(scope="module")

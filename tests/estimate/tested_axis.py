@@ -6,11 +6,10 @@ import numpy as np
 
 from edge_service.estimate.commissioning.shares import learned_notch
 from edge_service.fingerprint.response.notch import notch_of
-from edge_service.messages.samples import SampleFrame
 from edge_service.models.commissioned import CommissionedConfig, Notch
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
 
-from ..fingerprint.shaken_axis import Array, Axis, shaken
+from ..fingerprint.shaken_axis import START_M, Axis, shaken
 
 DRIFT = 0.01
 """Standard deviation of the rest's compliance from day to day."""
@@ -50,17 +49,12 @@ def on_a_day(axis: Axis, random: np.random.Generator) -> Axis:
     )
 
 
-def frame_of(recorded: dict[str, Array]) -> SampleFrame:
-    """The recording of an axis with one encoder."""
-    return SampleFrame(recorded.pop("time_s"), recorded)
-
-
-def notch_of_day(axis: Axis, seed: int, rate_hz: float, **how: float) -> Notch | None:
+def notch_of_day(axis: Axis, seed: int, rate_hz: float) -> Notch | None:
     """Notch of one test."""
-    return notch_of(frame_of(shaken(axis, seed, rate_hz, **how)))
+    return notch_of(shaken(axis, seed, rate_hz))
 
 
-def as_it_is(axis: Axis, far_m: float = 0.0) -> Notch:
+def as_it_is(axis: Axis) -> Notch:
     """Notch of a test without noise."""
     table_kg = axis.table_kg + axis.payload_kg
     notch_hz = float(np.sqrt(axis.stiffness() / table_kg) / 2.0 / np.pi)
@@ -72,7 +66,7 @@ def as_it_is(axis: Axis, far_m: float = 0.0) -> Notch:
         damping_ratio=axis.damping,
         inertia_ratio=ratio,
         inertia_ratio_sigma=0.05 * ratio,
-        place_rad=(0.2 + far_m) / axis.radius_m,
+        place_rad=START_M / axis.radius_m,
         feed_rad_s=0.02 / axis.radius_m,
         friction_nm=axis.friction * (axis.nut_nm * axis.preload + guide_nm),
     )

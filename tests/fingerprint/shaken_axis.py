@@ -1,4 +1,4 @@
-"""An axis that is shaken on a slow feed, simulated step by step; knows nothing of the library."""
+"""An axis that is shaken on a slow feed, step by step; shares no equation with the library."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from edge_service.messages.samples import ANGLE, SETPOINT, TORQUE, SampleFrame
+
 Array = NDArray[np.float64]
+START_M, SWEEP_S, NOISE_NM = 0.2, 20.0, 0.003
 STEP_S = 2.5e-5
 TICKS = 5
 """Steps between two samples of the drive's controller."""
@@ -80,27 +83,22 @@ def shaken(
     rate_hz: float = 1000.0,
     feed_m_s: float = 0.02,
     speed_share: float = 0.8,
-    start_m: float = 0.2,
-    sweep_s: float = 20.0,
-    noise_nm: float = 0.003,
-) -> dict[str, Array]:
-    """Time, torque, motor angle and set point of a sweep each way, at a rate."""
+) -> SampleFrame:
+    """Torque, motor angle and set point of a sweep each way, at a rate."""
     rest, ramp = np.zeros(round(0.5 / STEP_S)), np.linspace(0.0, 1.0, round(0.1 / STEP_S))
-    t = np.arange(round(sweep_s / STEP_S)) * STEP_S
+    t = np.arange(round(SWEEP_S / STEP_S)) * STEP_S
     high = min(300.0, 0.45 * rate_hz)
-    hz = 5.0 * (high / 5.0) ** (t / sweep_s)
-    fade = np.clip(np.minimum(t, sweep_s - t) / 0.5, 0.0, 1.0)
+    hz = 5.0 * (high / 5.0) ** (t / SWEEP_S)
+    fade = np.clip(np.minimum(t, SWEEP_S - t) / 0.5, 0.0, 1.0)
     size = np.minimum(speed_share * max(feed_m_s, 0.02), 2.0 / (2.0 * np.pi * hz)) * fade
     wave = size * np.sin(2.0 * np.pi * np.cumsum(hz) * STEP_S)
     way = np.concatenate((rest, ramp * feed_m_s, feed_m_s + wave, ramp[::-1] * feed_m_s))
     speed = np.concatenate((way, -way, rest))
-    return driven(axis, speed, seed, rate_hz, start_m, noise_nm)
+    return driven(axis, speed, seed, rate_hz)
 
 
-def driven(
-    axis: Axis, speed_m_s: Array, seed: int, rate_hz: float, start_m: float, noise_nm: float
-) -> dict[str, Array]:
-    """Time, torque, motor angle and set point of an axis that is told a speed each step."""
+def driven(axis: Axis, speed_m_s: Array, seed: int, rate_hz: float = 1000.0) -> SampleFrame:
+    """Torque, motor angle and set point of an axis that is told a speed each step."""
     random = np.random.default_rng(seed)
     masses = (axis.inertia_kg_m2, axis.table_kg + axis.payload_kg, axis.base_kg)
     stiffness = axis.stiffness()
@@ -116,21 +114,19 @@ def driven(
         axis.radius_m,
         whole,
         float(axis.feedforward),
-        noise_nm * random.standard_normal(len(speed_m_s) // TICKS + 1),
+        NOISE_NM * random.standard_normal(len(speed_m_s) // TICKS + 1),
     )
     every = round(1.0 / rate_hz / STEP_S)
     late = round(axis.delay_s / STEP_S)
     at = np.arange(late, len(speed_m_s), every)
-    seen = angle[at - late if late else at] + start_m / axis.radius_m
-    place = start_m + np.cumsum(speed_m_s) * STEP_S
-    return {
-        "time_s": np.arange(len(at)) / rate_hz,
-        "torque_command_nm": np.round(torque[at] * axis.torque_factor / 0.004) * 0.004
-        if noise_nm
-        else torque[at] * axis.torque_factor,
-        "motor_angle_rad": np.round(seen * 2.0**20 / 2.0 / np.pi) * 2.0 * np.pi / 2.0**20,
-        "position_setpoint_m": place[at],
+    seen = angle[at - late if late else at] + START_M / axis.radius_m
+    place = START_M + np.cumsum(speed_m_s) * STEP_S
+    channels = {
+        TORQUE: np.round(torque[at] * axis.torque_factor / 0.004) * 0.004,
+        ANGLE: np.round(seen * 2.0**20 / 2.0 / np.pi) * 2.0 * np.pi / 2.0**20,
+        SETPOINT: place[at],
     }
+    return SampleFrame(np.arange(len(at)) / rate_hz, channels)
 
 
 @numba.njit(cache=True)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from edge_service.fingerprint.response.notch import notch_of
-from edge_service.messages.samples import SampleFrame
 from edge_service.models.commissioned import Notch
 
-from .shaken_axis import STEP_S, Array, Axis, driven, shaken
+from .shaken_axis import STEP_S, Axis, driven, shaken
 
 AXIS = Axis()
 HALF = replace(AXIS, preload=0.5)
@@ -17,12 +16,8 @@ HALF = replace(AXIS, preload=0.5)
 HALF_HZ = AXIS.antiresonance_hz * (0.75 + 0.25 * 2.0 ** (1.0 / 3.0)) ** -0.5
 
 
-def notch(recorded: dict[str, Array]) -> Notch | None:
-    return notch_of(SampleFrame(recorded.pop("time_s"), recorded))
-
-
 def seen(axis: Axis, rate_hz: float = 1000.0) -> Notch:
-    found = notch(shaken(axis, 3, rate_hz))
+    found = notch_of(shaken(axis, 3, rate_hz))
     assert found is not None
     return found
 
@@ -88,15 +83,12 @@ def test_a_payload_shows_in_the_ratio_of_the_inertias() -> None:
 )
 def test_a_test_that_cannot_tell_is_refused(axis: Axis, how: dict[str, float], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        notch(shaken(axis, 3, **how))
+        notch_of(shaken(axis, 3, **how))
 
 
-def test_production_is_no_test() -> None:
+def test_neither_production_nor_standstill_is_a_test() -> None:
     speed = [0.0, 0.3, 0.3, 0.0, -0.2, -0.2, 0.0, 0.05, *([0.02] * 6), 0.0, -0.3, 0.0] * 2
     speed = np.repeat(speed, round(1.0 / STEP_S))
     smooth = np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
-    assert notch(driven(AXIS, smooth, 1, 1000.0, 0.2, 0.003)) is None
-
-
-def test_a_standing_axis_is_no_test() -> None:
-    assert notch(driven(AXIS, np.zeros(round(10.0 / STEP_S)), 1, 1000.0, 0.2, 0.003)) is None
+    assert notch_of(driven(AXIS, smooth, 1)) is None
+    assert notch_of(driven(AXIS, np.zeros(round(10.0 / STEP_S)), 1)) is None

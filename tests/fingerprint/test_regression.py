@@ -1,6 +1,5 @@
 """Linear regression against formulas, and its intervals against many noises."""
 
-import doctest
 import math
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 from scipy import signal, stats
 
 from edge_service.messages.samples import Floats
-from edge_service.regression import interval_estimate
 from edge_service.regression.linear import (
     correlation_time,
     effective_size,
@@ -129,7 +127,3 @@ def test_bad_input_is_one_line() -> None:
         least_squares(NAMES, ramp(9), np.full(9, np.nan))
     with pytest.raises(ValueError, match="target_noise_rms must be greater than 0"):
         total_least_squares(NAMES, ramp(9), np.ones(9), np.array([1.0, 0.0]), 0.0)
-
-
-def test_the_examples_in_the_docstrings_hold() -> None:
-    assert doctest.testmod(interval_estimate).failed == 0

@@ -7,9 +7,11 @@ import pytest
 from edge_service.health.condition import ConditionMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.messages.codec import Header
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
+
+from ..messages.examples import estimate_of
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -41,16 +43,8 @@ class Scene:
         self, percent: float | None, half_width: float = 0.1, steps: int = 1, **more: object
     ) -> None:
         """Let `steps` estimates of the same preload come, 0.1 s apart."""
-        numbers = {}
-        if percent is not None:
-            numbers = {
-                "preload_percent": percent,
-                "low": percent - half_width,
-                "high": percent + half_width,
-            }
         for _ in range(steps):
-            members = {"time_s": 0.0, "status": EstimateStatus.ESTIMATED} | numbers | more
-            estimate = PreloadEstimate.model_validate(members)
+            estimate = estimate_of(percent, half_width, **more)
             self.events += self.monitor.on_preload(self.header(), estimate, self.now_ns)
             self.wait(STEP_S)
 

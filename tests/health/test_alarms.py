@@ -12,10 +12,12 @@ from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Statement
 from edge_service.messages.health import AlarmKind
 from edge_service.messages.trend import Trend, TrendStatus
+
+from ..messages.examples import estimate_of
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -115,17 +117,7 @@ class Axis:
         self.sequence += 1
         header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
         self.used_s += 0.1
-        members: dict[str, object] = {"time_s": 0.0, "status": EstimateStatus.INVALID}
-        members["data_used_s"] = self.used_s
-        if percent is not None:
-            members |= {
-                "status": EstimateStatus.ESTIMATED,
-                "preload_percent": percent,
-                "low": percent - 0.1,
-                "high": percent + 0.1,
-                "nis": 1.0,
-            }
-        estimate = PreloadEstimate.model_validate(members | more)
+        estimate = estimate_of(percent, **({"data_used_s": self.used_s, "nis": 1.0} | more))
         self.note(self.watch.on_preload(header, estimate, self.now_ns))
 
     def tick(self, seconds: float = 1.0) -> None:
@@ -297,7 +289,8 @@ def test_an_axis_at_rest_does_not_count_its_last_error_again_and_again():
 def test_a_state_that_is_still_being_found_calls_nobody(used_s, raised):
     axis = _settled()
     for _ in range(100):
-        axis.hear(None, reasons=("model_mismatch: off",), data_used_s=used_s)
+        lost = {"status": EstimateStatus.INVALID, "reasons": ("model_mismatch: off",)}
+        axis.hear(None, nis=None, data_used_s=used_s, **lost)
         axis.tick(0.0)
     assert axis.shown().get("model", False) is raised
 

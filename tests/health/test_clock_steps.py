@@ -14,10 +14,11 @@ from edge_service.health.wear.trend import preload_trend
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from edge_service.messages.health import AlarmKind, ComponentHealth, ComponentStatus
+
+from ..messages.examples import estimate_of
 
 NS = 1_000_000_000
 START_NS = 1_795_000_000 * NS
@@ -71,14 +72,7 @@ class Run:
 
     def _hear(self, number: int) -> None:
         header = Header(number, START_NS, self.now_ns, 0)
-        percent = percent_at(number)
-        status = EstimateStatus.UNESTIMATED if percent is None else EstimateStatus.ESTIMATED
-        numbers = percent and {
-            "preload_percent": percent,
-            "low": percent - 0.1,
-            "high": percent + 0.1,
-        }
-        estimate = PreloadEstimate(time_s=0.2 * number, status=status, **(numbers or {}))
+        estimate = estimate_of(percent_at(number), time_s=0.2 * number)
         values = dict.fromkeys(FEATURE_FIELDS, 1.0) | {"time_s": 0.2 * number}
         fault = Fault.GAP if number in (140, 300) else Fault.NONE
         values |= {"fault": fault, "sample_count": 3, "reversal_count": 1}
@@ -203,14 +197,7 @@ def test_a_start_with_a_clock_that_was_ahead_leaves_the_trend_where_it_is(
             if number == 150 and ahead_ns:
                 monitor.move(-ahead_ns)
             monitor.tick(at_ns)
-            percent = 2.0 - 0.001 * number
-            estimate = PreloadEstimate(
-                time_s=float(number),
-                status=EstimateStatus.ESTIMATED,
-                preload_percent=percent,
-                low=percent - 0.1,
-                high=percent + 0.1,
-            )
+            estimate = estimate_of(2.0 - 0.001 * number, time_s=float(number))
             monitor.on_preload(Header(number, 1, at_ns, number), estimate, at_ns)
         return monitor
 

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 from edge_service.health.advice import advice
 from edge_service.health.headline import headline
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault
 from edge_service.messages.health import ComponentHealth, ComponentStatus, Task
+
+from ..messages.examples import estimate_of
 
 NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
 FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
@@ -102,9 +104,9 @@ def test_drop_shows_even_when_every_second_estimate_has_no_number(scene):
 
 def test_estimate_without_bounds_is_doubtful(scene):
     scene.estimate(9.5, steps=10)
-    scene.estimate(None, preload_percent=0.5, steps=50)
+    scene.estimate(0.5, low=None, high=None, steps=50)
     assert scene.condition is NORMAL
-    scene.estimate(None, preload_percent=0.5, steps=60)
+    scene.estimate(0.5, low=None, high=None, steps=60)
     assert scene.condition is FAULT
 
 
@@ -141,10 +143,7 @@ def test_silence_is_unavailable_without_any_call_in_between(scene):
 def test_late_arrival_of_old_data_is_stale(scene):
     scene.estimate(9.5, steps=10)
     old = replace(scene.header(), source_time_ns=scene.now_ns - 60_000_000_000)
-    estimate = PreloadEstimate(
-        time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=9.5, low=9.4, high=9.6
-    )
-    scene.monitor.on_preload(old, estimate, scene.now_ns)
+    scene.monitor.on_preload(old, estimate_of(9.5), scene.now_ns)
     assert scene.condition is UNAVAILABLE
 
 

@@ -18,6 +18,8 @@ from edge_service.messages.health import AlarmKind, AxisHealth, Task
 from edge_service.messages.interval import EXACT, Interval
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
 
+from ..messages.examples import estimate_of, event_of
+
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
 FRESH = 7.0
@@ -51,15 +53,8 @@ class Axis:
 
 def _estimate(share: float, width: float, nis: float, grease: float) -> PreloadEstimate:
     percent = FRESH * share
-    return PreloadEstimate(
-        time_s=0.0,
-        status=EstimateStatus.ESTIMATED,
-        preload_percent=percent,
-        low=max(percent - width, 0.0),
-        high=percent + width,
-        nis=nis,
-        fault_probability={"lubrication": grease},
-    )
+    more = {"nis": nis, "fault_probability": {"lubrication": grease}}
+    return estimate_of(percent, width, low=max(percent - width, 0.0), **more)
 
 
 def _trend(status: TrendStatus, rate: float, days: int) -> Trend:
@@ -202,18 +197,14 @@ def test_an_event_that_calls_somebody_says_what_the_axis_needs(steps: list[tuple
     health = axis.answer()
     assert health.headline is not None
     kinds = {"alarm_raised": True, "alarm_cleared": True, "condition_changed": True, "note": False}
-    for event in announced((_event(kind) for kind in kinds), health):
+    told = [event_of(kind=kind, data={"alarm": "rate"}) for kind in kinds]
+    for event in announced(told, health):
         assert event.data["alarm"] == "rate"
         assert ("headline" in event.data) == ("task" in event.data) == kinds[event.kind]
         if kinds[event.kind]:
             assert event.data["headline"] == health.headline.code
             assert event.data["task"] == (health.advice[0].task if health.advice else None)
             assert Event.model_validate_json(event.model_dump_json(context=EXACT)) == event
-
-
-def _event(kind: str) -> Event:
-    data = {"alarm": "rate"}
-    return Event(axis="X", kind=kind, level="NORMAL", text="so", time_ns=1, data=data)
 
 
 def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it() -> None:

@@ -9,13 +9,22 @@ from edge_service.health.service_state import ServiceState
 from edge_service.health.store.events import StoredEvent
 from edge_service.health.store.readers import FanOut
 from edge_service.messages.codec import Header
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.estimate import EstimateStatus
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from edge_service.messages.interval import Interval
 
+from ..messages.examples import estimate_of, event_of
+
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
+ESTIMATE = estimate_of(
+    5.0,
+    preload_n=372.5,
+    drag_torque_nm=Interval(value=0.1, low=0.1, high=0.1),
+    mode_probability={"5": 1.0},
+    nis=1.0,
+)
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "nis")
 
 
@@ -25,26 +34,6 @@ def _state() -> ServiceState:
 
 def _header(sequence: int, time_ns: int, boot_epoch: int = START_NS) -> Header:
     return Header(sequence, boot_epoch, time_ns, time_ns)
-
-
-def _event(number: int = 0, axis: str = "X") -> Event:
-    return Event(
-        axis=axis, kind="test", level=AxisCondition.NORMAL, text=str(number), time_ns=START_NS
-    )
-
-
-def _estimate(percent: float = 5.0) -> PreloadEstimate:
-    return PreloadEstimate(
-        time_s=0.0,
-        status=EstimateStatus.ESTIMATED,
-        preload_percent=percent,
-        low=percent,
-        high=percent,
-        preload_n=percent * 74.5,
-        drag_torque_nm=Interval(value=0.1, low=0.1, high=0.1),
-        mode_probability={"5": 1.0},
-        nis=1.0,
-    )
 
 
 def _normal(since_ns: int = START_NS, axis: str = "X") -> AxisHealth:
@@ -71,7 +60,7 @@ def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, loo
     for status, sequence, boot, step_ns, ahead_ns in updates:
         now_ns += step_ns
         header = Header(sequence, boot, now_ns + ahead_ns, 0)
-        estimate = _estimate().model_copy(update={"status": status})
+        estimate = ESTIMATE.model_copy(update={"status": status})
         state.on_preload("X", header, estimate, now_ns)
     now_ns += look
     reading = state.preload("X", now_ns)
@@ -86,7 +75,7 @@ def test_numbers_only_ever_with_the_status_estimated_and_fresh_data(updates, loo
 
 def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
     state = _state()
-    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    state.on_preload("X", _header(0, START_NS), ESTIMATE, START_NS)
     for second in range(4):
         state.on_health(_header(second, START_NS + second * NS), _normal(), START_NS + second * NS)
     now_ns = START_NS + 3 * NS
@@ -100,7 +89,7 @@ def test_condition_is_unavailable_when_it_is_not_renewed():
     state.on_health(_header(0, START_NS), _normal(), START_NS)
     for second in range(8):
         now_ns = START_NS + second * NS
-        state.on_preload("X", _header(second, now_ns), _estimate(), now_ns)
+        state.on_preload("X", _header(second, now_ns), ESTIMATE, now_ns)
     assert state.preload("X", now_ns).status is EstimateStatus.ESTIMATED
     health = state.health("X", now_ns)
     assert health.condition is AxisCondition.UNAVAILABLE
@@ -109,7 +98,7 @@ def test_condition_is_unavailable_when_it_is_not_renewed():
 
 def test_unready_names_every_axis_and_input():
     state = _state()
-    state.on_preload("X", _header(0, START_NS), _estimate(), START_NS)
+    state.on_preload("X", _header(0, START_NS), ESTIMATE, START_NS)
     state.on_health(_header(0, START_NS), _normal(), START_NS)
     codes = [tuple(reason.split(": ")[:2]) for reason in state.unready(START_NS)]
     assert codes == [("Y", "no_input"), ("Y", "no_health")]
@@ -119,9 +108,9 @@ def test_unready_names_every_axis_and_input():
 
 def test_payloads_of_other_axes_are_ignored_and_counted():
     state = _state()
-    state.on_preload("Q", _header(0, START_NS), _estimate(), START_NS)
+    state.on_preload("Q", _header(0, START_NS), ESTIMATE, START_NS)
     state.on_health(_header(0, START_NS), _normal(axis="Q"), START_NS)
-    assert not state.concerns(_event(axis="Q"))
+    assert not state.concerns(event_of(axis="Q"))
     report = ComponentHealth(component="acquire", axis="Q", status=ComponentStatus.OK)
     state.on_component(report, START_NS)
     assert state.axes == ("X", "Y")
@@ -147,7 +136,7 @@ async def test_slow_reader_loses_the_oldest_events_and_is_told():
     with readers.subscribe() as slow, readers.subscribe() as fast:
         received = []
         for number in range(1000):
-            readers.put_event(StoredEvent(number, _event(number)))
+            readers.put_event(StoredEvent(number, event_of()))
             readers.mark("preload", "X")
             received += [logged.id for logged in (await fast.next(1.0)).events]
             assert len(slow.events) + len(slow.changed) <= 11
@@ -162,7 +151,7 @@ async def test_reader_of_one_axis_hears_it_and_the_service():
     readers = FanOut(capacity=10)
     with readers.subscribe("X") as reader:
         for number, axis in enumerate(["X", "Y", ""]):
-            readers.put_event(StoredEvent(number, _event(number, axis)))
+            readers.put_event(StoredEvent(number, event_of(axis=axis)))
             readers.mark("health", axis)
         batch = await reader.next(1.0)
     assert [logged.event.axis for logged in batch.events] == ["X", ""]

@@ -2,18 +2,22 @@
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from typing import Any
 
 import httpx
 import pytest
+from fastapi import FastAPI
 
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from edge_service.messages.interval import Interval
+
+from ..messages.examples import event_of
 
 NS = 1_000_000_000
 START_NS = 1_769_860_800 * NS  # 2026-01-31T12:00:00Z
@@ -73,13 +77,8 @@ class Scene:
 
     def hear_event(self, message: str, axis: str = "X") -> int:
         """An event comes; its id."""
-        event = Event(
-            axis=axis,
-            kind="condition_changed",
-            level=AxisCondition.WARNING,
-            text=message,
-            time_ns=self.now_ns,
-        )
+        members = {"kind": "condition_changed", "level": AxisCondition.WARNING}
+        event = event_of(message, axis=axis, time_ns=self.now_ns, **members)
         for logged in self.state.events.add((event,), self.now_ns):
             self.state.tell(logged)
         return self.state.events.last_id()
@@ -103,9 +102,13 @@ def make_scene() -> type[Scene]:
     return Scene
 
 
+def client_of(app: FastAPI, url: str = "http://127.0.0.1", **how: Any) -> httpx.AsyncClient:
+    """A client of an application, without a socket."""
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app, **how), base_url=url)
+
+
 @pytest.fixture
 async def client(scene: Scene) -> AsyncIterator[httpx.AsyncClient]:
-    """A client of the scene's application, without a socket."""
-    transport = httpx.ASGITransport(app=scene.app, raise_app_exceptions=False)
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+    """A client of the scene's application."""
+    async with client_of(scene.app, raise_app_exceptions=False) as client:
         yield client

@@ -19,6 +19,8 @@ from edge_service.http_api.app import create_app
 from edge_service.http_api.routes.docs import static_digest
 from edge_service.messages.command import Command, Outcome
 
+from .conftest import client_of
+
 START_NS = 1_769_860_800_000_000_000
 AXES, TOKENS = "/api/v1/axes", "/api/v1/tokens"
 NOTE = {"action": "note", "user": "Mallory", "note": "seen"}
@@ -73,8 +75,7 @@ def guarded(tmp_path: Path) -> Guarded:
 
 @pytest.fixture
 async def box(guarded: Guarded) -> AsyncIterator[httpx.AsyncClient]:
-    transport = httpx.ASGITransport(guarded.app, client=("192.0.2.7", 50000))
-    async with httpx.AsyncClient(transport=transport, base_url="https://box:8443") as client:
+    async with client_of(guarded.app, "https://box:8443", client=("192.0.2.7", 1)) as client:
         yield client
 
 
@@ -134,8 +135,7 @@ async def test_what_is_no_token_is_nobody(box: httpx.AsyncClient, sent: str) -> 
 async def test_the_first_token_closes_the_door_and_the_last_one_opens_it(tmp_path: Path) -> None:
     authenticator = Authenticator(Tokens(Store(tmp_path / "edge-service.sqlite")))
     app = create_app(ServiceState({}, 0), lambda: START_NS, authenticator=authenticator)
-    transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+    async with client_of(app) as client:
         made = await client.post(TOKENS, json={"name": "Kim", "role": "operator"})
         assert made.status_code == 201
         assert (await client.get(AXES)).status_code == 401

@@ -85,11 +85,8 @@ def test_a_description_is_text() -> None:
     assert "<code>&lt;b&gt;</code>" in page
 
 
-async def test_it_is_served_as_a_page() -> None:
-    app = create_app(ServiceState({"X": None}, 0), lambda: 0)
-    transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-        answer = await client.get("/docs")
+async def test_it_is_served_as_a_page(client: httpx.AsyncClient) -> None:
+    answer = await client.get("/docs")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
     assert answer.headers["content-security-policy"] == SECURITY_HEADERS["content-security-policy"]

@@ -23,6 +23,8 @@ from edge_service.http_api.recordings import Recordings
 from edge_service.http_api.routes.work import Motion
 from edge_service.recordings.extent import extent_of
 
+from .conftest import client_of
+
 CHILD = """
 import os, pathlib, signal, sys, time
 words = sys.argv[1:]
@@ -63,8 +65,7 @@ class Scene:
             recordings=kept,
             motions=lambda _axis: [motion],
         )
-        transport = httpx.ASGITransport(app=app, raise_app_exceptions=False)
-        self.client = httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1/")
+        self.client = client_of(app, "http://127.0.0.1/api/v1/", raise_app_exceptions=False)
 
     async def start(self, trace: str = "short", **more: Any) -> httpx.Response:
         body = {"command": "fingerprint", "axis": "X", "recordings": [f"{trace}.csv"]}
@@ -122,10 +123,10 @@ async def test_a_job_runs_and_its_files_can_be_read(scene: Scene) -> None:
 
 async def test_progress_is_read_from_the_lines_of_the_command(scene: Scene) -> None:
     await scene.start("long")
-    (scene.folder / "jobs" / "1" / "log.txt").write_text("")
-    with (scene.folder / "jobs" / "1" / "log.txt").open("a") as log:
-        log.write("edge-service diagnose: choosing causes, 40 %, 32 s\n")
-    job = await scene.until(lambda job: job["lines"] != [])
+    await scene.ready()
+    said = "edge-service diagnose: choosing causes, 40 %, 32 s\n"
+    (scene.folder / "jobs" / "1" / "log.txt").write_text(said)
+    job = await scene.job()
     assert (job["state"], job["stage"], job["share"]) == ("running", "choosing causes", 0.4)
     assert job["left_s"] == pytest.approx(48.0)
 

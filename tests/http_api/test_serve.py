@@ -12,6 +12,7 @@ from edge_service.health.store import events
 from edge_service.http_api.serve import AddressError, bind
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
+from .conftest import client_of
 from .test_limits import served
 
 
@@ -165,21 +166,13 @@ async def test_slow_client_cannot_fill_the_service_nor_hold_up_another(scene):
     assert len(scene.state.readers) == 0
 
 
-async def test_number_of_readers_is_bounded(scene, client):
-    with ExitStack() as held:
-        for _ in range(MOST_READERS):
-            held.enter_context(scene.state.readers.subscribe())
-        assert (await client.get("/api/v1/events")).status_code == 503
-
-
-async def test_readers_of_one_address_are_bounded_unless_it_is_loopback(scene):
+async def test_readers_are_bounded_and_those_of_one_address_unless_it_is_loopback(scene):
     for address, status in (("192.0.2.1", 429), ("127.0.0.1", 503)):
-        transport = httpx.ASGITransport(app=scene.app, client=(address, 1))
         scene.app.state.readers_of[address] = MOST_READERS_OF_ONE
         with ExitStack() as held:
             for _ in range(MOST_READERS):
                 held.enter_context(scene.state.readers.subscribe())
-            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as one:
+            async with client_of(scene.app, client=(address, 1)) as one:
                 assert (await one.get("/api/v1/events")).status_code == status
         assert scene.app.state.readers_of[address] == MOST_READERS_OF_ONE
 

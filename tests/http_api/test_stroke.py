@@ -11,6 +11,8 @@ from edge_service.http_api.app import create_app
 from edge_service.messages.keys import MachineKeys
 from edge_service.models.screw.stroke_profile import StrokeProfile
 
+from .conftest import client_of
+
 PATH = "/api/v1/axes/X/wear"
 RAMP = StrokeProfile(
     position_m=np.array([0.0, 1.0, 2.0]),
@@ -25,19 +27,18 @@ RAMP = StrokeProfile(
 ONE_ENCODER = replace(RAMP, compliance_m_per_n=np.full(3, np.nan))
 
 
-def client_of(scene, profile: StrokeProfile | None) -> httpx.AsyncClient:
+def telling(scene, profile: StrokeProfile | None) -> httpx.AsyncClient:
     scene.state = ServiceState({"X": None}, scene.now_ns, place=MachineKeys("hall", "m1"))
     app = create_app(
         scene.state,
         lambda: scene.now_ns,
         read_stroke=lambda _axis, preload: profile and profile.told(preload),
     )
-    transport = httpx.ASGITransport(app=app)
-    return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1")
+    return client_of(app)
 
 
 async def test_the_estimate_is_spread_along_the_stroke(scene):
-    async with client_of(scene, RAMP) as client:
+    async with telling(scene, RAMP) as client:
         scene.hear_preload(preload_percent=4.0, low=3.0, high=5.0)
         answer = (await client.get(PATH)).json()["stroke"]
     assert answer["position_m"] == [0.0, 1.0, 2.0]
@@ -53,17 +54,17 @@ async def test_the_estimate_is_spread_along_the_stroke(scene):
 
 
 async def test_one_encoder_knows_no_stiffness_and_no_commissioning_nothing(scene):
-    async with client_of(scene, ONE_ENCODER) as client:
+    async with telling(scene, ONE_ENCODER) as client:
         scene.hear_preload()
         answer = (await client.get(PATH)).json()["stroke"]
         assert answer["preload_percent"]["value"] is not None
         assert answer["stiffness_n_per_m"] is None
-    async with client_of(scene, None) as client:
+    async with telling(scene, None) as client:
         answer = await client.get(PATH)
         assert (answer.status_code, answer.json()["stroke"]) == (200, None)
 
 
 async def test_the_axes_say_which_machine_they_belong_to(scene):
-    async with client_of(scene, None) as client:
+    async with telling(scene, None) as client:
         answer = (await client.get("/api/v1/axes")).json()
     assert (answer["site"], answer["machine"]) == ("hall", "m1")

@@ -1,4 +1,4 @@
-"""One payload of every topic."""
+"""One payload of every topic, and estimates and events that differ in what a test is about."""
 
 from typing import Any
 
@@ -13,6 +13,24 @@ from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, 
 from edge_service.messages.interval import Interval
 from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, Waveform
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
+
+
+def estimate_of(
+    percent: float | None = None, half_width: float = 0.1, **more: Any
+) -> PreloadEstimate:
+    """An estimate with its number and bounds, in percent; without a percent it has none."""
+    members: dict[str, Any] = {"time_s": 0.0, "status": EstimateStatus.UNESTIMATED}
+    if percent is not None:
+        members |= {"status": EstimateStatus.ESTIMATED, "preload_percent": percent}
+        members |= {"low": percent - half_width, "high": percent + half_width}
+    return PreloadEstimate.model_validate(members | more)
+
+
+def event_of(text: str = "m", **more: Any) -> Event:
+    """An event of axis X."""
+    members = {"axis": "X", "kind": "note", "level": AxisCondition.NORMAL, "time_ns": 1}
+    return Event.model_validate(members | {"text": text} | more)
+
 
 HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
 TIME_S = np.array([0.0, 1e-3, 2e-3])

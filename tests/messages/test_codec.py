@@ -8,26 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from edge_service.messages.codec import CodecError, Header
+from edge_service.messages.codec import CodecError
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition, Event
-from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, VibrationColumn
-from edge_service.messages.interval import Interval
+from edge_service.messages.features import Fault, FeatureBlock, VibrationColumn
 from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
 from edge_service.messages.topics import EVENT, FEAT, PRELOAD, RAW
 
-HEADER = Header(7, 1_790_000_000_000_000_001, 1_790_000_000_000_000_002, 3)
+from .examples import HEADER, NUMBERS, PAYLOADS, event_of
+
+BLOCK = FeatureBlock(**NUMBERS)
 
 
 def samples(rows: int = 5) -> SampleFrame:
     time_s = np.arange(rows) * 1e-3
     return SampleFrame(time_s, {TORQUE: np.sin(time_s), ANGLE: np.full(rows, np.nan)})
-
-
-def block() -> FeatureBlock:
-    values = {name: float(index) for index, name in enumerate(FEATURE_FIELDS)}
-    values |= {"fault": Fault.HOLE | Fault.REPEAT, "sample_count": 3, "reversal_count": 1}
-    return FeatureBlock(**values | {"temperature_c": float("nan")})
 
 
 def test_samples_come_back_bit_equal() -> None:
@@ -40,9 +34,9 @@ def test_samples_come_back_bit_equal() -> None:
 
 
 def test_features_come_back_equal() -> None:
-    axis, header, decoded = FEAT.decode(FEAT.encode("Y", HEADER, block()))
+    axis, header, decoded = FEAT.decode(FEAT.encode("Y", HEADER, BLOCK))
     assert (axis, header) == ("Y", HEADER)
-    assert repr(decoded) == repr(block())
+    assert repr(decoded) == repr(BLOCK)
     assert decoded.fault is Fault.HOLE | Fault.REPEAT
 
 
@@ -74,20 +68,9 @@ def test_every_feature_with_a_dimension_has_a_unit() -> None:
 
 
 def test_json_payloads_come_back_equal() -> None:
-    estimate = PreloadEstimate(
-        time_s=1.5,
-        status=EstimateStatus.ESTIMATED,
-        preload_percent=6.7,
-        low=6.5,
-        high=6.9,
-        drag_torque_nm=Interval(value=0.14, low=0.13, high=0.15),
-        mode_probability={"10": 0.1, "7.5": 0.9},
-    )
-    payload = PRELOAD.encode("X", HEADER, estimate)
-    assert PRELOAD.decode(payload) == ("X", HEADER, estimate)
-    event = Event(
-        axis="X", kind="k", level=AxisCondition.NORMAL, text="m", time_ns=1_790_000_000_123_456_789
-    )
+    payload = PRELOAD.encode("X", HEADER, PAYLOADS["preload"])
+    assert PRELOAD.decode(payload) == ("X", HEADER, PAYLOADS["preload"])
+    event = event_of(time_ns=1_790_000_000_123_456_789)
     payload = EVENT.encode("X", HEADER, event)
     assert EVENT.decode(payload) == ("X", HEADER, event)
 
@@ -144,7 +127,7 @@ def test_columns_of_fast_sensors_travel_with_the_block_that_follows_them() -> No
         VibrationColumn("nut.rms", 0.5, "m/s^2"),
         VibrationColumn("nut.kurtosis", 3.0, ""),
     )
-    sent = replace(block(), vibration=columns)
+    sent = replace(BLOCK, vibration=columns)
     _, _, found = FEAT.decode(FEAT.encode("X", HEADER, sent))
     assert found.vibration == columns
     wild = replace(sent, vibration=(VibrationColumn("nut.rms", 1e300, ""),))

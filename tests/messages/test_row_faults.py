@@ -1,10 +1,7 @@
-import doctest
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edge_service.messages import row_faults
 from edge_service.messages.row_faults import CLOCK_RESET_S, clock_parts
 
 TIMES = st.lists(st.one_of(st.floats(0.0, 10.0), st.just(float("nan"))), max_size=40)
@@ -35,7 +32,3 @@ def test_any_split_finds_the_same_rows(times: list[float], cut: int) -> None:
             np.concatenate([getattr(part, name) for part in both]),
             np.concatenate([getattr(part, name) for part in whole]),
         )
-
-
-def test_the_example_in_the_docstring_holds() -> None:
-    assert doctest.testmod(row_faults).failed == 0

@@ -10,15 +10,13 @@ import pytest
 
 from edge_service.clock import now_ns
 from edge_service.config import EdgeConfig, load_config
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.topics import PRELOAD
 from edge_service.offline.backup import BackupError, back_up, restore
 
+from ..messages.examples import estimate_of
 from .conftest import Running, done, served, until
 
-LOST = PreloadEstimate(
-    time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=0.5, low=0.4, high=0.6
-)
+LOST = estimate_of(0.5)
 NS = 1_000_000_000
 START_S = 1_769_818_834.5  # within a minute, so that its row is none of a minute or an hour
 CONFIG = """

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import Event
 from edge_service.messages.samples import SampleFrame
 from edge_service.nodes.record_node import (
     AFTER_S,
@@ -17,6 +17,8 @@ from edge_service.nodes.record_node import (
 )
 from edge_service.recordings.reader import read_trace
 
+from ..messages.examples import event_of
+
 RATE_HZ = 100.0
 
 
@@ -25,14 +27,7 @@ def name_of(number: int) -> str:
 
 
 def event(since_s: float, name: str = name_of(1)) -> Event:
-    return Event(
-        axis="X",
-        kind="model_disagrees",
-        level=AxisCondition.WARNING,
-        text="",
-        time_ns=0,
-        data={"recording": name, "since_s": since_s},
-    )
+    return event_of(kind="model_disagrees", data={"recording": name, "since_s": since_s})
 
 
 class Scene:

@@ -27,7 +27,7 @@ from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import FILE_NAME, State, Store, load_state
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import Event
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import EVENT, FEAT, PRELOAD
@@ -45,6 +45,7 @@ from edge_service.nodes.estimated_axis import (
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 
+from ..messages.examples import event_of
 from .conftest import (
     PATIENCE_S,
     Running,
@@ -196,12 +197,6 @@ async def test_after_a_stop_on_a_new_clock_the_preload_is_known_but_less(tmp_pat
     assert all(one.low <= PERCENT <= one.high for one in numbers)  # type: ignore[operator]
 
 
-def replaced(now_ns: int) -> Event:
-    """The monitor's word that the part of axis X was replaced."""
-    info = AxisCondition.NORMAL
-    return Event(axis="X", kind="part_replaced", level=info, text="Kim", time_ns=now_ns)
-
-
 async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(
     tmp_path: Path,
 ) -> None:
@@ -209,7 +204,8 @@ async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(
     await fed(config, blocks()[:40], begin_ns)
     assert document_in(tmp_path)["axis"] == "X"
     with closing(store_in(tmp_path)) as store:
-        EventLog(store).add((replaced(time.time_ns()),), time.time_ns())
+        event = event_of(kind="part_replaced", time_ns=time.time_ns())
+        EventLog(store).add((event,), time.time_ns())
     later = blocks()[40:60]
     assert await fed(config, later, begin_ns) == one_piece(later)
 
@@ -220,7 +216,7 @@ async def test_a_replaced_part_is_not_taken_for_the_old_one(tmp_path: Path) -> N
         feed = Feed(service, config)
         await reported(service, "estimate", ComponentStatus.OK, "X")
         await feed.send(blocks()[:40], begin_ns)
-        feed.tell(replaced(time.time_ns()))
+        feed.tell(event_of(kind="part_replaced", time_ns=time.time_ns()))
         answers = await feed.send(blocks()[40:60], begin_ns)
         assert answers == one_piece(blocks()[40:60])
     assert document_in(tmp_path)["time_s"] == blocks()[59].time_s

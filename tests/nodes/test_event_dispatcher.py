@@ -11,15 +11,11 @@ import pytest
 
 from edge_service.health.store.events import EventLog, StoredEvent
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.messages.event import AxisCondition, Event
 from edge_service.nodes import context as module
 from edge_service.nodes.context import SILENT, EventDispatcher
 
+from ..messages.examples import event_of
 from .conftest import until
-
-
-def event(message: str) -> Event:
-    return Event(axis="X", kind="note", level=AxisCondition.NORMAL, text=message, time_ns=1)
 
 
 class Scene:
@@ -36,7 +32,7 @@ class Scene:
             assert problem or {each.event.text for each in kept} <= set(on_disk)
             self.told += [(each.event.text, problem) for each in kept]
 
-        self.dispatcher.put([event(text) for text in texts], publish)
+        self.dispatcher.put([event_of(text) for text in texts], publish)
 
     async def heard(self, count: int) -> list[tuple[str, str]]:
         await until(lambda: len(self.told) >= count)

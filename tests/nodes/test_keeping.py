@@ -7,9 +7,9 @@ from typing import Any
 from edge_service.clock import now_ns
 from edge_service.config_tables import StoreConfig
 from edge_service.health.store.store import FILE_NAME
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.topics import PRELOAD
 
+from ..messages.examples import estimate_of
 from .conftest import config_of, done, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
@@ -61,8 +61,7 @@ async def test_who_asks_on_the_bus_is_answered_as_by_http() -> None:
             return json.loads(answer or b"null")
 
         async def kept() -> Any:
-            estimate = PreloadEstimate(time_s=0.0, status=EstimateStatus.UNESTIMATED)
-            publisher.publish(estimate, now_ns())
+            publisher.publish(estimate_of(), now_ns())
             return (await client.get("api/v1/axes/X/history")).json()["buckets"]
 
         (first, *_) = await until(kept)

@@ -21,13 +21,13 @@ from edge_service.health.limits import AlarmSettings
 from edge_service.health.store.store import State
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.nodes import estimate_node, health_node
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import DAMAGED, Kept, StateError
 
 from ..bench.estimator.axis import OwnAxis
 from ..documents import ROOT
+from ..messages.examples import estimate_of
 from .conftest import config_of
 
 NS = 10**9
@@ -68,10 +68,7 @@ def with_shape(document: Any, path: tuple[Any, ...], shape: Any) -> Any:
 def use(monitor: AxisMonitor) -> None:
     """All that the node does with a monitor."""
     header = Header(0, 1, NOW_NS, NOW_NS)
-    estimate = PreloadEstimate(
-        time_s=0.0, status=EstimateStatus.ESTIMATED, preload_percent=6.0, low=5.5, high=6.5
-    )
-    monitor.on_preload(header, estimate, NOW_NS)
+    monitor.on_preload(header, estimate_of(6.0, 0.5), NOW_NS)
     monitor.tick(NOW_NS)
     monitor.health(NOW_NS).model_dump_json()
     monitor.take_trend(monitor.trend_work()(), NOW_NS)

@@ -14,7 +14,8 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import FILE_NAME, Store
-from edge_service.messages.event import AxisCondition, Event
+
+from ..messages.examples import event_of
 
 CONFIG = """
 [bus]
@@ -55,9 +56,8 @@ def state(folder: Path) -> State:
 
 
 def note(folder: Path, text: str) -> None:
-    event = Event(axis="X", kind="note", level=AxisCondition.NORMAL, text=text, time_ns=1)
     with closing(Store(folder / FILE_NAME)) as store:
-        EventLog(store).add((event,), 1)
+        EventLog(store).add((event_of(text),), 1)
 
 
 def notes(folder: Path) -> list[str]:

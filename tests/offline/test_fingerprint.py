@@ -1,6 +1,5 @@
 """The fingerprint command's files: JSON, a page that stands alone, and what is refused."""
 
-import doctest
 import json
 import re
 from pathlib import Path
@@ -12,7 +11,6 @@ from edge_service.config import load_machine
 from edge_service.fingerprint.result import FingerprintError, read_fingerprint
 from edge_service.messages.samples import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
-from edge_service.offline.report import fingerprint_wording, quantities
 from edge_service.offline.report.fingerprint_wording import WORDING, plain
 from edge_service.offline.report.quantities import estimate
 from edge_service.offline.simulate import SimulationSettings, simulate, simulate_session
@@ -161,10 +159,6 @@ def test_numbers_are_shown_with_the_digits_that_they_have(
     assert estimate(figure).startswith(text)
     assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness at 160 mm"
     assert plain("coulomb_nm") == "Coulomb"
-
-
-def test_the_examples_of_the_wording_hold() -> None:
-    assert all(doctest.testmod(each).failed == 0 for each in (fingerprint_wording, quantities))
 
 
 COLD_NM, WARM_S = 0.08, 200.0

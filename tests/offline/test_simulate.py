@@ -1,4 +1,3 @@
-import doctest
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, motion_limits
-from edge_service.offline import commanded_motion
 from edge_service.offline.simulate import (
     SimulationError,
     SimulationSettings,
@@ -222,7 +220,3 @@ def test_a_folder_that_cannot_be_is_one_line(machine: Machine, tmp_path: Path) -
     (tmp_path / "file").write_text("")
     with pytest.raises(TraceError, match=r"file: no folder for recordings"):
         simulate_session(machine, SimulationSettings(), SESSION, tmp_path / "file")
-
-
-def test_the_examples_of_commanded_motion_hold() -> None:
-    assert doctest.testmod(commanded_motion).failed == 0

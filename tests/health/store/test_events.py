@@ -3,6 +3,7 @@
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,12 @@ import pytest
 from edge_service.health.store import events as module
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import State, Store, StoreFailedError, load_state
-from edge_service.messages.event import AxisCondition, Event
+from tests.messages.examples import event_of
 
 NS = 10**9
 NOW_NS = 1_795_000_000 * NS
-
 MS = 1_000_000
-
-
-def event(message: str, axis: str = "X", kind: str = "note", time_ns: int = NOW_NS) -> Event:
-    info = AxisCondition.NORMAL
-    return Event(axis=axis, kind=kind, level=info, text=message, time_ns=time_ns)
+event = partial(event_of, time_ns=NOW_NS)
 
 
 @pytest.fixture(params=[True, False], ids=["file", "memory"])

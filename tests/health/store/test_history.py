@@ -5,6 +5,7 @@ import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +16,12 @@ import pytest
 
 from edge_service.health.store.history import HOUR_S, History, HistoryForm, write_history
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import EstimateStatus
+from tests.messages.examples import estimate_of
 
 NS = 10**9
 START_S = 1_795_000_000 // HOUR_S * HOUR_S
-
-
-def estimate(percent: float | None) -> PreloadEstimate:
-    if percent is None:
-        return PreloadEstimate(time_s=0.0, status=EstimateStatus.UNESTIMATED)
-    return PreloadEstimate(
-        time_s=0.0,
-        status=EstimateStatus.ESTIMATED,
-        preload_percent=percent,
-        low=percent - 0.5,
-        high=percent + 0.5,
-        nis=1.0,
-    )
+estimate = partial(estimate_of, half_width=0.5)
 
 
 @pytest.fixture(params=[True, False], ids=["file", "memory"])

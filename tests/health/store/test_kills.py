@@ -75,8 +75,9 @@ def check_whole(path: Path, said: set[int]) -> int:
     return len(notes) - 1
 
 
-def kill_often(path: Path, times: int) -> None:
-    rng, newest, said = random.Random(times), -1, set[int]()
+@pytest.mark.parametrize("times", [4, pytest.param(200, marks=pytest.mark.slow)])
+def test_killed_services_lose_nothing(tmp_path: Path, times: int) -> None:
+    path, rng, newest, said = tmp_path / FILE, random.Random(times), -1, set[int]()
     for _ in range(times):
         code = (
             f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
@@ -93,15 +94,6 @@ def kill_often(path: Path, times: int) -> None:
                     break
             said |= set(map(int, process.stdout.read().split()))  # said before it died
         newest = check_whole(path, said)
-
-
-def test_killed_services_lose_nothing(tmp_path: Path) -> None:
-    kill_often(tmp_path / FILE, 4)
-
-
-@pytest.mark.slow
-def test_two_hundred_killed_services_lose_nothing(tmp_path: Path) -> None:
-    kill_often(tmp_path / FILE, 200)
 
 
 def damaged(content: bytes, rng: random.Random) -> bytes:
@@ -147,7 +139,10 @@ def check_true(store: Store, known: int) -> None:
     assert log.after(put.id - 1, 1) == [put]
 
 
-def damage_often(tmp_path: Path, times: int) -> None:
+@pytest.mark.parametrize("times", [60, pytest.param(3000, marks=pytest.mark.slow)])
+def test_damage_is_never_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], times: int
+) -> None:
     known, path = 70, tmp_path / FILE
     with closing(Store(path)) as store:
         work(store, 0, known)
@@ -162,13 +157,4 @@ def damage_often(tmp_path: Path, times: int) -> None:
             except StoreFailedError as error:  # met while it was in use: the next use mends it
                 assert json.dumps(str(error))
                 check_true(store, known)
-
-
-def test_damage_is_never_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    damage_often(tmp_path, 60)
     capsys.readouterr()
-
-
-@pytest.mark.slow
-def test_three_thousand_damages_are_never_served(tmp_path: Path) -> None:
-    damage_often(tmp_path, 3000)

@@ -11,7 +11,7 @@ from edge_service.health.store import outbox as module
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.outbox import Outbox
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.messages.event import AxisCondition, Event
+from tests.messages.examples import event_of
 
 
 @pytest.fixture
@@ -23,10 +23,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 def tell(store: Store, *texts: str, kind: str = "note") -> list[int]:
     """Keep events; returns their numbers."""
     at_ns = now_ns()
-    events = [
-        Event(axis="X", kind=kind, level=AxisCondition.NORMAL, text=text, time_ns=at_ns)
-        for text in texts
-    ]
+    events = [event_of(text, kind=kind, time_ns=at_ns) for text in texts]
     return [each.id for each in EventLog(store).add(events, at_ns)]
 
 
@@ -118,10 +115,8 @@ def test_what_a_full_disk_leaves_in_memory_is_delivered_once(store: Store) -> No
     pages = store.write(lambda file: file.execute("PRAGMA page_count").fetchone()[0])
     store.write(lambda file: file.execute(f"PRAGMA max_page_count = {pages}").fetchone())
     at_ns = now_ns()
-    told = [
-        Event(axis="X", kind=kind, level=AxisCondition.FAULT, text="x" * 9000, time_ns=at_ns)
-        for kind in ("note", "alarm_raised")
-    ]
+    kinds = ("note", "alarm_raised")
+    told = [event_of("x" * 9000, kind=kind, time_ns=at_ns) for kind in kinds]
     with pytest.raises(StoreFailedError, match="full"):
         log.add(told, at_ns)
     (waiting,) = outbox.waiting(10)

@@ -8,7 +8,7 @@ import pytest
 from edge_service.health.store.events import EventLog
 from edge_service.health.store.store import Store
 from edge_service.health.store.tokens import TokenError, Tokens, token_of
-from edge_service.messages.event import AxisCondition, Event
+from tests.messages.examples import event_of
 
 
 def test_many_who_add_and_revoke_at_once_lose_nothing(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_only_a_lost_file_or_table_keeps_an_open_page_shut(tmp_path: Path) -> No
     path = tmp_path / "edge-service.sqlite"
     store = Store(path)
     tokens, log = Tokens(store), EventLog(store)
-    log.add([Event(axis="X", kind="note", level=AxisCondition.NORMAL, text="x", time_ns=1)], 1)
+    log.add([event_of()], 1)
     store.write(lambda file: file.execute("UPDATE events SET body = '{'"))
     assert log.after(0, 10) == []
     assert store.damages == ["event 1 is damaged and left out"]

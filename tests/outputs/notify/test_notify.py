@@ -8,7 +8,7 @@ import pytest
 from edge_service.clock import now_ns
 from edge_service.health.store.events import StoredEvent
 from edge_service.http_api.words import words_in
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import AxisCondition
 from edge_service.nodes.output_node import due
 from edge_service.outputs.base import Events, Output, OutputMisconfiguredError
 
@@ -70,13 +70,7 @@ def test_letters_are_gathered_and_twelve_an_hour(
     at_ns = now_ns()
 
     def waiting(age_s: float) -> list[StoredEvent]:
-        old = Event(
-            axis="X",
-            kind="alarm_raised",
-            level=AxisCondition.FAULT,
-            text="m",
-            time_ns=at_ns - round(age_s * 1e9),
-        )
+        old = event().model_copy(update={"time_ns": at_ns - round(age_s * 1e9)})
         return [StoredEvent(1, old), StoredEvent(2, event())]
 
     monkeypatch.setattr("edge_service.nodes.output_node.time.monotonic", lambda: 4000.0)
