@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -30,26 +31,19 @@ TABLE = (samples.TABLE_POSITION, samples.TABLE_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
-class StatedErrors:
-    """Errors of the nominal machine file, as shares of the true value."""
-
-    inertia: float = 0.0
-    nut_stiffness: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class OwnAxis:
     """One axis: drawn from its tolerances, or exactly nominal with seed 0.
 
     Attributes:
         effects: of the true axis beside `FRICTION`.
-        stated: errors of its machine file.
+        inertia_off, nut_off: errors of its machine file, as shares of the true value.
         one_encoder: whether the table has none.
     """
 
     seed: int = 0
     effects: tuple[str, ...] = ()
-    stated: StatedErrors = StatedErrors()
+    inertia_off: float = 0.0
+    nut_off: float = 0.0
     one_encoder: bool = False
 
     @property
@@ -105,15 +99,21 @@ class OwnAxis:
     def nominal(self) -> Machine:
         """Its machine file before commissioning."""
         machine = _default()
-        inertia = machine.model.inertia_kg_m2.value * (1.0 + self.stated.inertia)
-        nut = _nut_stiffness(machine) * (1.0 + self.stated.nut_stiffness)
-        table = 20.0 * (1.0 + self.stated.inertia)
+        inertia = machine.model.inertia_kg_m2.value * (1.0 + self.inertia_off)
+        nut = _nut_stiffness(machine) * (1.0 + self.nut_off)
+        table = 20.0 * (1.0 + self.inertia_off)
         stated = {
             "inertia_kg_m2": Quantity(value=inertia, tolerance=0.05),
             "nut_stiffness_n_per_m": Quantity(value=nut, tolerance=0.1),
             "table_mass_kg": Quantity(value=table, tolerance=0.02),
         }
         return machine.model_copy(update={"model": machine.model.model_copy(update=stated)})
+
+    def produced(self, percent: Floats, seed: int, *given: Any, **loads: Any) -> Recorded:
+        """Blocks of production (see `frames`) with the mean preload of each sample as truth."""
+        frames = self.frames("production", percent, seed, *given, **loads)
+        time_s = np.arange(len(percent)) / RATE_HZ
+        return Recorded(downsampled(frames, self.nominal()), time_s, percent)
 
     def commissioned(self) -> Machine:
         """Its machine file after commissioning on a healthy, cold recording."""
@@ -140,14 +140,6 @@ def downsampled(
     """Blocks of all frames."""
     downsampler = make_downsampler(machine, interval_s=interval_s)
     return [block for frame in frames for block in downsampler.push(frame)]
-
-
-def recorded(
-    frames: Iterable[SampleFrame], machine: Machine, percent: Floats, interval_s: float = 0.1
-) -> Recorded:
-    """Blocks with the mean preload of each sample (n,) as truth."""
-    time_s = np.arange(len(percent)) / RATE_HZ
-    return Recorded(downsampled(frames, machine, interval_s), time_s, percent)
 
 
 @cache

@@ -15,7 +15,7 @@ from edge_service.health.wear.wear_laws import project_wear
 from edge_service.messages.samples import Floats, Integers
 from edge_service.offline.reproduce.wear import first_crossing_h
 
-from ..table import Table
+from ..table import Table, mean_of
 
 LAWS: tuple[str, ...] = (
     "linear",
@@ -33,17 +33,6 @@ LIMITS = {"warning": 0.6, "fault": 0.3}
 DRAG_LIMITS = {"90": 0.9, "85": 0.85, "80": 0.8}
 """Shares of the first reading of a drag torque, from which dates are asked as of a preload."""
 DAY_S, YEAR_DAYS, STAGE_H = 86400.0, 365.25, 35.0
-HEADS: tuple[str, ...] = (
-    "dates: wear by",
-    "asked",
-    "dated",
-    "held",
-    "sooner",
-    "later",
-    "open",
-    "width",
-)
-HEADS += ("log score", "line", "exponential")
 _QUESTIONS = 4
 _EARLIEST, _LATEST = 0.4, 0.95
 """Share of the time to the limit at which a date is asked for."""
@@ -284,34 +273,38 @@ def log_score(draws_s: Floats, left_s: float, scale_s: float) -> float:
 def dates_table(parts: Sequence[Asked]) -> Table:
     """One row for each law and for all of them, then for readings and for healthy axes."""
     names = list(dict.fromkeys(part.row for part in parts))
-    rows = [_figures(name, [part for part in parts if part.row == name]) for name in names]
+    rows = [_row(name, [part for part in parts if part.row == name]) for name in names]
     laws = [name for name in names if name in LAWS]
-    rows.insert(len(laws), _figures("all laws", [part for part in parts if part.row in laws]))
+    rows.insert(len(laws), _row("all laws", [part for part in parts if part.row in laws]))
     healthy = [part for part in parts if part.row == NOTHING]
-    told = [
+    dates, falls, alarms = (
         sum(getattr(part, name) for part in healthy) for name in ("dated", "falling", "alarmed")
-    ]
-    return Table(
-        HEADS,
-        tuple(rows),
-        (
-            "held: share of the 90 % bands; sooner, later: reached before and after the band; "
-            "width: median of the bands, share of the time that remained; scores: mean log "
-            "density of what came, of the questions with a date",
-            "healthy axes, after {} sessions: {} dates, {} falls, {} alarms of the rate".format(
-                len(healthy), *told
-            ),
-        ),
+    )
+    return Table.of(
+        rows,
+        "held: share of the 90 % bands; sooner, later: reached before and after the band; "
+        "width: median of the bands, share of the time that remained; scores: mean log "
+        "density of what came, of the questions with a date",
+        f"healthy axes, after {len(healthy)} sessions: {dates} dates, {falls} falls, "
+        f"{alarms} alarms of the rate",
     )
 
 
-def _figures(name: str, asked: Sequence[Asked]) -> tuple[object, ...]:
+def _row(name: str, asked: Sequence[Asked]) -> Mapping[str, object]:
+    share = mean_of([float(each.dated) for each in asked])
+    row: dict[str, object] = {"dates: wear by": name, "asked": len(asked), "dated": share}
     dated = [each for each in asked if each.scores]
-    share = sum(each.dated for each in asked) / max(len(asked), 1)
     if not dated:
-        return name, len(asked), share, *[None] * (len(HEADS) - 3)
-    missed = [each.missed for each in dated]
-    counts = [missed.count(side) / len(dated) for side in (0, -1, 1)]
-    width = [each.width for each in dated]
-    scores = np.mean([each.scores for each in dated], axis=0).tolist()
-    return name, len(asked), share, *counts, float(np.mean(np.isinf(width))), median(width), *scores
+        return row
+    missed, width = [each.missed for each in dated], [each.width for each in dated]
+    ours, line, exponential = np.mean([each.scores for each in dated], axis=0).tolist()
+    return row | {
+        "held": missed.count(0) / len(dated),
+        "sooner": missed.count(-1) / len(dated),
+        "later": missed.count(1) / len(dated),
+        "open": float(np.mean(np.isinf(width))),
+        "width": median(width),
+        "log score": ours,
+        "line": line,
+        "exponential": exponential,
+    }

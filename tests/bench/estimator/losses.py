@@ -4,24 +4,23 @@ The shifts are those of `healthy`: warm-up, new lubricant, payload, cuts and pau
 is lost, and when, is drawn from the seed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 
-from ..table import Table, mean_of
-from .healthy.production_cases import HEALTHY, SHIFT_S, Course, produced
+from ..table import Table, listed, mean_of
+from .healthy.production_cases import HEALTHY, Course, produced
 from .scores import Score, follow, pooled, score
 
 STEP_S = 0.01
 """A sudden loss takes so long."""
 CASES = ("healthy", "part lost at once", "all lost at once", "lost steadily", "worn at the start")
-HEADS = ("preload lost in production", "wrong", "held", "MAE", "fresh", "answered", "score")
 
 
-def drawn_course(case: str, axis_seed: int, shift_s: float = SHIFT_S) -> Course:
+def drawn_course(case: str, axis_seed: int, shift_s: float) -> Course:
     """Course of the preload; the same arguments give the same one."""
     rng = np.random.default_rng([axis_seed, 59])
     at_s, until_s = np.sort(rng.uniform(0.2, 0.8, 2)) * shift_s
@@ -50,9 +49,8 @@ class LossPart:
 def lost(plant: str, axis_seed: int, shift_s: float) -> Iterator[LossPart]:
     """All cases on one axis."""
     for case in CASES:
-        machine, recorded = produced(
-            plant, axis_seed, shift_s, drawn_course(case, axis_seed, shift_s)
-        )
+        course = drawn_course(case, axis_seed, shift_s)
+        machine, recorded = produced(plant, axis_seed, shift_s, course)
         track = follow(MixturePreloadEstimator(machine), recorded)
         fresh = machine.fresh_preload_percent or 0.0
         error = float(np.abs(track.truth - fresh).mean())
@@ -61,12 +59,18 @@ def lost(plant: str, axis_seed: int, shift_s: float) -> Iterator[LossPart]:
 
 def losses_table(parts: Sequence[LossPart]) -> Table:
     """One row for each plant and case."""
-    rows: list[tuple[object, ...]] = []
+    rows: list[Mapping[str, object]] = []
     for plant, case in dict.fromkeys((part.plant, part.case) for part in parts):
         same = [part for part in parts if (part.plant, part.case) == (plant, case)]
         whole = pooled(part.score for part in same)
-        fresh, answered = mean_of([each.fresh_mae for each in same]), whole.answered / whole.moments
-        shares = (whole.wrong, whole.coverage, whole.mae, fresh, answered, whole.interval_score)
-        rows.append((f"{plant}: {case}", *shares))
-    seeds = ", ".join(map(str, sorted({part.axis_seed for part in parts})))
-    return Table(HEADS, tuple(rows), (f"axis seeds {seeds}",))
+        row = {
+            "preload lost in production": f"{plant}: {case}",
+            "wrong": whole.wrong,
+            "held": whole.coverage,
+            "MAE": whole.mae,
+            "fresh": mean_of([each.fresh_mae for each in same]),
+            "answered": whole.answered / whole.moments,
+            "score": whole.interval_score,
+        }
+        rows.append(row)
+    return Table.of(rows, f"axis seeds {listed(part.axis_seed for part in parts)}")

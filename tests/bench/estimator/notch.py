@@ -25,7 +25,6 @@ LARGE_SHARE = 0.25
 """Share of the nut in the compliance from which on a test is asked to be worth it."""
 STATED = 0.15
 """Standard deviation of the nut's stated stiffness, a share."""
-HEADS = ("tested by shaking", "read", "held", "width", "width today", "MAE", "MAE of fresh")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,7 @@ def _width_today(axis: Axis, now: Axis) -> float:
 
 def notch_table(parts: Sequence[NotchPart]) -> Table:
     """One row for each case and size of the nut's share, and for all preloads of each."""
-    rows: list[tuple[object, ...]] = []
+    rows: list[Mapping[str, object]] = []
     names = dict.fromkeys(part.case for part in parts)
     all_preloads = [name for name in names if name.endswith(" of fresh")]
     groups = {"all these": all_preloads} | {name: [name] for name in names}
@@ -112,18 +111,19 @@ def notch_table(parts: Sequence[NotchPart]) -> Table:
             same = [p for p in parts if p.case in group and (p.share >= LARGE_SHARE) == large]
             read = [part for part in same if math.isfinite(part.value)]
             held = [part.low - 1e-9 <= part.truth <= part.high + 1e-9 for part in read]
-            numbers = (
-                len(read) / max(len(same), 1),
-                mean_of([float(each) for each in held]),
-                _median([part.high - part.low for part in read]),
-                _median([part.today for part in read]),
-                mean_of([abs(part.value - part.truth) for part in read]),
-                mean_of([FRESH_PERCENT - part.truth for part in read]),
-            )
             share = f"share {'from' if large else 'below'} {LARGE_SHARE:g}"
-            rows.append((f"{title}, {share}", *numbers))
+            row = {
+                "tested by shaking": f"{title}, {share}",
+                "read": len(read) / max(len(same), 1),
+                "held": mean_of([float(each) for each in held]),
+                "width": _median([part.high - part.low for part in read]),
+                "width today": _median([part.today for part in read]),
+                "MAE": mean_of([abs(part.value - part.truth) for part in read]),
+                "MAE of fresh": mean_of([FRESH_PERCENT - part.truth for part in read]),
+            }
+            rows.append(row)
     seeds = sorted({part.axis_seed for part in parts})
-    return Table(HEADS, tuple(rows), (f"{len(seeds)} axes, seeds {seeds[0]} to {seeds[-1]}",))
+    return Table.of(rows, f"{len(seeds)} axes, seeds {seeds[0]} to {seeds[-1]}")
 
 
 def _median(values: Sequence[float]) -> float:

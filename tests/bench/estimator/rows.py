@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from ..table import Table
 from .aims import AIMS, Aim
@@ -17,38 +16,19 @@ _AGAIN = (ALL_FOREIGN, "after step 100")
 _SPOILED = frozenset(case.name for case in CASES)
 
 
-@dataclass(frozen=True, slots=True)
-class BenchRow:
-    """One row as measured; `ours` is None where it could not be."""
-
-    row: str
-    ours: Score | None
-    thesis: Score | None
-    aim: str
-    met: bool | None
-    added: float | None
-
-
-HEADS = (
-    *("row", "wrong", "rows", "cases", "thesis MAE", "MAE", "worst", "drop", "cover", "score"),
-    *("seen s", "met", "aim"),
-)
-
-
 def table_of(parts: Sequence[Part]) -> Table:
     """Pool the parts of each row and hold them against the aims."""
     ours = _pooled_by_row(parts, lambda part: part.ours)
     thesis = _pooled_by_row(parts, lambda part: part.thesis)
     rows = [_row(name, aim, ours, thesis) for name, aim in AIMS.items()]
-    rows.append(_coverage_row(rows))
-    judged = [row.met for row in rows if row.met is not None]
-    note = f"{sum(judged)} of {len(judged)} aims met; {_wrong(rows)}"
-    return Table(HEADS, tuple((*_cells(row), _met(row), _remark(row)) for row in rows), (note,))
+    rows.append(_coverage_row([ours[name] for name in AIMS if name in ours]))
+    judged = [row["met"] for row in rows if row["met"] in ("yes", "MISSED")]
+    return Table.of(rows, f"{judged.count('yes')} of {len(judged)} aims met; {_wrong(ours)}")
 
 
-def _wrong(rows: Sequence[BenchRow]) -> str:
+def _wrong(ours: Mapping[str, Score]) -> str:
     """Count of confidently wrong numbers; rows made of others' numbers are left out."""
-    scores = [row.ours for row in rows if row.ours and not row.row.endswith(_AGAIN)]
+    scores = [ours[name] for name in AIMS if name in ours and not name.endswith(_AGAIN)]
     answered = sum(each.answered for each in scores)
     wrong = sum(round(each.wrong * each.answered) for each in scores if each.wrong > 0.0)
     cases = sum(each.cases for each in scores)
@@ -67,57 +47,41 @@ def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) 
     return {row: pooled(scores) for row, scores in found.items()}
 
 
-def _row(name: str, aim: Aim, ours: Mapping[str, Score], thesis: Mapping[str, Score]) -> BenchRow:
-    mine, text = ours.get(name), aim.text()
-    if mine is None:
-        return BenchRow(name, None, None, text or "-", None, None)
-    reference = ours.get(aim.reference or "")
-    added = None if reference is None else mine.mae - reference.mae
-    met = aim.met(mine, reference) if text else None
-    return BenchRow(name, mine, thesis.get(name), text, met, added)
+def _row(
+    name: str, aim: Aim, ours: Mapping[str, Score], thesis: Mapping[str, Score]
+) -> Mapping[str, object]:
+    """Figures, aim, what was added, and for spoiled recordings what was said."""
+    mine, reference, remark = ours.get(name), ours.get(aim.reference or ""), aim.text() or "-"
+    met = "no data"
+    if mine is not None:
+        met = ("yes" if aim.met(mine, reference) else "MISSED") if aim.text() else "-"
+        if reference is not None:
+            remark += f"; added {mine.mae - reference.mae:+.3f}"
+        if name in _SPOILED:
+            remark += f"; misleading {mine.misleading:.1%}; {', '.join(mine.notes)}"
+    counted = mine or Score(0, 0)
+    return {
+        "row": name,
+        "wrong": counted.wrong,
+        "rows": counted.answered if mine else None,
+        "cases": counted.cases if mine else None,
+        "thesis MAE": thesis[name].mae if name in thesis else None,
+        "MAE": counted.mae,
+        "worst": counted.worst,
+        "drop": counted.false_drop,
+        "cover": counted.coverage,
+        "score": counted.interval_score,
+        "seen s": counted.detection_s,
+        "met": met,
+        "aim": remark,
+    }
 
 
-def _coverage_row(rows: Sequence[BenchRow]) -> BenchRow:
+def _coverage_row(ours: Sequence[Score]) -> Mapping[str, object]:
     """Count of rows with honest intervals, too wide ones counted as missed."""
-    shares = [row.ours.coverage for row in rows if row.ours and not math.isnan(row.ours.coverage)]
+    shares = [each.coverage for each in ours if not math.isnan(each.coverage)]
     low, high = COVERAGE
     honest = sum(low <= each <= high for each in shares)
     name = f"coverage: {honest} rows of {len(shares)} within, {sum(c > high for c in shares)} above"
-    return BenchRow(
-        name, None, None, f"each within {low:g} to {high:g}", honest == len(shares), None
-    )
-
-
-def _cells(row: BenchRow) -> tuple[object, ...]:
-    ours = row.ours
-    if ours is None:
-        return (row.row, *[None] * 10)
-    return (
-        row.row,
-        ours.wrong,
-        ours.answered,
-        ours.cases,
-        math.nan if row.thesis is None else row.thesis.mae,
-        ours.mae,
-        ours.worst,
-        ours.false_drop,
-        ours.coverage,
-        ours.interval_score,
-        ours.detection_s,
-    )
-
-
-def _remark(row: BenchRow) -> str:
-    """The aim, what was added, and for spoiled recordings what was said."""
-    remark = row.aim or "-"
-    if row.added is not None:
-        remark += f"; added {row.added:+.3f}"
-    if row.ours is not None and row.row in _SPOILED:
-        remark += f"; misleading {row.ours.misleading:.1%}; {', '.join(row.ours.notes)}"
-    return remark
-
-
-def _met(row: BenchRow) -> str:
-    if row.met is None:
-        return "-" if row.ours is not None else "no data"
-    return "yes" if row.met else "MISSED"
+    met = "yes" if honest == len(shares) else "MISSED"
+    return {"row": name, "met": met, "aim": f"each within {low:g} to {high:g}"}

@@ -45,19 +45,17 @@ class Track:
     low: Floats
     high: Floats
     motion_s: Floats
-    status_count: Mapping[str, int] = field(default_factory=dict)
-    reasons: tuple[str, ...] = ()
+    status_count: Mapping[str, int] = field(default_factory=dict, kw_only=True)
+    reasons: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def columns(self) -> tuple[Floats, ...]:
+        """All that has one value for each moment."""
+        return self.time_s, self.truth, self.percent, self.low, self.high, self.motion_s
 
     def since(self, moment: int) -> "Track":
         """Without the first moments, and without statuses."""
-        return Track(
-            self.time_s[moment:],
-            self.truth[moment:],
-            self.percent[moment:],
-            self.low[moment:],
-            self.high[moment:],
-            self.motion_s[moment:],
-        )
+        return Track(*(column[moment:] for column in self.columns))
 
 
 class Followed(Protocol):
@@ -89,7 +87,8 @@ def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
         rows.append((block.time_s, block.duration_s, motion_s, *values))
     time_s, duration_s, moved_s, percent, low, high = np.array(rows).reshape(-1, 6).T
     truth = np.interp(time_s - 0.5 * duration_s, recorded.time_s, recorded.percent)
-    return Track(time_s, truth, percent, low, high, moved_s, status_count, tuple(reasons))
+    columns = (time_s, truth, percent, low, high, moved_s)
+    return Track(*columns, status_count=status_count, reasons=tuple(reasons))
 
 
 @dataclass(frozen=True, slots=True)

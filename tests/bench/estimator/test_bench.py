@@ -11,15 +11,14 @@ from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats
 from tests.bench.commands import bench
 
-from ... import foreign_plant
 from ..life.bench import KEPT, drawn_life, live
 from ..life.cases import draw_life
-from ..life.plants import foreign_machine, plant_of
+from ..life.plants import plant_of
 from ..life.scores import crossing_day, life_score
 from .aims import AIMS, Aim
 from .healthy.false_conditions import upper_bound
-from .healthy.production_cases import HEALTHY, draw_shift, foreign_shift
-from .plants.foreign import ROW, scenarios
+from .healthy.production_cases import HEALTHY, SHIFT_S, draw_shift, foreign_shift
+from .plants.foreign import ROW, commissioned_machine, scenarios
 from .plants.own import Part
 from .plants.thesis import thesis_runs
 from .rows import table_of
@@ -75,7 +74,7 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     lines = {line.split("  ")[0]: line for line in str(table_of([Part(row, bad)])).splitlines()}
     assert "MISSED" in lines[row]
     assert "no data" in lines["closed loop: full drop"]
-    assert set(AIMS) | {f"{ROW}{name}" for name in scenarios(foreign_plant, False)} <= set(lines)
+    assert set(AIMS) | {f"{ROW}{name}" for name in scenarios(False)} <= set(lines)
 
 
 def test_without_a_false_alarm_the_bound_is_three_over_the_hours() -> None:
@@ -107,8 +106,8 @@ def test_the_runs_of_the_thesis_beat_its_own_filter() -> None:
 
 def test_a_screw_that_is_warm_beside_its_bearing_misleads_nobody() -> None:
     """Four waves along the stroke do not follow its growth there: read 1.5 points too low once."""
-    shift = replace(draw_shift("foreign", 22), duration_s=60.0)
-    estimator = MixturePreloadEstimator(foreign_machine(22))
+    shift = replace(draw_shift(22, SHIFT_S), duration_s=60.0)
+    estimator = MixturePreloadEstimator(commissioned_machine(22))
     found = score(follow(estimator, foreign_shift(shift, HEALTHY)))
     assert found.answered > 300
     assert found.wrong == 0.0

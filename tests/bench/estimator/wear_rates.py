@@ -1,7 +1,7 @@
 """Wear of any rate within one session of the second plant, cold or while the axis warms up."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,8 @@ from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats
 
 from ... import foreign_plant as plant
-from ..life.plants import foreign_machine
-from ..table import Table, mean_of
-from .plants.foreign import recorded
+from ..table import Table, listed, mean_of
+from .plants.foreign import commissioned_machine, recorded
 from .scores import Score, Track, follow, pooled, score
 
 RATES_PER_MIN = (0.0, 0.001, 0.01, 0.1, 1.0, math.inf)
@@ -24,19 +23,6 @@ LOSS_PERCENT = 0.5
 HELD = 10
 """So many numbers in a row must see the loss."""
 END_S = 10.0
-HEADS: tuple[str, ...] = (
-    "wear in one session, foreign plant",
-    "wrong",
-    "rows",
-    "axes",
-    "MAE",
-    "fresh",
-    "end",
-    "cover",
-    "score",
-    "seen s",
-    "early",
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,30 +30,19 @@ class RatePart:
     """One session with one rate.
 
     Attributes:
+        row: rate and state of the axis, as printed.
+        score: `detection_s` from half a point of loss until it was seen; 0 if sooner.
         end_error: mean of the last `END_S`, estimate less truth, points.
         fresh_mae: of saying `fresh` always, over the same moments, points.
-        seen_s: of motion, from half a point of loss until it was seen; 0 if sooner.
         early: whether it was seen while nothing had been lost.
     """
 
-    rate_per_min: float
-    warming: bool
+    row: str
     axis_seed: int
     score: Score
     end_error: float
     fresh_mae: float
-    seen_s: float
     early: bool
-
-    @property
-    def row(self) -> str:
-        """As printed."""
-        rate = (
-            "all within 1 min"
-            if math.isinf(self.rate_per_min)
-            else f"{self.rate_per_min:g} points/min"
-        )
-        return f"{rate}, {'warming up' if self.warming else 'cold'}"
 
 
 def preload(rate_per_min: float, fresh_percent: float, duration_s: float) -> tuple[Floats, Floats]:
@@ -112,59 +87,45 @@ def rate_session(axis_seed: int, warming: bool, quick: bool) -> Iterator[RatePar
             seed=seed,
             axis_seed=axis_seed,
         )
-        estimator = MixturePreloadEstimator(foreign_machine(axis_seed))
-        track = follow(estimator, recorded(case))
-        yield scored(track, rate, warming, axis_seed, fresh)
-
-
-def scored(
-    track: Track, rate_per_min: float, warming: bool, axis_seed: int, fresh_percent: float
-) -> RatePart:
-    """Figures of one session."""
-    answered = np.isfinite(track.percent)
-    error, at_s = (track.percent - track.truth)[answered], track.time_s[answered]
-    late = at_s >= track.time_s[-1] - END_S
-    seen_s, early = loss_seen(track, fresh_percent)
-    return RatePart(
-        rate_per_min=rate_per_min,
-        warming=warming,
-        axis_seed=axis_seed,
-        score=score(track, detection_s=seen_s),
-        end_error=mean_of(error[late].tolist()),
-        fresh_mae=mean_of(np.abs(fresh_percent - track.truth[answered]).tolist()),
-        seen_s=seen_s,
-        early=early,
-    )
+        track = follow(MixturePreloadEstimator(commissioned_machine(axis_seed)), recorded(case))
+        answered = np.isfinite(track.percent)
+        error, at_s = (track.percent - track.truth)[answered], track.time_s[answered]
+        late = at_s >= track.time_s[-1] - END_S
+        seen_s, early = loss_seen(track, fresh)
+        lost = "all within 1 min" if math.isinf(rate) else f"{rate:g} points/min"
+        yield RatePart(
+            f"{lost}, {'warming up' if warming else 'cold'}",
+            axis_seed,
+            score(track, detection_s=seen_s),
+            mean_of(error[late].tolist()),
+            mean_of(np.abs(fresh - track.truth[answered]).tolist()),
+            early,
+        )
 
 
 def rate_table(parts: Sequence[RatePart]) -> Table:
     """One row for each rate, cold and warming up, over all axes."""
-    rows: list[tuple[object, ...]] = []
-    for name in dict.fromkeys(part.row for part in parts):
-        rows.append((name, *_figures([part for part in parts if part.row == name])))
-    seeds = ", ".join(map(str, sorted({part.axis_seed for part in parts})))
-    return Table(
-        HEADS,
-        tuple(rows),
-        (
-            f"axis seeds {seeds}; end: mean of the absolute errors of the last 10 s; seen: s of "
-            "motion from half a point of loss until the interval leaves the fresh level, the "
-            "latest axis; early: axes on which it did while nothing was lost",
-        ),
+    names = dict.fromkeys(part.row for part in parts)
+    return Table.of(
+        [_row(name, [part for part in parts if part.row == name]) for name in names],
+        f"axis seeds {listed(part.axis_seed for part in parts)}; end: mean of the absolute errors "
+        "of the last 10 s; seen: s of motion from half a point of loss until the interval leaves "
+        "the fresh level, the latest axis; early: axes on which it did while nothing was lost",
     )
 
 
-def _figures(parts: Sequence[RatePart]) -> tuple[object, ...]:
+def _row(name: str, parts: Sequence[RatePart]) -> Mapping[str, object]:
     together = pooled(part.score for part in parts)
-    return (
-        together.wrong,
-        together.answered,
-        len({part.axis_seed for part in parts}),
-        together.mae,
-        mean_of([part.fresh_mae for part in parts]),
-        mean_of([abs(part.end_error) for part in parts]),
-        together.coverage,
-        together.interval_score,
-        together.detection_s,
-        sum(part.early for part in parts),
-    )
+    return {
+        "wear in one session, foreign plant": name,
+        "wrong": together.wrong,
+        "rows": together.answered,
+        "axes": len({part.axis_seed for part in parts}),
+        "MAE": together.mae,
+        "fresh": mean_of([part.fresh_mae for part in parts]),
+        "end": mean_of([abs(part.end_error) for part in parts]),
+        "cover": together.coverage,
+        "score": together.interval_score,
+        "seen s": together.detection_s,
+        "early": sum(part.early for part in parts),
+    }

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -175,19 +176,11 @@ def _stiffness(machine: Machine, seed: int, play_m: float) -> dict[str, Recovere
     return found
 
 
-def _tight(machine: Machine, seed: int) -> dict[str, Recovered]:
-    return _stiffness(machine, seed, 0.0)
-
-
-def _loose(machine: Machine, seed: int) -> dict[str, Recovered]:
-    return _stiffness(machine, seed, PLAY_M)
-
-
 CASES: Mapping[str, Callable[[Machine, int], dict[str, Recovered]]] = {
     "rigid": _rigid,
     "friction": _friction,
     "two_masses": _two_masses,
-    "stretch": _tight,
-    "stretch_with_play": _loose,
+    "stretch": partial(_stiffness, play_m=0.0),
+    "stretch_with_play": partial(_stiffness, play_m=PLAY_M),
 }
 """Inverse dynamics on production moves, the friction test, the multisine, the acceleration test."""

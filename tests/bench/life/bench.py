@@ -6,14 +6,14 @@ that a nut was replaced.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.nodes.estimated_axis import UNKNOWN_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
-from ..table import Table, mean_of
+from ..table import Table, listed, mean_of
 from .cases import SHAPES, Life, draw_life
 from .plants import ForeignLife, OwnLife, plant_of
 from .scores import LifeScore, life_score
@@ -22,19 +22,7 @@ SESSIONS, QUICK_SESSIONS = 16, 6
 SESSION_S, QUICK_SESSION_S = 180.0, 60.0
 QUICK_SHAPES = ("accelerating", "replaced nut")
 KEPT, NEW = "kept", "new"
-HEADS: tuple[str, ...] = (
-    "life: plant, shape, state",
-    "wrong",
-    "rows",
-    "axes",
-    "sessions",
-    "silent",
-    "MAE ends",
-    "fresh",
-    "MAE rows",
-    "rank",
-)
-HEADS += ("cover", "score", "date", "never", "false")
+TITLE = "life: plant, shape, state"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,28 +90,24 @@ def shapes(quick: bool) -> Sequence[str]:
 
 def life_table(parts: Sequence[LifePart]) -> Table:
     """One row for each plant, shape and way over all axes; then all shapes together."""
-    rows: list[tuple[object, ...]] = []
+    rows: list[Mapping[str, object]] = []
     for plant, way in sorted({(part.plant, part.way) for part in parts}):
         mine = [part for part in parts if (part.plant, part.way) == (plant, way)]
         for shape in dict.fromkeys(part.life.shape for part in mine):
             same = [part for part in mine if part.life.shape == shape]
-            rows.append((f"{plant}, {shape}, {way}", *_figures(same)))
-        rows.append((f"{plant}, all lives, {way}", *_figures(mine)))
+            rows.append(_row(f"{plant}, {shape}, {way}", same))
+        rows.append(_row(f"{plant}, all lives, {way}", mine))
         rows += _by_start(f"{plant}, {way}, begun", mine)
-    seeds = sorted({part.life.axis_seed for part in parts})
-    return Table(
-        HEADS,
-        tuple(rows),
-        (
-            f"axis seeds {', '.join(map(str, seeds))}; wrong: share of the numbers whose interval "
-            "misses the truth by more than half a point; date: of falling below 60 % of fresh, "
-            "error as share of the life; never: lives in which it was not found; false: found "
-            "where there is none",
-        ),
+    return Table.of(
+        rows,
+        f"axis seeds {listed(part.life.axis_seed for part in parts)}; wrong: share of the numbers "
+        "whose interval misses the truth by more than half a point; date: of falling below 60 % "
+        "of fresh, error as share of the life; never: lives in which it was not found; false: "
+        "found where there is none",
     )
 
 
-def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[object, ...]]:
+def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[Mapping[str, object]]:
     """One row for each state in which sessions begin; what only a life has is left out."""
     found: dict[str, list[Score]] = {}
     for part in parts:
@@ -132,27 +116,36 @@ def _by_start(label: str, parts: Sequence[LifePart]) -> Iterator[tuple[object, .
     axes = len({part.life.axis_seed for part in parts})
     for start, scores in sorted(found.items()):
         rows = pooled(scores)
-        silent = sum(each.answered == 0 for each in scores)
-        counted = (rows.wrong, rows.answered, axes, len(scores), silent, None, None, rows.mae, None)
-        yield f"{label} {start}", *counted, rows.coverage, rows.interval_score, *[None] * 3
+        yield {
+            TITLE: f"{label} {start}",
+            "wrong": rows.wrong,
+            "rows": rows.answered,
+            "axes": axes,
+            "sessions": len(scores),
+            "silent": sum(each.answered == 0 for each in scores),
+            "MAE rows": rows.mae,
+            "cover": rows.coverage,
+            "score": rows.interval_score,
+        }
 
 
-def _figures(parts: Sequence[LifePart]) -> tuple[object, ...]:
+def _row(title: str, parts: Sequence[LifePart]) -> Mapping[str, object]:
     scores = [part.score for part in parts]
     rows = pooled(each.rows for each in scores)
-    return (
-        rows.wrong,
-        rows.answered,
-        len({part.life.axis_seed for part in parts}),
-        sum(each.sessions for each in scores),
-        sum(each.silent for each in scores),
-        mean_of([each.ends_mae for each in scores]),
-        mean_of([each.fresh_mae for each in scores]),
-        rows.mae,
-        mean_of([each.rank for each in scores]),
-        rows.coverage,
-        rows.interval_score,
-        mean_of([each.crossing for each in scores]),
-        sum(each.crossing == float("inf") for each in scores),
-        sum(each.false_crossing for each in scores),
-    )
+    return {
+        TITLE: title,
+        "wrong": rows.wrong,
+        "rows": rows.answered,
+        "axes": len({part.life.axis_seed for part in parts}),
+        "sessions": sum(len(each.each) for each in scores),
+        "silent": sum(each.silent for each in scores),
+        "MAE ends": mean_of([each.ends_mae for each in scores]),
+        "fresh": mean_of([each.fresh_mae for each in scores]),
+        "MAE rows": rows.mae,
+        "rank": mean_of([each.rank for each in scores]),
+        "cover": rows.coverage,
+        "score": rows.interval_score,
+        "date": mean_of([each.crossing for each in scores]),
+        "never": sum(each.crossing == float("inf") for each in scores),
+        "false": sum(each.false_crossing for each in scores),
+    }

@@ -1,20 +1,16 @@
 """Sessions of a life on either plant: what an estimator gets of them, and the truth."""
 
 from collections.abc import Iterator
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.samples import Floats, SampleFrame
-from edge_service.models.machine import Machine
 
 from ... import foreign_plant as plant
-from ..estimator import axis as estimator_axis
-from ..estimator.axis import RATE_HZ, OwnAxis
-from ..estimator.plants import foreign as estimator_foreign
-from ..estimator.plants.foreign import commissioned_machine
+from ..estimator.axis import BEARING_NM, GUIDE_N, RATE_HZ, OwnAxis, downsampled
+from ..estimator.plants.foreign import commissioned_machine, recorded
 from ..estimator.scores import Recorded
 from .cases import Session
 
@@ -34,7 +30,7 @@ class ForeignLife:
 
     def recorded(self, session: Session) -> Recorded:
         """Blocks of a session with the truth, on the session's clock."""
-        return estimator_foreign.recorded(self.case(session), clock_s=session.clock_s)
+        return recorded(self.case(session), clock_s=session.clock_s)
 
     def case(self, session: Session) -> Any:
         """The plant's own description of a session."""
@@ -51,7 +47,7 @@ class ForeignLife:
 
     def estimator(self) -> MixturePreloadEstimator:
         """A new one for the commissioned axis."""
-        return MixturePreloadEstimator(foreign_machine(self._axis_seed))
+        return MixturePreloadEstimator(commissioned_machine(self._axis_seed))
 
 
 class OwnLife:
@@ -69,18 +65,12 @@ class OwnLife:
         time_s = np.arange(count) / RATE_HZ
         percent: Floats = np.interp(time_s, session.time_s, session.percent)
         added = np.full(count, session.added_kg)
+        effects = self.effects(session)
         frames = self._axis.frames(
-            "production",
-            percent,
-            session.seed,
-            self.effects(session),
-            session.nut,
-            added_mass_kg=added,
+            "production", percent, session.seed, effects, session.nut, added_mass_kg=added
         )
-        found = estimator_axis.recorded(
-            _later(frames, session.clock_s), self._axis.nominal(), percent
-        )
-        return Recorded(found.blocks, found.time_s + session.clock_s, percent)
+        blocks = downsampled(_later(frames, session.clock_s), self._axis.nominal())
+        return Recorded(blocks, time_s + session.clock_s, percent)
 
     def effects(self, session: Session) -> tuple[str, ...]:
         """Warmth, growth and the friction of guides, bearings and lubricant as effects."""
@@ -89,8 +79,8 @@ class OwnLife:
         faded_nm = WARM_SHARE * machine.commissioned.coulomb_nm
         cold = 1.0 - session.warmth
         ratio = machine.transmission_ratio_m_per_rad
-        guide_nm = estimator_axis.GUIDE_N * ratio * (session.guide - 1.0)
-        change_nm = guide_nm + estimator_axis.BEARING_NM * (session.bearing - 1.0) - faded_nm
+        guide_nm = GUIDE_N * ratio * (session.guide - 1.0)
+        change_nm = guide_nm + BEARING_NM * (session.bearing - 1.0) - faded_nm
         viscous = machine.model.viscous_nm_s_per_rad.value * (session.viscous - 1.0)
         return (
             f"drag_error:change_nm={change_nm}",
@@ -107,12 +97,6 @@ class OwnLife:
 def plant_of(name: str, axis_seed: int) -> OwnLife | ForeignLife:
     """An axis of the plant `foreign` or `own`."""
     return OwnLife(axis_seed) if name == OwnLife.name else ForeignLife(axis_seed)
-
-
-@cache
-def foreign_machine(axis_seed: int) -> Machine:
-    """An axis of the second plant after commissioning."""
-    return commissioned_machine(axis_seed)
 
 
 def _later(frames: Iterator[SampleFrame], clock_s: float) -> Iterator[SampleFrame]:

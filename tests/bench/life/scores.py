@@ -14,47 +14,25 @@ from ..table import mean_of
 from .cases import DAY_S, LIMIT_SHARE, Life
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SessionEnds:
-    """The last number of each session and the truth then, (n,); NaN where it gave none."""
-
-    day: Floats
-    truth: Floats
-    percent: Floats
-    low: Floats
-    high: Floats
-
-
-def session_ends(life: Life, tracks: Sequence[Track]) -> SessionEnds:
-    """Of one track for each session."""
+def session_ends(life: Life, tracks: Sequence[Track]) -> tuple[Floats, Floats, Floats]:
+    """Day, truth and last number of each session, (n,) each; NaN where it gave none."""
     rows = []
     for session, track in zip(life.sessions, tracks, strict=True):
         answered = np.flatnonzero(np.isfinite(track.percent))
         last = int(answered[-1]) if len(answered) else -1
         day = session.day + (float(track.time_s[last]) - session.clock_s) / DAY_S
-        numbers = (track.percent[last], track.low[last], track.high[last])
-        rows.append((day, float(track.truth[last]), *(float(each) for each in numbers)))
-    return SessionEnds(*np.array(rows).T)
+        rows.append((day, float(track.truth[last]), float(track.percent[last])))
+    day_of_each, truth, percent = np.array(rows).T
+    return day_of_each, truth, percent
 
 
 def joined(life: Life, tracks: Sequence[Track]) -> Track:
     """All sessions one after another on a clock that counts only them."""
-    before_s, times = 0.0, []
+    before_s, moved = 0.0, []
     for session, track in zip(life.sessions, tracks, strict=True):
-        times.append(track.time_s - session.clock_s + before_s)
+        moved.append((track.time_s - session.clock_s + before_s, *track.columns[1:]))
         before_s += session.duration_s
-
-    def all_of(name: str) -> Floats:
-        return np.concatenate([getattr(track, name) for track in tracks])
-
-    return Track(
-        time_s=np.concatenate(times),
-        truth=all_of("truth"),
-        percent=all_of("percent"),
-        low=all_of("low"),
-        high=all_of("high"),
-        motion_s=all_of("motion_s"),
-    )
+    return Track(*map(np.concatenate, zip(*moved, strict=True)))
 
 
 def crossing_day(day: Floats, percent: Floats, level: float) -> float:
@@ -97,7 +75,6 @@ class LifeScore:
         false_crossing: whether one was found where there is none.
     """
 
-    sessions: int
     silent: int
     rows: Score
     each: tuple[Score, ...]
@@ -110,19 +87,18 @@ class LifeScore:
 
 def life_score(life: Life, tracks: Sequence[Track]) -> LifeScore:
     """Of one track for each session."""
-    ends = session_ends(life, tracks)
-    answered = np.isfinite(ends.percent)
+    day, truth, percent = session_ends(life, tracks)
+    answered = np.isfinite(percent)
     level = LIMIT_SHARE * life.fresh_percent
-    found, true = crossing_day(ends.day, ends.percent, level), life.crossing_day()
-    fresh = np.abs(life.fresh_percent - ends.truth[answered])
+    found, true = crossing_day(day, percent, level), life.crossing_day()
+    fresh = np.abs(life.fresh_percent - truth[answered])
     return LifeScore(
-        sessions=len(tracks),
         silent=int((~answered).sum()),
         rows=score(joined(life, tracks)),
         each=tuple(score(track) for track in tracks),
-        ends_mae=mean_of(np.abs(ends.percent - ends.truth)[answered].tolist()),
+        ends_mae=mean_of(np.abs(percent - truth)[answered].tolist()),
         fresh_mae=mean_of(fresh.tolist()),
-        rank=rank_correlation(ends.percent, ends.truth),
+        rank=rank_correlation(percent, truth),
         crossing=math.nan if math.isnan(true) else abs(found - true) / life.days,
         false_crossing=math.isnan(true) and math.isfinite(found),
     )

@@ -29,15 +29,11 @@ PER_HOURS = 1000.0
 TICK_BLOCKS = 10
 START_NS = 1_700_000_000 * 10**9
 FALSE = (AxisCondition.WARNING, AxisCondition.FAULT)
-HEADS: tuple[str, ...] = (
-    *("healthy production", "wrong", "rows", "axes", "hours", "WARNING", "FAULT", "alarms"),
-    *("at most", "min false", "unavailable", "MAE", "cover"),
-)
 
 
-@dataclass(frozen=True, slots=True)
-class WatchCount:
-    """Counts of what a watch said of one shift.
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftPart:
+    """One shift with a new start of the estimator, and what a watch said of it.
 
     Attributes:
         conditions: how often each condition began.
@@ -45,20 +41,13 @@ class WatchCount:
         condition_s: how long each condition stood.
     """
 
-    conditions: Mapping[str, int]
-    alarms: Mapping[str, int]
-    condition_s: Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShiftPart:
-    """One shift with a new start of the estimator."""
-
     plant: str
     axis_seed: int
     hours: float
-    count: WatchCount
     score: Score
+    conditions: Counter[str]
+    alarms: Counter[str]
+    condition_s: Mapping[str, float]
 
 
 class Watched:
@@ -70,16 +59,16 @@ class Watched:
         facts = (machine.axis.name, machine.fresh_preload_percent, geometry)
         self._watch = AxisMonitor(*facts, AlarmSettings(), START_NS)
         self._sequence, self._now_ns = 0, START_NS
-        self._conditions: Counter[str] = Counter()
-        self._alarms: Counter[str] = Counter()
-        self._condition_s: defaultdict[str, float] = defaultdict(float)
+        self.conditions: Counter[str] = Counter()
+        self.alarms: Counter[str] = Counter()
+        self.condition_s: defaultdict[str, float] = defaultdict(float)
         self._condition = AxisCondition.UNAVAILABLE.value
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval; once for each `estimate`."""
         self._estimator.update(block)
         self._now_ns = START_NS + round(block.time_s * 1e9)
-        self._condition_s[self._condition] += block.duration_s
+        self.condition_s[self._condition] += block.duration_s
         self._note(self._watch.on_feature(self._header(), block, self._now_ns))
 
     def estimate(self) -> PreloadEstimate:
@@ -93,10 +82,6 @@ class Watched:
                 self._watch.take_trend(self._watch.trend_work()(), self._now_ns)
         return estimate
 
-    def count(self) -> WatchCount:
-        """Counts of what was said so far."""
-        return WatchCount(dict(self._conditions), dict(self._alarms), dict(self._condition_s))
-
     def _header(self) -> Header:
         return Header(self._sequence, START_NS, self._now_ns, self._now_ns)
 
@@ -104,17 +89,18 @@ class Watched:
         for event in events:
             if event.kind == "condition_changed":
                 self._condition = AxisCondition(str(event.data["to"])).value
-                self._conditions[self._condition] += 1
+                self.conditions[self._condition] += 1
             elif event.kind == "alarm_raised":
-                self._alarms[str(event.data["alarm"])] += 1
+                self.alarms[str(event.data["alarm"])] += 1
 
 
 def shifts(plant: str, axis_seed: int, duration_s: float) -> Iterator[ShiftPart]:
     """A shift of healthy production, watched."""
     machine, recorded = produced(plant, axis_seed, duration_s)
     watched = Watched(MixturePreloadEstimator(machine), machine)
-    track = follow(watched, recorded)
-    yield ShiftPart(plant, axis_seed, duration_s / 3600.0, watched.count(), score(track))
+    found, hours = score(follow(watched, recorded)), duration_s / 3600.0
+    said = (watched.conditions, watched.alarms, watched.condition_s)
+    yield ShiftPart(plant, axis_seed, hours, found, *said)
 
 
 def upper_bound(count: int, hours: float) -> float:
@@ -127,27 +113,21 @@ def upper_bound(count: int, hours: float) -> float:
 
 def healthy_table(parts: Sequence[ShiftPart]) -> Table:
     """One row for each plant, and all of them."""
-    plants = tuple(dict.fromkeys(part.plant for part in parts))
-    rows = [(plant, *_figures([p for p in parts if p.plant == plant])) for plant in plants]
-    rows.append(("all", *_figures(parts)))
+    plants = dict.fromkeys(part.plant for part in parts)
+    rows = [_row(plant, [part for part in parts if part.plant == plant]) for plant in plants]
     seeds = [part.axis_seed for part in parts]
-    return Table(
-        HEADS,
-        tuple(rows),
-        (
-            f"axis seeds {min(seeds)} to {max(seeds)}; WARNING, FAULT: how often the condition "
-            "became so; alarms: raised; at most so many of all three together per "
-            f"{PER_HOURS:,.0f} axis-hours with 95 % confidence; min false: time in the conditions",
-            *(_complaint(part) for part in parts if _said(part)),
-        ),
+    return Table.of(
+        [*rows, _row("all", parts)],
+        f"axis seeds {min(seeds)} to {max(seeds)}; WARNING, FAULT: how often the condition became "
+        "so; alarms: raised; at most so many of all three together per "
+        f"{PER_HOURS:,.0f} axis-hours with 95 % confidence; min false: time in the conditions",
+        *(_complaint(part) for part in parts if _said(part)),
     )
 
 
 def _said(part: ShiftPart) -> Counter[str]:
     """Conditions and alarms that no healthy axis has."""
-    said = Counter(dict(part.count.alarms))
-    said.update({each.value: part.count.conditions.get(each.value, 0) for each in FALSE})
-    return +said
+    return +(part.alarms + Counter({each.value: part.conditions[each.value] for each in FALSE}))
 
 
 def _complaint(part: ShiftPart) -> str:
@@ -156,25 +136,24 @@ def _complaint(part: ShiftPart) -> str:
     return f"  {part.plant} {part.axis_seed}: {each}"
 
 
-def _figures(parts: Sequence[ShiftPart]) -> tuple[object, ...]:
+def _row(title: str, parts: Sequence[ShiftPart]) -> Mapping[str, object]:
     hours = sum(part.hours for part in parts)
     together = pooled(part.score for part in parts)
-    begun: Counter[str] = Counter()
-    stood_s: defaultdict[str, float] = defaultdict(float)
-    for part in parts:
-        begun.update(part.count.conditions)
-        for name, spent_s in part.count.condition_s.items():
-            stood_s[name] += spent_s
-    return (
-        together.wrong,
-        together.answered,
-        len(parts),
-        round(hours, 2),
-        *(begun[each.value] for each in FALSE),
-        sum(sum(part.count.alarms.values()) for part in parts),
-        upper_bound(sum(sum(_said(part).values()) for part in parts), hours),
-        sum(stood_s[each.value] for each in FALSE) / 60.0,
-        stood_s[AxisCondition.UNAVAILABLE.value] / 3600.0 / hours,
-        together.mae,
-        together.coverage,
-    )
+
+    def stood_s(condition: AxisCondition) -> float:
+        return sum(part.condition_s.get(condition.value, 0.0) for part in parts)
+
+    return {
+        "healthy production": title,
+        "wrong": together.wrong,
+        "rows": together.answered,
+        "axes": len(parts),
+        "hours": round(hours, 2),
+        **{each.name: sum(part.conditions[each.value] for part in parts) for each in FALSE},
+        "alarms": sum(part.alarms.total() for part in parts),
+        "at most": upper_bound(sum(_said(part).total() for part in parts), hours),
+        "min false": sum(map(stood_s, FALSE)) / 60.0,
+        "unavailable": stood_s(AxisCondition.UNAVAILABLE) / 3600.0 / hours,
+        "MAE": together.mae,
+        "cover": together.coverage,
+    }

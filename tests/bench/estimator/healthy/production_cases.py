@@ -16,8 +16,7 @@ from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
 from .... import foreign_plant as plant
-from ...life.plants import TIME_CONSTANT_S, WARM_SHARE, foreign_machine
-from .. import axis as estimator_axis
+from ...life.plants import TIME_CONSTANT_S, WARM_SHARE
 from ..axis import RATE_HZ, OwnAxis
 from ..plants.foreign import commissioned_machine, recorded
 from ..scores import Recorded
@@ -42,7 +41,6 @@ class Shift:
         pauses: (time s, standstill s).
     """
 
-    plant: str
     axis_seed: int
     seed: int
     duration_s: float
@@ -55,7 +53,7 @@ class Shift:
     pauses: Pauses
 
 
-def draw_shift(plant: str, axis_seed: int, duration_s: float = SHIFT_S) -> Shift:
+def draw_shift(axis_seed: int, duration_s: float) -> Shift:
     """A shift; the same arguments give the same shift. Each event happens in half of them."""
     rng = np.random.default_rng([axis_seed, 41])
 
@@ -63,45 +61,37 @@ def draw_shift(plant: str, axis_seed: int, duration_s: float = SHIFT_S) -> Shift
         return sorted(float(at) for at in rng.uniform(0.1, 0.9, count) * duration_s)
 
     changes = [(at, float(rng.choice([5.0, 10.0]))) for at in when(int(rng.integers(0, 3)))]
+    if len(changes) > 1:  # what is put on is taken off by the next one
+        changes[1] = (changes[1][0], -changes[0][1])
     forces = rng.random() < 0.5
     return Shift(
-        plant=plant,
         axis_seed=axis_seed,
         seed=int(rng.integers(1, 2**31)),
         duration_s=duration_s,
         warmth=0.0 if rng.random() < 0.5 else float(rng.uniform(0.3, 1.0)),
         relubricated_s=when(1)[0],
         relubricated=1.0 if rng.random() < 0.5 else float(rng.uniform(0.75, 0.9)),
-        payload=_alternating(changes),
+        payload=tuple(changes),
         force_n=float(rng.uniform(100.0, 400.0)) if forces else 0.0,
         force_duty=float(rng.uniform(0.1, 0.35)),
         pauses=tuple((at, float(rng.uniform(5.0, 60.0))) for at in when(int(rng.integers(0, 4)))),
     )
 
 
-def _alternating(changes: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Changes in turn: what is put on is taken off by the next one."""
-    if len(changes) < 2:
-        return tuple(changes)
-    (first_s, kg), (second_s, _) = changes
-    return ((first_s, kg), (second_s, -kg))
-
-
 def produced(
-    plant: str, axis_seed: int, duration_s: float = SHIFT_S, course: Course = HEALTHY
+    plant: str, axis_seed: int, duration_s: float, course: Course = HEALTHY
 ) -> tuple[Machine, Recorded]:
     """Commissioned machine file and recording of a drawn shift on one of `PLANTS`."""
     name, _, lacking = plant.partition(", ")
-    shift, axis = draw_shift(name, axis_seed, duration_s), OwnAxis(axis_seed)
+    blind, shift = bool(lacking), draw_shift(axis_seed, duration_s)
     if name == "own":
-        if lacking:
-            blind = replace(axis, one_encoder=True)
-            return blind.commissioned(), _blind(_own(shift, axis, course))
-        return axis.commissioned(), _own(shift, axis, course)
-    if lacking:
-        machine = commissioned_machine(axis_seed, one_encoder=True)
-        return machine, _blind(foreign_shift(shift, course))
-    return foreign_machine(axis_seed), foreign_shift(shift, course)
+        axis = OwnAxis(axis_seed)
+        machine = replace(axis, one_encoder=blind).commissioned()
+        made = _own(shift, axis, course)
+    else:
+        machine = commissioned_machine(axis_seed, one_encoder=blind)
+        made = foreign_shift(shift, course)
+    return machine, _blind(made) if blind else made
 
 
 def _blind(recorded: Recorded) -> Recorded:
@@ -152,8 +142,7 @@ def _own(shift: Shift, axis: OwnAxis, course: Course) -> Recorded:
     for at_s, kg in shift.payload:
         added[time_s >= at_s] += kg
     percent = axis.fresh_percent * np.interp(time_s, *np.array(course).T)
-    frames = axis.frames(
-        "production",
+    return axis.produced(
         percent,
         shift.seed,
         effects,
@@ -162,7 +151,6 @@ def _own(shift: Shift, axis: OwnAxis, course: Course) -> Recorded:
         added_mass_kg=added,
         external_force_n=_bursts(shift, count),
     )
-    return estimator_axis.recorded(frames, axis.nominal(), percent)
 
 
 def _bursts(shift: Shift, count: int) -> Floats:

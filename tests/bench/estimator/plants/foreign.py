@@ -43,6 +43,7 @@ def recorded(case: Any, one_encoder: bool = False, clock_s: float = 0.0) -> Reco
     return Recorded(blocks, truth["time_s"] + clock_s, truth["preload_percent"])
 
 
+@cache
 def commissioned_machine(axis_seed: int, one_encoder: bool = False) -> Machine:
     """From its rich motion on the healthy, cold axis."""
     case = plant.commissioning_case(axis_seed=axis_seed)
@@ -50,7 +51,7 @@ def commissioned_machine(axis_seed: int, one_encoder: bool = False) -> Machine:
     return commissioned([blocks], nominal_machine())
 
 
-def scenarios(plant: Any, quick: bool) -> dict[str, dict[str, Any]]:
+def scenarios(quick: bool) -> dict[str, dict[str, Any]]:
     """Arguments of `axis_case` by the row's name; a `loss` is judged, the rest simulated."""
     fresh = plant.Machine().preload_percent
     warm_s, hot_s = (100.0, 300.0) if quick else (900.0, 600.0)
@@ -82,7 +83,7 @@ def scenarios(plant: Any, quick: bool) -> dict[str, dict[str, Any]]:
 def foreign(axis_seed: int, quick: bool) -> Iterator[Part]:
     """All scenarios of one axis."""
     machine, nominal = commissioned_machine(axis_seed), nominal_machine()
-    for name, given in scenarios(plant, quick).items():
+    for name, given in scenarios(quick).items():
         kwargs = dict(given)
         level = kwargs.pop("loss", None)
         case = plant.axis_case(seed=100 + axis_seed, axis_seed=axis_seed, **kwargs)
@@ -99,7 +100,7 @@ def foreign(axis_seed: int, quick: bool) -> Iterator[Part]:
 
 def foreign_one_encoder(axis_seed: int, quick: bool) -> Iterator[Part]:
     """Warm-up on torque alone."""
-    given = scenarios(plant, quick)["warm-up"]
+    given = scenarios(quick)["warm-up"]
     case = plant.axis_case(seed=200 + axis_seed, axis_seed=axis_seed, **given)
     yield judged(
         ROW + "warm-up, one encoder",

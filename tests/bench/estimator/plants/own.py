@@ -12,7 +12,7 @@ from edge_service.estimate.validity import Validity
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
-from ..axis import RATE_HZ, OwnAxis, StatedErrors, recorded
+from ..axis import RATE_HZ, OwnAxis, downsampled
 from ..scores import Recorded, Score, Track, detection, follow, score
 
 FULL_S, QUICK_S = 100.0, 40.0
@@ -69,23 +69,23 @@ def losses(fresh: float, duration_s: float) -> dict[str, tuple[Floats, tuple[flo
 def closed_loop(seed: int, quick: bool) -> Iterator[Part]:
     """The four scenarios and a one-point step."""
     axis = OwnAxis(seed)
-    machine, nominal = axis.commissioned(), axis.nominal()
     for row, (percent, loss) in losses(axis.fresh_percent, QUICK_S if quick else FULL_S).items():
-        case = recorded(axis.frames("production", percent, 5 + seed), nominal, percent)
-        yield judged(row, machine, nominal, case, loss=loss)
+        case = axis.produced(percent, 5 + seed)
+        yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss)
 
 
 def intervals(seed: int, quick: bool) -> Iterator[Part]:
     """One recording with a ramp and a drop, cut into intervals of 0.1 s to 1 ms."""
     axis = OwnAxis(seed)
-    machine, nominal = axis.commissioned(), axis.nominal()
     count = round((20.0 if quick else 60.0) * RATE_HZ)
     share = np.arange(count) / count
     percent = axis.fresh_percent * np.where(share < 0.6, 1.0 - 0.5 * share, 0.0)
     frames = list(axis.frames("production", percent, 31 + seed))
     for interval_s in (0.1, 0.02, 0.005, 0.001):
-        case = recorded(frames, nominal, percent, interval_s)
-        track = follow(MixturePreloadEstimator(machine), case, every=round(0.1 / interval_s))
+        blocks = downsampled(frames, axis.nominal(), interval_s)
+        case = Recorded(blocks, np.arange(count) / RATE_HZ, percent)
+        estimator = MixturePreloadEstimator(axis.commissioned())
+        track = follow(estimator, case, every=round(0.1 / interval_s))
         yield Part(f"T = {interval_s:g} s", score(track))
 
 
@@ -111,8 +111,7 @@ def warm_case(axis: OwnAxis, percent: Floats, time_constant_s: float, seed: int 
         f"drag_error:change_nm={-faded_nm}",
         f"warmup:excess_nm={faded_nm},time_constant_s={time_constant_s}",
     )
-    frames = axis.frames("production", percent, seed, effects)
-    return recorded(frames, axis.nominal(), percent)
+    return axis.produced(percent, seed, effects)
 
 
 def long_case(axis: OwnAxis, quick: bool) -> tuple[Recorded, tuple[float, float]]:
@@ -136,7 +135,6 @@ def long_run(seed: int, quick: bool) -> Iterator[Part]:
 def loads(seed: int, quick: bool) -> Iterator[Part]:
     """Payload, lubricant of the nut, process force; preload constant."""
     axis = OwnAxis(seed)
-    machine, nominal = axis.commissioned(), axis.nominal()
     count = round((QUICK_S if quick else 60.0) * RATE_HZ)
     time_s = np.arange(count) / RATE_HZ
     event_s = 0.5 * count / RATE_HZ
@@ -153,9 +151,8 @@ def loads(seed: int, quick: bool) -> Iterator[Part]:
             {"external_force_n": np.where(after & bursts, -300.0, 0.0)},
         ),
     ):
-        frames = axis.frames("production", percent, 61 + seed, (), lubricant, **load)
-        case = recorded(frames, nominal, percent)
-        yield judged(row, machine, nominal, case, event_s=event_s)
+        case = axis.produced(percent, 61 + seed, (), lubricant, **load)
+        yield judged(row, axis.commissioned(), axis.nominal(), case, event_s=event_s)
 
 
 ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
@@ -168,7 +165,7 @@ ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
     ),
     (
         "inertia and table mass +-5 %",
-        tuple(OwnAxis(stated=StatedErrors(inertia=share)) for share in (-0.05, 0.05)),
+        tuple(OwnAxis(inertia_off=share) for share in (-0.05, 0.05)),
     ),
     (
         "skew +-1 us",
@@ -176,7 +173,7 @@ ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
     ),
     (
         "nut stiffness +-10 %",
-        tuple(OwnAxis(stated=StatedErrors(nut_stiffness=share)) for share in (-0.1, 0.1)),
+        tuple(OwnAxis(nut_off=share) for share in (-0.1, 0.1)),
     ),
 )
 """Errors unknown to the nominal machine file; commissioning and test share the true axis."""
@@ -189,6 +186,5 @@ def calibration(which: int, quick: bool) -> Iterator[Part]:
         count = round((QUICK_S if quick else 60.0) * RATE_HZ)
         after = np.arange(count) >= 0.5 * count
         percent: Floats = np.where(after, axis.fresh_percent - 2.0, axis.fresh_percent)
-        nominal = axis.nominal()
-        case = recorded(axis.frames("production", percent, 71), nominal, percent)
-        yield judged(row, axis.commissioned(), nominal, case)
+        case = axis.produced(percent, 71)
+        yield judged(row, axis.commissioned(), axis.nominal(), case)

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.estimate.mixture.state import LUBRICATION, MixtureSettings
-from edge_service.messages.features import Fault, FeatureBlock, Phase
+from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.samples import Floats
 from edge_service.models.commissioned import CommissionedConfig
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
@@ -116,37 +117,20 @@ def thesis_blocks(run: thesis.ThesisRun) -> list[FeatureBlock]:
 
 
 def _block(step: int, direction: float, phase: Phase) -> FeatureBlock:
-    missing = math.nan
-    return FeatureBlock(
-        time_s=(step + 1) * thesis.PRINTED_STEP_S,
-        duration_s=thesis.PRINTED_STEP_S,
-        sample_count=1,
-        fault=Fault.NONE,
-        torque_mean_nm=missing,
-        torque_lever_nm=missing,
-        torque_min_nm=missing,
-        torque_max_nm=missing,
-        torque_std_nm=missing,
-        angle_start_rad=missing,
-        angle_end_rad=missing,
-        angle_mean_rad=missing,
-        speed_start_rad_s=missing,
-        speed_end_rad_s=missing,
-        speed_min_rad_s=missing,
-        speed_max_rad_s=missing,
-        direction_mean=direction,
-        direction_lever=0.5 * direction,
-        moving_fraction=1.0,
-        reversal_count=0,
-        since_reversal_s=missing,
-        table_start_m=missing,
-        table_end_m=missing,
-        table_mean_m=missing,
-        temperature_c=missing,
-        external_force_n=missing,
-        steady_direction=direction,
-        accelerating=phase,
-    )
+    values: dict[str, Any] = dict.fromkeys(FEATURE_FIELDS, math.nan)
+    values |= {
+        "time_s": (step + 1) * thesis.PRINTED_STEP_S,
+        "duration_s": thesis.PRINTED_STEP_S,
+        "sample_count": 1,
+        "fault": Fault.NONE,
+        "direction_mean": direction,
+        "direction_lever": 0.5 * direction,
+        "moving_fraction": 1.0,
+        "reversal_count": 0,
+        "steady_direction": direction,
+        "accelerating": phase,
+    }
+    return FeatureBlock(**values)
 
 
 def thesis_runs(first: int, runs: int) -> Iterator[Part]:
