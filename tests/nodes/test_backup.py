@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +43,19 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
+async def heard(client: httpx.AsyncClient) -> Any:
+    """Condition of the axis, once the part that forms it has told it."""
+    health = (await client.get("/api/v1/axes/X/health")).json()
+    silent = any(reason.startswith("no_health") for reason in health["reasons"])
+    return None if silent else health
+
+
 async def answers(client: httpx.AsyncClient, until_ns: int) -> dict[str, Any]:
     """History of the axis up to a time."""
     span = {"from": f"{until_ns / 1e9 - 600.0:.3f}", "to": f"{until_ns / 1e9:.3f}"}
     kept = (await client.get("/api/v1/axes/X/history", params=span | {"step": 1})).json()
     log = (await client.get("/api/v1/log", params=span)).json()
-    health = (await client.get("/api/v1/axes/X/health")).json()
+    health = await until(partial(heard, client))
     return {
         "history": kept["buckets"],
         "log": log["items"],

@@ -24,9 +24,9 @@ TABLE_FAULTS = ("payload", "looseness")
 """Faults that only the second encoder shows."""
 MODEL_ERROR = 0.015
 """Error of ln(preload) by the cube root law and the drag's proportion near a fresh preload."""
-MODEL_ERROR_SHARE, DRAG_ERROR_SHARE = 0.2, 0.02
+MODEL_ERROR_SHARE, DRAG_ERROR_SHARE = 0.15, 0.02
 """Its growth with the distance from the fresh preload, as a share: the exponent of the nut's law,
-1/3 for Hertz contacts, is known to a fifth (assumed); error of the drag per preload."""
+1/3 for Hertz contacts, is known to 15 % (assumed); error of the drag per preload."""
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
