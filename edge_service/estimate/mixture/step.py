@@ -94,7 +94,7 @@ def step(
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm)
-    _count_forced(bank, process, reading, calm)
+    _count_forced(bank, process, reading.steady_s, rapid, calm)
     if not calm:
         return math.nan
     return float(assessed.nis[leader] / 2.0 if two else assessed.nis[leader])
@@ -260,22 +260,22 @@ def _watch_inertia(
 
 
 @inlined
-def _count_forced(bank: Bank, process: Process, r: Reading, calm: bool) -> None:
+def _count_forced(bank: Bank, process: Process, steady_s: float, rapid: bool, calm: bool) -> None:
     """Time for which a force has lasted, updated; doubted at intervals as if the axis had stopped.
 
     Another load or lubricant may look like a lasting force. No process acts in rapids: a force
     there stands for what the model lacks.
     """
-    if abs(r.speed_rad_s) > _RAPID * bank.moments[state.FASTEST_RAD_S]:
-        keep = math.exp(-r.steady_s / RAPID_MEMORY_S)
-        bank.moments[state.RAPID_S] = keep * bank.moments[state.RAPID_S] + r.steady_s
-        forced_s = keep * bank.moments[state.RAPID_FORCED_S] + (0.0 if calm else r.steady_s)
+    if rapid:
+        keep = math.exp(-steady_s / RAPID_MEMORY_S)
+        bank.moments[state.RAPID_S] = keep * bank.moments[state.RAPID_S] + steady_s
+        forced_s = keep * bank.moments[state.RAPID_FORCED_S] + (0.0 if calm else steady_s)
         bank.moments[state.RAPID_FORCED_S] = forced_s
     if calm:
         bank.moments[state.FORCED_S] = 0.0
         return
     before_s = bank.moments[state.FORCED_S]
-    bank.moments[state.FORCED_S] = before_s + r.steady_s
+    bank.moments[state.FORCED_S] = before_s + steady_s
     if bank.moments[state.FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
         bank.moments[state.STOPPED_S] = max(bank.moments[state.STOPPED_S], 1.0)
 
