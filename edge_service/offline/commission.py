@@ -75,13 +75,13 @@ def commission_to_file(
     try:
         machine = commissioned(recordings, nominal, observed)
     except CommissioningError as error:
-        names = ", ".join(str(trace) for trace in traces)
-        raise ConfigError(f"{names}: {error}") from error
+        raise ConfigError(f"{', '.join(map(str, traces))}: {error}") from error
     doubt = doubt_of_fresh_screw(nominal, machine)
-    more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist())}
-    more |= {} if interval_s is None else {"interval_s": interval_s}
+    more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist()), "interval_s": interval_s}
     if tests:
         shaken = [_notch(nominal, each) for each in tests]
+        if len({each.antiresonance_hz for each in shaken}) < len(shaken):
+            raise ConfigError("--test: the same recording twice; each must be of another day")
         more["notch"] = learned_notch(shaken, nominal, machine)
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:

@@ -46,6 +46,9 @@ def test_the_commands_lead_from_tests_to_a_preload(tmp_path: Path) -> None:
         "commission", healthy, *tests, "--machine", machine, "--assume-fresh", "--out", learned
     )
     assert "by 3 tests" in said
+    twice = ("commission", healthy, *tests[:2], *tests[:2], "--machine", machine, "--assume-fresh")
+    refused = CliRunner().invoke(cli, [*map(str, twice), "--out", str(tmp_path / "no.toml")])
+    assert "the same recording twice" in str(refused.exception)
     known = load_machine(learned).commissioned
     assert known is not None
     assert known.notch is not None
