@@ -69,6 +69,7 @@ COMMANDS: dict[str, list[str]] = {
     "fingerprint of a tuning": ["fingerprint", "{tuning}", "--out", "{dir}/response"],
     "gap": ["gap", "{trace}"],
     "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
+    "check-diagnosis": ["check-diagnosis", "--plant", "own", "--effect", "delay", "--cases", "1"],
     "drift": ["drift", "{monday}", "{friday}"],
     "reproduce": ["reproduce", "wear", "{wear}", "--out", "{dir}/wear"],
     "fleet": ["fleet", "http://127.0.0.1:9"],

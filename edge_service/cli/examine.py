@@ -19,6 +19,7 @@ from .options import (
     OutFolder,
     Seed,
     Traces,
+    Without,
     batch_options,
     command,
 )
@@ -211,6 +212,7 @@ def diagnose(
             metavar="FILE...",
         ),
     ],
+    without: Without,
     batch: Batch | None,
 ) -> Answer:
     """Find why they differ, and how much each cause explains.
@@ -220,6 +222,6 @@ def diagnose(
     from ..offline.diagnosis.diagnose import diagnose as run
 
     if batch is None:
-        return run(machine, traces, out, progress, reference, axis_number)
-    work = partial(run, machine, reference=reference, axis_number=axis_number)
+        return run(machine, traces, out, progress, reference, axis_number, without)
+    work = partial(run, machine, reference=reference, axis_number=axis_number, without=without)
     return batch(work, traces, out)

@@ -160,6 +160,9 @@ Effects = Annotated[
     tuple[str, ...],
     Option("Effect of the library; may be repeated.", "--effect", metavar="NAME[:KEY=VALUE,...]"),
 ]
+Without = Annotated[
+    tuple[str, ...], Option("Effect that the library is to lack; may be repeated.", metavar="NAME")
+]
 OutFolder = Annotated[Path, Option("Folder to write the results to.")]
 
 
@@ -169,7 +172,7 @@ class Greedy(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat such an option before each of its files, as click has it."""
         options = [each for each in self.params if isinstance(each, click.Option) and each.multiple]
-        many = {name for each in options for name in each.opts}
+        many = {name for each in options if each.type is PATH for name in each.opts}
         spread: list[str] = []
         current = ""
         for arg in args:

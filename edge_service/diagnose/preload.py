@@ -4,13 +4,13 @@ A loss beyond doubt is taken off first, and what else there is is sought beside 
 that nothing else explains may be a lost preload or a lubricant that rubs less: both are named.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..messages.samples import Floats
-from ..models.effects.effect import ActiveEffect, Term
+from ..models.effects.effect import ActiveEffect, Effect, Term
 from ..models.effects.registry import error_of, fault
 from ..models.machine import Machine
 from ..models.plant.from_machine import table_mass
@@ -102,6 +102,7 @@ def diagnose_beside_loss(
     course: ActiveEffect,
     reading: PreloadReading,
     progress: Callable[[str], None] = lambda _line: None,
+    library: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Diagnose what a session has beyond a known loss, which comes before all else.
 
@@ -110,7 +111,7 @@ def diagnose_beside_loss(
     """
     modelled = (*session.modelled, course)
     others = session.beside(Session.of_runs(session.runs, session.baseline, modelled))
-    rest = diagnose_session(others, machine, progress=progress, loss=course)
+    rest = diagnose_session(others, machine, library, progress, course)
     gap = {
         name: each.model_copy(update={"before": session.channels[name].rms})
         for name, each in rest.gap.items()

@@ -25,15 +25,17 @@ from ...diagnose.result import (
     learnable,
     withheld,
 )
-from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, rigid_baseline
+from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, Session, rigid_baseline
 from ...messages.interval import printed
+from ...models.effects.effect import Effect
 from ...models.effects.learned import model_effects
+from ...models.effects.registry import effects, fault, get_effect
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
 from ..recordings import Progress, examine, silent
 from ..report.diagnosis_page import render
-from .gap import BadDataError, DiagnosisError, read_runs, session_of
+from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
@@ -46,6 +48,7 @@ def diagnose(
     progress: Progress = silent,
     reference: Sequence[Path] = (),
     axis_number: int | None = None,
+    without: Sequence[str] = (),
 ) -> Answer:
     """Write diagnosis.json, augmented.toml and report.html into `out`; returns a summary.
 
@@ -54,12 +57,24 @@ def diagnose(
     Args:
         reference: recordings of the healthy machine.
         axis_number: the controller's number of the axis, in place of the machine file's.
+        without: names of effects that the library is to lack.
 
     Raises ConfigError, TraceError, DiagnosisError, BadDataError.
     """
     try:
         machine = load_machine(machine_file, axis_number)
-        return _diagnosed(machine, machine_file, traces, out, progress, reference)
+        text, names = machine_file.read_text("utf-8"), [path.name for path in traces]
+        machine, found, session = examined(machine, traces, progress, reference, without)
+        if session is None:
+            _write(out, found, text, render(machine, names, found))
+            faults = "; ".join(found.reasons)
+            raise BadDataError(f"bad data: {faults} (report: {out / 'report.html'})")
+        try:
+            augmented = augmented_toml(text, accepted(found))
+        except ValueError as error:
+            raise ConfigError(f"{machine_file}: {error}") from error
+        _write(out, found, augmented, render(machine, names, found, session))
+        return Answer(_summary(found, out), found)
     except BadDataError:
         raise
     except BaseException:
@@ -68,37 +83,40 @@ def diagnose(
         raise
 
 
-def _diagnosed(
+def examined(
     machine: Machine,
-    machine_file: Path,
     traces: Sequence[Path],
-    out: Path,
-    progress: Progress,
-    reference: Sequence[Path],
-) -> Answer:
-    text, healthy = machine_file.read_text("utf-8"), None
+    progress: Progress = silent,
+    reference: Sequence[Path] = (),
+    without: Sequence[str] = (),
+) -> tuple[Machine, Diagnosis, Session | None]:
+    """The machine as its reference shows it, the diagnosis, and its session; bad data have none.
+
+    Raises TraceError, DiagnosisError.
+    """
+    healthy, library = None, library_without(without)
     if reference:
         machine, healthy = _healthy(machine, reference, progress)
     runs = read_runs(machine, traces, progress)
-    names = [path.name for path in traces]
     check = _checked(machine, traces, runs)
     if check.faults:
-        refused = _bad_data(machine, runs, check.faults, check.remarks)
-        _write(out, refused, text, render(machine, names, refused))
-        raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
+        return machine, _bad_data(machine, runs, check.faults, check.remarks), None
     session = session_of(machine, runs)
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
     fresh, reading = fresh_screw(machine), preload_reading(machine, traces)
-    if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
+    known = {each.confirmation.check for each in library if each.confirmation}
+    seen = [each for each in doubted if each.name in known]
+    has_fault = fault() in library
+    if has_fault and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         course = known_loss(session, fresh)
-        found = diagnose_beside_loss(session, machine, course, reading, progress)
-        found = _with_motion(beside_doubts(found, doubted), machine)
+        found = diagnose_beside_loss(session, machine, course, reading, progress, library)
+        found = _with_motion(beside_doubts(found, seen), machine)
     else:
-        found = diagnose_session(session, machine, progress=progress)
-        found = _with_motion(beside_doubts(found, doubted), machine)
-        found = with_missing_drag(found, fresh, reading)
+        found = diagnose_session(session, machine, library, progress)
+        found = _with_motion(beside_doubts(found, seen), machine)
+        found = with_missing_drag(found, fresh, reading) if has_fault else found
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
@@ -107,14 +125,20 @@ def _diagnosed(
         "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
         "reference": tuple(path.name for path in reference),
     }
-    found = found.model_copy(update=stated)
-    accepted = found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-    try:
-        augmented = augmented_toml(text, learnable(found) if accepted else ())
-    except ValueError as error:
-        raise ConfigError(f"{machine_file}: {error}") from error
-    _write(out, found, augmented, render(machine, names, found, session))
-    return Answer(_summary(found, out), found)
+    return machine, found.model_copy(update=stated), session
+
+
+def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
+    """The effects of the library without some. Raises DiagnosisError: it has no such effect."""
+    with one_line():
+        left_out = [get_effect(name) for name in names]
+    return tuple(each for each in effects().values() if each not in left_out)
+
+
+def accepted(found: Diagnosis) -> Sequence[NamedEffect]:
+    """Effects of a diagnosis that the machine file takes up."""
+    named = found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
+    return learnable(found) if named else ()
 
 
 def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:

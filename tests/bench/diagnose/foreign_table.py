@@ -1,15 +1,23 @@
-"""Counts of what the diagnosis said of the foreign plant's cases, beside the aims."""
+"""`edge-service check-diagnosis` at length: answers to a foreign plant's cases beside the aims."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 from edge_service.models.effects.registry import effect_names
+from edge_service.offline.diagnosis.check import (
+    CheckedCase,
+    HiddenCase,
+    calibration_error,
+    checked,
+    foreign_plant,
+    plan,
+    shrinks_of,
+)
 
-from ..table import Progress, Table
+from ..table import Progress, Table, in_processes
 from .figures import Row, figures_table, share, value
-from .foreign import LARGE, BenchRow, plan_cases, run_cases
 
-SURE, LIKELY = 0.9, 0.5
 CLEAR, WEAK = 3.0, 1.5
 """Gap over that of a healthy axis from which on a case is clear, and weak."""
 RIGHT_VARIABLES = {
@@ -34,45 +42,29 @@ RIGHT_VARIABLES = {
 """Over what the gap of a cause is a function; the others leave several answers open."""
 
 
-def is_place_right(row: BenchRow) -> bool:
+def is_place_right(row: CheckedCase) -> bool:
     """Return whether the gap is said to live over the variable that its cause is a function of."""
     right = RIGHT_VARIABLES.get(row.case.causes[0])
-    return right is None or bool({place.split(":")[1] for place in row.where[:1]} & right)
+    return right is None or bool({place.variable for place in row.found.where[:1]} & right)
 
 
-def is_first(row: BenchRow) -> bool:
+def is_first(row: CheckedCase) -> bool:
     """Return whether the cause, or one that is named as tied with it, leads the list."""
     first = max(row.named, key=lambda name: row.named[name], default=None)
     if first is None:
         return False
     leaders = [n for n, p in row.named.items() if p >= row.named[first] - 1e-3]
     if first not in row.case.causes and set(leaders) & set(row.case.causes):
-        first = max(leaders, key=lambda n: row.shrink[n][0])
-    return bool({first, *row.classes[first]} & set(row.case.causes))
+        first = max(leaders, key=lambda n: row.shrink[n].estimate)
+    return bool({first, *row.tied[first]} & set(row.case.causes))
 
 
-def likely(row: BenchRow) -> set[str]:
-    """Names that are likely."""
-    return {name for name, p in row.named.items() if p > LIKELY}
-
-
-def are_all_named(row: BenchRow) -> bool:
+def are_all_named(row: CheckedCase) -> bool:
     """Return whether every cause is likely."""
-    return set(row.case.causes) <= likely(row)
+    return row.case.names <= row.likely
 
 
-def is_sure(row: BenchRow) -> bool:
-    """Return whether anything is named with confidence."""
-    return any(p > SURE for p in row.named.values())
-
-
-def is_confident_and_wrong(row: BenchRow) -> bool:
-    """Return whether something is named with confidence that was not there."""
-    there = set(row.case.causes) - set(row.case.withheld)
-    return any(p > SURE and name not in there for name, p in row.named.items())
-
-
-def figures_of(rows: Sequence[BenchRow]) -> list[Row]:
+def figures_of(rows: Sequence[CheckedCase]) -> list[Row]:
     """All figures that the rows can fill."""
     known = [r for r in rows if set(r.case.causes) <= set(effect_names())]
     singles = [r for r in known if len(r.case.causes) == 1 and not r.case.withheld]
@@ -84,14 +76,10 @@ def figures_of(rows: Sequence[BenchRow]) -> list[Row]:
     odd = [r for r in rows if r not in known]
     out = [r for r in rows if r.case.withheld]
 
-    def of(motion: str, group: Sequence[BenchRow]) -> list[BenchRow]:
+    def of(motion: str, group: Sequence[CheckedCase]) -> list[CheckedCase]:
         return [row for row in group if row.case.motion == motion]
 
-    bins = reliability(rows)
-    count = sum(n for _, _, n in bins)
-    off = sum(n * abs(p - y) for p, y, n in bins) / max(count, 1)
-    covered = [row.covered for row in rows if row.covered is not None]
-    overlap = sum(covered) / max(len(covered), 1)
+    off, count = calibration_error(rows)
     return [
         share("first, full protocol, clear gap", "99 %", of("full", clear), is_first),
         share("first, full protocol, weak gap", "93 %", of("full", weak), is_first),
@@ -102,50 +90,33 @@ def figures_of(rows: Sequence[BenchRow]) -> list[Row]:
             "triples: at least two named",
             "99 %",
             triples,
-            lambda row: len(likely(row) & set(row.case.causes)) >= 2,
+            lambda row: len(row.likely & row.case.names) >= 2,
         ),
         share("healthy falsely attributed", "<= 0.5 %", healthy, lambda row: bool(row.named)),
-        share("never in the library: named with confidence", "<= 5 %", odd, is_sure),
-        share("left out of the library: named with confidence", "<= 8 %", out, is_sure),
-        share("confident and wrong", "<= 1 %", rows, is_confident_and_wrong),
+        share(
+            "never in the library: named with confidence", "<= 5 %", odd, lambda row: row.is_sure
+        ),
+        share(
+            "left out of the library: named with confidence", "<= 8 %", out, lambda row: row.is_sure
+        ),
+        share("confident and wrong", "<= 1 %", rows, lambda row: row.is_wrong),
         value("calibration error of the probabilities", "<= .03", off, count),
         share("where: right variable, clear gap", "98 %", clear, is_place_right),
-        value(f"where: overlap, gap of {LARGE:g} floors", ".88", overlap, len(covered)),
         *_shrinks(rows),
     ]
 
 
-def reliability(rows: Iterable[BenchRow]) -> list[tuple[float, float, int]]:
-    """Mean probability, frequency of being right, and count of the names in each tenth."""
-    bins: dict[int, list[tuple[float, bool]]] = {}
-    for row in rows:
-        there = set(row.case.causes) - set(row.case.withheld)
-        for name, p in row.named.items():
-            bins.setdefault(min(int(10.0 * p), 9), []).append((p, name in there))
-    return [
-        (sum(p for p, _ in each) / len(each), sum(y for _, y in each) / len(each), len(each))
-        for _, each in sorted(bins.items())
-    ]
-
-
-def _shrinks(rows: Sequence[BenchRow]) -> list[Row]:
-    """Predicted against realised shrink of what is rightly named with confidence.
-
-    An external force is left out: it does not come again.
-    """
-    pairs = [
-        (row.shrink[name], row.realised[name])
-        for row in rows
-        for name, p in row.named.items()
-        if p > SURE and name in row.case.causes and name != "external_force"
-    ]
-    off = sorted(abs(shrink[0] - realised) for shrink, realised in pairs)
+def _shrinks(rows: Sequence[CheckedCase]) -> list[Row]:
+    """Predicted against realised shrink, also of all that could shrink."""
+    pairs = shrinks_of(rows)
+    off = sorted(abs(shrink.estimate - realised) for shrink, realised in pairs)
     possible = sorted(
-        (before - after) / (before - row.gap[name][2])
+        (before - after) / (before - row.found.gap[name].floor)
         for row in rows
-        if row.named and set(row.named) <= set(row.case.causes) - {"external_force"}
+        if row.named and set(row.named) <= row.case.names - {"external_force"}
         for name, (before, after) in row.again.items()
-        if before > WEAK * row.gap[name][2]
+        if name in {each.channel for each in row.found.effects}
+        and before > WEAK * row.found.gap[name].floor
     )
     name, count = "shrink, predicted less realised", len(off)
     return [
@@ -155,7 +126,7 @@ def _shrinks(rows: Sequence[BenchRow]) -> list[Row]:
             "shrink: 90 % interval holds what is realised",
             "85-95 %",
             pairs,
-            lambda pair: pair[0][1] <= pair[1] <= pair[0][2],
+            lambda pair: pair[0].low <= pair[1] <= pair[0].high,
         ),
         value(
             "shrink realised of what could shrink: median",
@@ -171,7 +142,7 @@ def _quantile(ordered: Sequence[float], level: float) -> float:
     return ordered[min(int(level * len(ordered)), len(ordered) - 1)] if ordered else 0.0
 
 
-def verdicts_of_each(rows: Sequence[BenchRow]) -> list[str]:
+def verdicts_of_each(rows: Sequence[CheckedCase]) -> list[str]:
     """Healthy, single and withheld causes -> verdicts with all names, one line each."""
     said: dict[str, Counter[str]] = {}
     for row in rows:
@@ -179,15 +150,23 @@ def verdicts_of_each(rows: Sequence[BenchRow]) -> list[str]:
             cause = row.case.causes[0] if row.case.causes else "healthy"
             label = f"no {cause}" if row.case.withheld else cause
             names = "+".join(sorted(row.named)) or "nothing"
-            said.setdefault(label, Counter())[f"{row.verdict}:{names}"] += 1
+            said.setdefault(label, Counter())[f"{row.found.verdict.value}:{names}"] += 1
     return [
         f"{label:<30} {', '.join(f'{what} {count}' for what, count in each.most_common())}"
         for label, each in sorted(said.items())
     ]
 
 
+def run_cases(cases: Sequence[HiddenCase], progress: Progress) -> Iterator[CheckedCase]:
+    """All cases over some processes, as they are done."""
+    jobs = [partial(checked, foreign_plant(), case) for case in cases]
+    for count, (_, row) in enumerate(in_processes(jobs), start=1):
+        progress(f"{count} of {len(cases)}: {row.words}")
+        yield row
+
+
 def run_foreign(count: int, seed: int, progress: Progress) -> Table:
     """Run a mixture of `count` cases; below the figures what was said of each cause."""
-    rows = list(run_cases(plan_cases(count, seed), progress))
+    rows = list(run_cases(plan(foreign_plant(), count, seed), progress))
     notes = ("", "verdict and names, by cause", *verdicts_of_each(rows))
     return figures_table(figures_of(rows), notes)
