@@ -12,17 +12,22 @@ from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import effects
 from ..models.machine import Machine
 from .localisation import where
+from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
+    VIBRATION,
     ChannelGap,
     Diagnosis,
     NamedEffect,
+    ParameterValue,
     ReplayStatus,
     Series,
+    Shrink,
     Suspect,
     Unexplained,
     Verdict,
     WaterfallStep,
+    beside,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
@@ -37,6 +42,8 @@ BLIND_SHARE = 0.5
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
+MOST_VIBRATIONS = 3
+MOST_SURE = 0.99
 ALL_MOTIONS = "full"
 """Motion that decides what none shorter is known to decide."""
 
@@ -57,13 +64,47 @@ def diagnose_session(
     """
     library = tuple(effects().values()) if library is None else library
     searched = [each for each in library if not each.is_fault]
+    progress("what is periodic in time")
+    others, shaken = session, list[NamedEffect]()
+    while len(shaken) < MOST_VIBRATIONS and (each := strongest_vibration(others, machine)):
+        calmer = each.taken_from(others)
+        shaken.append(_as_cause(each, others, calmer))
+        others = calmer
     progress("signatures of the library")
-    problem = SelectionProblem.of_session(session, machine, searched)  # candidates, noise, priors
+    problem = SelectionProblem.of_session(others, machine, searched)  # candidates, noise, priors
     progress("sets of effects")
     posterior = select_model(problem)  # stepwise, exhaustive, weighed
     progress("values and held-out motion")
     assessment = assess_causes(posterior)  # estimation and cross validation of what is material
-    return conclude(assessment, loss)
+    found = conclude(assessment, loss)
+    if not shaken:
+        return found
+    floors = {name: each.floor for name, each in found.gap.items()}
+    return beside(found, shaken, session, where(session.channels, floors))
+
+
+def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
+    """A vibration as a named cause, without an entry: nobody foretells its phase."""
+    channel, (from_s, to_s) = found.channel, found.when_s
+    values = {
+        "frequency_hz": (found.frequency_hz, "Hz"),
+        "amplitude": (found.amplitude, CHANNEL_UNITS[channel]),
+        "from_s": (from_s, "s"),
+        "to_s": (to_s, "s"),
+    }
+    there = 1.0 - after.channels[channel].rms / before.channels[channel].rms
+    return NamedEffect(
+        name=VIBRATION,
+        channel=channel,
+        probability=min(1.0 - found.p_value, MOST_SURE),
+        tied=(VIBRATION,),
+        shrink=Shrink(estimate=0.0, low=0.0, high=max(there, 0.0)),
+        parameters={
+            name: ParameterValue(value=value, low=None, high=None, unit=unit)
+            for name, (value, unit) in values.items()
+        },
+        entries=(),
+    )
 
 
 def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagnosis:

@@ -16,7 +16,7 @@ from ..models.machine import Machine
 from ..models.plant.from_machine import table_mass
 from .localisation import where
 from .pipeline import diagnose_session
-from .result import Diagnosis, NamedEffect, ParameterValue, Verdict
+from .result import Diagnosis, NamedEffect, ParameterValue, Verdict, beside
 from .session.session import TORQUE_GAP, Session
 from .validation.cross_validation import on_other_motion
 
@@ -112,10 +112,6 @@ def diagnose_beside_loss(
     modelled = (*session.modelled, course)
     others = session.beside(Session.of_runs(session.runs, session.baseline, modelled))
     rest = diagnose_session(others, machine, library, progress, course)
-    gap = {
-        name: each.model_copy(update={"before": session.channels[name].rms})
-        for name, each in rest.gap.items()
-    }
     rows, left = session.channels[TORQUE_GAP], rest.series.left[TORQUE_GAP]
     made = rows.gap - others.channels[TORQUE_GAP].gap
     name = course.effect.name
@@ -130,13 +126,7 @@ def diagnose_beside_loss(
         entries=(dict(course.values),),
     )
     floors = {name: each.floor for name, each in rest.gap.items()}
-    changes = {
-        "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
-        "gap": gap,
-        "where": tuple(where(session.channels, floors)),
-        "effects": (named, *rest.effects),
-    }
-    return rest.model_copy(update=changes)
+    return beside(rest, [named], session, where(session.channels, floors))
 
 
 def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:

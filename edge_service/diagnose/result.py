@@ -13,8 +13,11 @@ from ..messages.interval import Frozen
 from ..messages.samples import Floats
 from ..messages.stored import finite_or_none
 from ..models.effects.registry import effects_where
+from .session.session import Session
 
 SURE = 0.9
+VIBRATION = "vibration"
+"""Cause that no entry of the library describes: what is periodic in time."""
 
 
 class Verdict(StrEnum):
@@ -237,6 +240,27 @@ class Diagnosis(Frozen):
             "caveats": (*self.caveats, *caveats),
         }
         return self.model_copy(update=changes)
+
+
+def beside(
+    rest: Diagnosis, named: Sequence[NamedEffect], session: Session, places: Sequence[Place]
+) -> Diagnosis:
+    """Diagnosis of a session from that of what some causes leave, which were known before.
+
+    Args:
+        places: of the gap of the whole session.
+    """
+    gap = {
+        name: each.model_copy(update={"before": session.channels[name].rms})
+        for name, each in rest.gap.items()
+    }
+    changes = {
+        "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
+        "gap": gap,
+        "where": tuple(places),
+        "effects": (*named, *rest.effects),
+    }
+    return rest.model_copy(update=changes)
 
 
 def withheld(found: Diagnosis) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from ...messages.samples import Floats, Integers
 from ...models.machine import Machine
 from ...regression.linear import effective_size
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
-from .structure import predicted_structure
+from .structure import predicted_structure, structure_of_gap
 
 MOST_EFFECTIVE = 400.0
 """Independent observations that a channel counts for at most: the library is an approximation."""
@@ -72,7 +72,7 @@ class Noise:
     def of_gap(cls, session: Session, machine: Machine) -> Self:
         """Noise as the gap itself shows it, before anything is fitted."""
         gaps = {name: rows.gap for name, rows in session.channels.items()}
-        floor = _above_healthy(session, noise_floor(session, gaps)[0])
+        floor = _floor(session, noise_floor(session, gaps, structure_of_gap(session))[0])
         return cls(
             floor=floor,
             tolerance=stated_tolerance(machine, floor, session.torque_rms_nm),
@@ -87,7 +87,7 @@ class Noise:
             left: residual by channel, (n,).
         """
         levels, noise = noise_floor(session, left)
-        bounded = _above_healthy(session, levels)
+        bounded = _floor(session, levels)
         floor = {name: min(bounded[name], each) for name, each in self.floor.items()}
         tolerance = stated_tolerance(machine, floor, session.torque_rms_nm)
         effective = {}
@@ -125,10 +125,12 @@ class Noise:
         return found
 
 
-def _above_healthy(session: Session, levels: Mapping[str, float]) -> dict[str, float]:
-    """Floor, at least that by which healthy recordings part from one another."""
-    healthy = session.healthy_floor
-    return {name: max(each, healthy.get(name, 0.0)) for name, each in levels.items()}
+def _floor(session: Session, levels: Mapping[str, float]) -> dict[str, float]:
+    """Floor: that by which healthy recordings part from one another, or else the recording's own.
+
+    A recording of an ailing machine says nothing of how quiet the healthy one is.
+    """
+    return {name: session.healthy_floor.get(name, each) for name, each in levels.items()}
 
 
 def stated_tolerance(
@@ -160,14 +162,17 @@ def stated_tolerance(
 
 
 def noise_floor(
-    session: Session, left: Mapping[str, Floats]
+    session: Session,
+    left: Mapping[str, Floats],
+    structure: Mapping[str, Floats] | None = None,
 ) -> tuple[dict[str, float], dict[str, Floats]]:
     """Root mean square of the noise of a residual, and what holds it, (n,), by channel.
 
     Args:
         left: residual, by channel, (n,).
+        structure: what is predicted of it, where that is known.
     """
-    structure = predicted_structure(session, left)
+    structure = predicted_structure(session, left) if structure is None else structure
     levels, noise = {}, {}
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]

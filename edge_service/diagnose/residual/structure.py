@@ -8,6 +8,7 @@ gives the same gap.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -198,6 +199,12 @@ def predicted_structure(
         helps = np.sum((values - best) ** 2) < np.sum(values**2)
         predicted[channel] = best if helps else np.zeros(len(values))
     return predicted
+
+
+@lru_cache(maxsize=1)
+def structure_of_gap(session: Session) -> Mapping[str, Floats]:
+    """Prediction of the gap itself, see `predicted_structure`; that of the last session is kept."""
+    return predicted_structure(session, {name: each.gap for name, each in session.channels.items()})
 
 
 def with_ridge(gram: Floats, ridge: float) -> Floats:

@@ -203,7 +203,7 @@ def _healthy(
 def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
     """The diagnosis with the motion that tells its tied effects apart best, or all of them."""
     tied = {name for each in found.effects for name in each.tied if len(each.tied) > 1}
-    tied = tied or {each.name for each in found.effects}
+    tied = tied or {each.name for each in found.effects if each.entries}
     if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
         return found
     values = {each.name: each.entries[0] for each in found.effects if each.entries}
@@ -231,6 +231,10 @@ def _summary(found: Diagnosis, out: Path) -> str:
     ]
     for each in found.effects:
         shrink = each.shrink
+        if not each.entries:
+            values = ", ".join(f"{x.value:.3g} {x.unit}" for x in each.parameters.values())
+            lines.append(f"{each.name}: probability {each.probability:.3f}, {values}")
+            continue
         value, low, high = printed(100.0 * shrink.estimate, 100.0 * shrink.low, 100.0 * shrink.high)
         shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
         lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")

@@ -47,7 +47,7 @@ def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
         if not effect.confirmation or effect.confirmation.check not in seen or name in named:
             continue
         for k, each in enumerate(changed):
-            if get_effect(each.name).kind in effect.confirmation.resembled_by:
+            if each.entries and get_effect(each.name).kind in effect.confirmation.resembled_by:
                 less = {"probability": _TRUST * each.probability, "tied": (*each.tied, name)}
                 changed[k] = each.model_copy(update=less)
     if changed == list(found.effects):

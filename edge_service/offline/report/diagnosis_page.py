@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 
-from ...diagnose.result import Diagnosis, NamedEffect, Place, Shrink, Verdict
+from ...diagnose.result import VIBRATION, Diagnosis, NamedEffect, Place, Shrink, Verdict
 from ...diagnose.session.session import Session
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
@@ -25,6 +25,12 @@ FLOORS = {
     "recording": "what neither this motion nor a repeat of it can predict, in this recording",
     "reference": "the difference that remains between healthy recordings",
 }
+
+
+SHAKEN = (
+    "The difference repeats itself in time, whatever the axis does: a limit cycle of the drive, "
+    "chatter, or a machine next door."
+)
 
 
 def render(
@@ -72,14 +78,15 @@ def render(
         channels=CHANNELS,
         labels=LABELS,
         floors=FLOORS,
-        describe=lambda name: get_effect(name).description,
+        learned=any(each.entries and each.name not in found.withheld for each in found.effects),
+        describe=lambda name: SHAKEN if name == VIBRATION else get_effect(name).description,
     )
 
 
 def _weight(each: NamedEffect) -> tuple[bool, float, float]:
-    """A fault comes first, then the surest; of those as sure, what makes most of the difference."""
-    is_fault = get_effect(each.name).is_fault
-    return not is_fault, -round(each.probability, 1), -each.shrink.estimate
+    """A fault or vibration first, then the surest; of those as sure, what makes most of the gap."""
+    is_first = each.name == VIBRATION or get_effect(each.name).is_fault
+    return not is_first, -round(each.probability, 1), -each.shrink.estimate
 
 
 def sure(probability: float) -> str:
@@ -97,6 +104,8 @@ def quantity(effect: str, parameter: str) -> str:
     >>> quantity("backlash", "width_m")
     'Clearance'
     """
+    if effect == VIBRATION:
+        return parameter.rpartition("_")[0].capitalize() or parameter.capitalize()
     described = next(p for p in get_effect(effect).parameters if p.name == parameter)
     return described.description.rstrip(".")
 
