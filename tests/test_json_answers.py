@@ -35,7 +35,7 @@ UNIT = re.compile(
 PURE = {"probability", "level", "share", "energy_share", "sigmas", "relative", "n_effective"} | {
     *("log_evidence", "nut_share", "nut_share_sigma", "coverage", "nis", "tolerance", "height"),
     *("mode_probability", "fault_probability", "structure", "scores", "trend", "line", "context"),
-    *("shrink", "replay", "speed", "noise", "force", "raceway_damage"),
+    *("shrink", "replay", "speed", "p_value", "p_value_after", "noise", "force", "raceway_damage"),
 }
 """Shares, probabilities and ratios: numbers without a unit; keys of the simulated drive."""
 BESIDE = {"unit", "x_label", "preload_percent"}

@@ -18,6 +18,8 @@ from .result import (
     VIBRATION,
     ChannelGap,
     Diagnosis,
+    Misfit,
+    Misfits,
     NamedEffect,
     ParameterValue,
     ReplayStatus,
@@ -148,9 +150,18 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             unit=CHANNEL_UNITS[name],
             replayed=replayed.gap.get(name),
         )
+    without = problem.fit(()).rms
+    misfit = {
+        name: Misfit(
+            p_value=noise.chance(name, without[name]),
+            p_value_after=noise.chance(name, left_rms[name]),
+        )
+        for name in gap
+    }
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
+        misfit=Misfits.of(misfit),
         gap=gap,
         where=tuple(where(session.channels, noise.floor)),
         where_after=tuple(where(rows_after, noise.floor)),

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, InstanceOf
 from pydantic.json_schema import SkipJsonSchema
@@ -140,6 +140,31 @@ class ChannelGap(Frozen):
         return self.beyond > (self.tolerance or 0.0)
 
 
+class Misfit(Frozen):
+    """Chance that a healthy axis leaves as much beyond the floor, what it may have taken away.
+
+    Attributes:
+        p_value: with the model as it is.
+        p_value_after: with the named effects in it.
+    """
+
+    p_value: float
+    p_value_after: float
+
+
+class Misfits(Misfit):
+    """Chance over all channels, that of the least likely one, and by channel."""
+
+    per_channel: dict[str, Misfit]
+
+    @classmethod
+    def of(cls, per_channel: Mapping[str, Misfit]) -> "Misfits":
+        """The same of all channels."""
+        before = min(each.p_value for each in per_channel.values())
+        after = min(each.p_value_after for each in per_channel.values())
+        return cls(p_value=before, p_value_after=after, per_channel=dict(per_channel))
+
+
 class Unexplained(Frozen):
     """Remainder of the gap.
 
@@ -211,6 +236,7 @@ class Diagnosis(Frozen):
 
     schema_: Literal["diagnosis/1"] = Field("diagnosis/1", alias="schema")
     verdict: Verdict
+    misfit: Misfits | None = None
     gap: dict[str, ChannelGap]
     where: tuple[Place, ...] = ()
     effects: tuple[NamedEffect, ...] = ()
@@ -254,12 +280,18 @@ def beside(
         name: each.model_copy(update={"before": session.channels[name].rms})
         for name, each in rest.gap.items()
     }
-    changes = {
+    changes: dict[str, Any] = {
         "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
         "gap": gap,
         "where": tuple(places),
         "effects": (*named, *rest.effects),
     }
+    if rest.misfit is not None:
+        known = dict(rest.misfit.per_channel)
+        for each in named:
+            surely = {"p_value": min(1.0 - each.probability, known[each.channel].p_value)}
+            known[each.channel] = known[each.channel].model_copy(update=surely)
+        changes["misfit"] = Misfits.of(known)
     return rest.model_copy(update=changes)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy import stats
 from scipy.spatial import KDTree
 
 from ...messages.samples import Floats, Integers
@@ -34,6 +35,8 @@ TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
+HEALTHY = ((0.0, 1.0), (0.2, 0.6), (0.35, 0.35), (0.5, 0.2), (0.6, 0.1), (0.75, 0.01))
+"""What is left beyond the floor, over the floor, and the part of healthy axes that leave more."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
@@ -105,6 +108,20 @@ class Noise:
     def matters(self, channel: str, rms: float) -> bool:
         """Excess of a root mean square over the floor by more than the tolerance."""
         return self.beyond(channel, rms) > self.tolerance[channel]
+
+    def chance(self, channel: str, rms: float) -> float:
+        """Chance that a healthy axis leaves at least such a root mean square: a p-value.
+
+        That of simulated healthy axes, and no less than what so few independent observations
+        show: the ratio of two variances has Snedecor's F distribution.
+        """
+        count, ratio = self.effective[channel], rms / max(self.floor[channel], 1e-300)
+        beyond = math.sqrt(max(ratio**2 - 1.0, 0.0))
+        known, levels = zip(*HEALTHY, strict=True)
+        steepness = math.log(levels[-2] / levels[-1]) / (known[-1] - known[-2])
+        healthy = float(np.exp(np.interp(beyond, known, np.log(levels))))
+        healthy *= math.exp(-steepness * max(beyond - known[-1], 0.0))
+        return max(healthy, float(stats.f.sf(ratio**2, count, count)))
 
     def variance(self, channel: str, rms: float) -> float:
         """Variance of an observation by a fit that leaves a root mean square."""

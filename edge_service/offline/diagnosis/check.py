@@ -44,7 +44,6 @@ from .gap import DiagnosisError, one_line, read_runs, session_of
 
 PLANTS = "edge_service.plants"
 """Entry points of plants that share no code with the library."""
-OUTCOMES = ("named", "in part", "quiet", "rightly unknown", "unknown", "missed", "wrong")
 LIKELY = 0.5
 STRENGTHS = (0.5, 1.0, 2.0)
 """Of a typical fault."""
@@ -167,21 +166,6 @@ class CheckedCase:
         return {each.name: each.probability for each in self.found.effects}
 
     @property
-    def tied(self) -> dict[str, tuple[str, ...]]:
-        """Effect -> names that are tied with it."""
-        return {each.name: each.tied for each in self.found.effects}
-
-    @property
-    def shrink(self) -> dict[str, Shrink]:
-        """Effect -> shrink that is claimed."""
-        return {each.name: each.shrink for each in self.found.effects}
-
-    @property
-    def ratio(self) -> float:
-        """Gap over its floor, in the channel where that is greatest."""
-        return max(each.before / (each.floor or math.inf) for each in self.found.gap.values())
-
-    @property
     def there(self) -> set[str]:
         """Causes that the library has."""
         return self.case.names & set(effect_names()) - set(self.case.withheld)
@@ -192,20 +176,22 @@ class CheckedCase:
         return {name for name, p in self.named.items() if p > LIKELY}
 
     @property
-    def is_sure(self) -> bool:
-        """Something is named with confidence."""
-        return any(p > SURE for p in self.named.values())
-
-    @property
     def is_wrong(self) -> bool:
         """Something is named with confidence that is not there."""
         return any(p > SURE and name not in self.there for name, p in self.named.items())
 
     @property
-    def outcome(self) -> str:
-        """One of `OUTCOMES`; wrong is to be sure of what is not there.
+    def kind(self) -> str:
+        """Sort of the case."""
+        if not self.there:
+            return "no entry" if self.case.causes else "healthy"
+        return {1: "single", 2: "pair", 3: "triple"}.get(len(self.case.names), "more")
 
-        In part: some of the causes are likely, or tied with what is named.
+    @property
+    def outcome(self) -> str:
+        """Answer in a word: named, in part, quiet, rightly unknown, unknown, missed or wrong.
+
+        Wrong is to be sure of what is not there; in part, that some causes are likely or tied.
         """
         if self.is_wrong or (self.named and not self.case.causes):
             return "wrong"
@@ -214,7 +200,7 @@ class CheckedCase:
             return "quiet" if is_quiet else "rightly unknown" if self.case.causes else "unknown"
         if self.case.names <= self.likely:
             return "named"
-        if self.there & {name for tied in self.tied.values() for name in tied}:
+        if self.there & {name for each in self.found.effects for name in each.tied}:
             return "in part"
         return "missed" if is_quiet else "unknown"
 
@@ -369,7 +355,7 @@ def check_diagnosis(
         progress(f"case {number} of {count}: {100 * (number - 1) // count} %")
         rows.append(checked(axis, case))
     totals = totals_of(rows)
-    lines = [*(row.words for row in rows), _total_words(totals)]
+    lines = [*(row.words for row in rows), *total_lines(totals)]
     return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})
 
 
@@ -398,19 +384,21 @@ def shrinks_of(rows: Iterable[CheckedCase]) -> list[tuple[Shrink, float]]:
     A force that nothing foretells is left out: it does not come again.
     """
     return [
-        (row.shrink[name], row.realised[name])
+        (each.shrink, row.realised[each.name])
         for row in rows
-        for name, p in row.named.items()
-        if p > SURE and name in row.case.names and name != disturbance()
+        for each in row.found.effects
+        if each.probability > SURE and each.name in row.case.names - {disturbance()}
     ]
 
 
 def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
-    """Counts of outcomes, realised shrinks beside claimed ones, and calibration."""
+    """Counts of outcomes by kind of case, realised shrinks beside claimed ones, calibration."""
     pairs, (off, names) = shrinks_of(rows), calibration_error(rows)
-    outcomes = Counter(row.outcome for row in rows)
+    kinds = {row.kind: Counter[str]() for row in rows}
+    for row in rows:
+        kinds[row.kind][row.outcome] += 1
     return {
-        **{name.replace(" ", "_"): outcomes[name] for name in OUTCOMES},
+        "outcomes": {kind: dict(each.most_common()) for kind, each in kinds.items()},
         "claimed_shrink_share": median(each.estimate for each, _ in pairs) if pairs else None,
         "realised_shrink_share": median(realised for _, realised in pairs) if pairs else None,
         "shrinks": len(pairs),
@@ -420,8 +408,12 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
     }
 
 
-def _total_words(totals: Mapping[str, Any]) -> str:
-    lines = [", ".join(f"{totals[name.replace(' ', '_')]} {name}" for name in OUTCOMES)]
+def total_lines(totals: Mapping[str, Any]) -> list[str]:
+    """The same in words."""
+    lines = [
+        f"{kind}: {', '.join(f'{count} {outcome}' for outcome, count in counts.items())}"
+        for kind, counts in totals["outcomes"].items()
+    ]
     if totals["shrinks"]:
         claimed, got = (100.0 * totals[f"{k}_shrink_share"] for k in ("claimed", "realised"))
         lines.append(
@@ -431,4 +423,4 @@ def _total_words(totals: Mapping[str, Any]) -> str:
     if totals["names"]:
         off = totals["calibration_error_share"]
         lines.append(f"calibration error of the probabilities: {off:.3f}, {totals['names']} names")
-    return "\n".join(lines)
+    return lines
