@@ -40,6 +40,8 @@ def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:
     found, _ = diagnosed(machine, (), seed=3)
     assert found.verdict is Verdict.NO_GAP
     assert found.effects == ()
+    assert found.misfit is not None
+    assert found.misfit.p_value > 0.05
 
 
 @pytest.mark.parametrize("cause", ["drag_error", "torque_ripple", "timestamp_skew"])
@@ -49,6 +51,9 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     assert [each.name for each in found.effects] == [cause]
     assert 0.9 < found.effects[0].probability <= SUREST
     assert found.suspects[cause].structure < 0.05
+    assert found.misfit is not None
+    assert found.misfit.p_value < 1e-3
+    assert found.misfit.p_value_after > 0.01
 
 
 @pytest.mark.slow

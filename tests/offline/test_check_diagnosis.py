@@ -18,7 +18,6 @@ from edge_service.offline.diagnosis.check import (
     foreign_plant,
     own_plant,
     plan,
-    reliability,
     totals_of,
 )
 
@@ -76,7 +75,6 @@ def test_totals_hold_claims_against_what_came_true() -> None:
     assert (totals["claimed_shrink_share"], totals["realised_shrink_share"]) == (0.8, 0.75)
     assert (totals["shrinks"], totals["shrinks_in_interval"]) == (1, 1)
     assert totals["calibration_error_share"] == pytest.approx(0.45)
-    assert reliability(rows) == [(pytest.approx(0.95), 0.5, 2)]
 
 
 @pytest.mark.parametrize(

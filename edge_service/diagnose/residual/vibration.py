@@ -33,6 +33,8 @@ _LEAST_PERIODS, _LEAST_ROWS, _MOST_ROWS = 20, 512, 2**22
 _LEAST_GAIN = 0.3
 _AROUND = 1.5
 """Ratio of frequencies up to which the spectrum is the floor of the one between."""
+_OF_MEDIAN, _LEAST_QUALITY = 0.48, 5.0
+"""Efficiency of the median of exponential variables; frequency of a band over its width."""
 _FOLLOWS = 0.25
 """Of the prominence in the gap: as prominent in the motion, it is the motion's."""
 _STEPS_PER_TURN = 256
@@ -191,19 +193,24 @@ class _Spectrum:
     def strongest(self) -> tuple[int, int, float, float] | None:
         """Middle, width, p-value and energy beyond the floor of the narrowest band that has most.
 
-        The mean of w exponential variables has a Gamma distribution; the p-value is that of the
-        most prominent of all bands.
+        The mean of a band over its floor has Snedecor's F distribution, for noise is exponential
+        in each step; the p-value is that of the most prominent of all bands.
         """
-        raised = (self.energy / self.floor)[_LEAST_PERIODS:]
-        beyond = (self.energy - self.floor)[_LEAST_PERIODS:]
+        middles = np.arange(_LEAST_PERIODS, len(self.energy))
+        around = np.minimum(_AROUND * middles, len(self.energy)) - middles / _AROUND
+        raised, beyond = self.energy / self.floor, self.energy - self.floor
         found = []
         for width in _WIDTHS:
-            mean = ndimage.uniform_filter1d(raised, width, mode="nearest")
-            chance = stats.gamma.sf(width * mean, width) * len(raised) * len(_WIDTHS)
-            energy = width * ndimage.uniform_filter1d(beyond, width, mode="nearest")
-            k = int(np.argmax(np.where(chance < FALSE_ALARMS, energy, -math.inf)))
+            mean, energy = (
+                ndimage.uniform_filter1d(each, width, mode="constant")[_LEAST_PERIODS:]
+                for each in (raised, beyond)
+            )
+            chance = stats.f.sf(mean, 2 * width, 2.0 * _OF_MEDIAN * around)
+            chance = np.where(width <= middles / _LEAST_QUALITY, chance, 1.0)
+            chance *= len(middles) * len(_WIDTHS)
+            k = int(np.argmax(np.where(chance < FALSE_ALARMS, width * energy, -math.inf)))
             if chance[k] < FALSE_ALARMS:
-                found.append((k + _LEAST_PERIODS, width, float(chance[k]), float(energy[k])))
+                found.append((int(middles[k]), width, float(chance[k]), float(width * energy[k])))
         most = max((energy for *_, energy in found), default=0.0)
         return next((each for each in found if each[3] >= _WHOLE * most), None)
 

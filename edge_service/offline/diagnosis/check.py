@@ -24,7 +24,7 @@ from ...atomic import replaced_file
 from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.experiment import simulated_axis
-from ...diagnose.result import SURE, Diagnosis, Series, Shrink, Verdict
+from ...diagnose.result import SURE, Diagnosis, Series, Verdict
 from ...diagnose.session.session import CHANNEL_UNITS, Session
 from ...messages.samples import SampleFrame
 from ...models.effects.effect import ActiveEffect, Role
@@ -359,41 +359,28 @@ def check_diagnosis(
     return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})
 
 
-def reliability(rows: Iterable[CheckedCase]) -> list[tuple[float, float, int]]:
-    """Mean probability, frequency of being right, and count of the names in each tenth."""
-    bins: dict[int, list[tuple[float, bool]]] = {}
+def calibration_error(rows: Iterable[CheckedCase]) -> tuple[float, int]:
+    """Mean difference of probability and frequency of being right in each tenth; count of names."""
+    tenths: dict[int, list[float]] = {}
     for row in rows:
         for name, p in row.named.items():
-            bins.setdefault(min(int(10.0 * p), 9), []).append((p, name in row.there))
-    return [
-        (sum(p for p, _ in each) / len(each), sum(y for _, y in each) / len(each), len(each))
-        for _, each in sorted(bins.items())
-    ]
+            tenths.setdefault(min(int(10.0 * p), 9), []).append(p - (name in row.there))
+    count = sum(map(len, tenths.values()))
+    return sum(abs(sum(each)) for each in tenths.values()) / max(count, 1), count
 
 
-def calibration_error(rows: Iterable[CheckedCase]) -> tuple[float, int]:
-    """Mean difference of probability and frequency over all names, and their number."""
-    bins = reliability(rows)
-    count = sum(n for _, _, n in bins)
-    return sum(n * abs(p - y) for p, y, n in bins) / max(count, 1), count
+def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
+    """Counts of outcomes by kind of case, realised shrinks beside claimed ones, calibration.
 
-
-def shrinks_of(rows: Iterable[CheckedCase]) -> list[tuple[Shrink, float]]:
-    """Predicted and realised shrink of what is rightly named with confidence.
-
-    A force that nothing foretells is left out: it does not come again.
+    Shrinks are those of right names; a force that nothing foretells does not come again.
     """
-    return [
+    off, names = calibration_error(rows)
+    pairs = [
         (each.shrink, row.realised[each.name])
         for row in rows
         for each in row.found.effects
         if each.probability > SURE and each.name in row.case.names - {disturbance()}
     ]
-
-
-def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
-    """Counts of outcomes by kind of case, realised shrinks beside claimed ones, calibration."""
-    pairs, (off, names) = shrinks_of(rows), calibration_error(rows)
     kinds = {row.kind: Counter[str]() for row in rows}
     for row in rows:
         kinds[row.kind][row.outcome] += 1

@@ -1,6 +1,7 @@
 """Causes are named on a second plant that shares no code with the library or with the first."""
 
 import ast
+import math
 import sys
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from edge_service.config import load_machine
 from edge_service.diagnose.pipeline import diagnose_session
-from edge_service.diagnose.result import Diagnosis, Verdict
+from edge_service.diagnose.result import VIBRATION, Diagnosis, Verdict
 from edge_service.diagnose.session.session import Session, rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
@@ -70,7 +71,8 @@ def test_the_cause_is_named(machine_of_plant: Machine, cause: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_force_that_hums_is_not_named_with_confidence(machine_of_plant: Machine) -> None:
+def test_a_force_that_hums_is_a_vibration(machine_of_plant: Machine) -> None:
     found = diagnosed(machine_of_plant, Axis(hum_n=60.0), seed=3)
-    assert found.verdict is Verdict.UNKNOWN
-    assert all(each.probability < 0.9 for each in found.effects)
+    assert [each.name for each in found.effects] == [VIBRATION]
+    true_hz = Axis().hum_rad_s / (2.0 * math.pi)
+    assert found.effects[0].parameters["frequency_hz"].value == pytest.approx(true_hz, rel=0.01)

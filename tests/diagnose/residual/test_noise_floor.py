@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.localisation import where
-from edge_service.diagnose.residual.noise import noise_floor, ordinary_rms
+from edge_service.diagnose.residual.noise import Noise, noise_floor, ordinary_rms
 from edge_service.diagnose.session.session import TORQUE_GAP, Rows, Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Motion
@@ -54,6 +54,16 @@ def test_a_series_without_bursts_has_its_own_root_mean_square() -> None:
     assert ordinary_rms(series) == pytest.approx(3.0, rel=0.03)
     series[5000:6500] *= 30.0
     assert ordinary_rms(series) == pytest.approx(3.0, rel=0.08)
+
+
+def test_the_chance_of_a_residual_falls_with_what_it_has_beyond_the_floor() -> None:
+    one = {TORQUE_GAP: 1.0}
+    many, few = (Noise(one, one, {TORQUE_GAP: count}, one) for count in (400.0, 40.0))
+    chances = [many.chance(TORQUE_GAP, rms) for rms in (0.5, 1.0, 1.1, 1.22, 1.4, 2.0, 5.0)]
+    assert chances[:2] == [1.0, 1.0]
+    assert chances == sorted(chances, reverse=True)
+    assert many.chance(TORQUE_GAP, np.hypot(1.0, 0.7)) == pytest.approx(0.01)
+    assert few.chance(TORQUE_GAP, 1.3) > many.chance(TORQUE_GAP, 1.3)
 
 
 ROWS = 12_000
