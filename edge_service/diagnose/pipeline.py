@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
-from ..models.effects.registry import effects
+from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
 from .localisation import where
 from .residual.vibration import Vibration, strongest_vibration
@@ -19,7 +19,6 @@ from .result import (
     ChannelGap,
     Diagnosis,
     Misfit,
-    Misfits,
     NamedEffect,
     ParameterValue,
     ReplayStatus,
@@ -34,7 +33,7 @@ from .result import (
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
 from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
-from .validation.assessment import Assessment, assess_causes
+from .validation.assessment import SUREST, Assessment, assess_causes
 from .validation.replay import replay
 
 BLIND_TRUST = 0.5
@@ -44,8 +43,9 @@ BLIND_SHARE = 0.5
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
+OFTEN = 0.5
+"""Part of the time: what oscillates less often, where a force acts for a while, is the force's."""
 MOST_VIBRATIONS = 3
-MOST_SURE = 0.99
 ALL_MOTIONS = "full"
 """Motion that decides what none shorter is known to decide."""
 
@@ -67,10 +67,10 @@ def diagnose_session(
     library = tuple(effects().values()) if library is None else library
     searched = [each for each in library if not each.is_fault]
     progress("what is periodic in time")
-    others, shaken = session, list[NamedEffect]()
+    others, shaken = session, list[tuple[Vibration, NamedEffect]]()
     while len(shaken) < MOST_VIBRATIONS and (each := strongest_vibration(others, machine)):
         calmer = each.taken_from(others)
-        shaken.append(_as_cause(each, others, calmer))
+        shaken.append((each, _as_cause(each, others, calmer)))
         others = calmer
     progress("signatures of the library")
     problem = SelectionProblem.of_session(others, machine, searched)  # candidates, noise, priors
@@ -81,8 +81,18 @@ def diagnose_session(
     found = conclude(assessment, loss)
     if not shaken:
         return found
+    forced = any(each.name == disturbance() for each in found.effects)
+    named = [cause for each, cause in shaken if not forced or each.share > OFTEN]
+    told = (each.words for each, cause in shaken if cause not in named)
+    found = found.model_copy(update={"caveats": (*found.caveats, *told)})
     floors = {name: each.floor for name, each in found.gap.items()}
-    return beside(found, shaken, session, where(session.channels, floors))
+    found = beside(found, named, session, where(session.channels, floors))
+    return found.with_effects(_ranked(found.effects), found.verdict)
+
+
+def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """The most probable first; of those as probable, what shrinks the gap most."""
+    return sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
 
 
 def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
@@ -98,7 +108,7 @@ def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
     return NamedEffect(
         name=VIBRATION,
         channel=channel,
-        probability=min(1.0 - found.p_value, MOST_SURE),
+        probability=min(1.0 - found.p_value, SUREST),
         tied=(VIBRATION,),
         shrink=Shrink(estimate=0.0, low=0.0, high=max(there, 0.0)),
         parameters={
@@ -132,7 +142,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             "replay": replayed.effects.get(each.name),
         }
         found.append(each.model_copy(update=changes))
-    found.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
+    found = _ranked(found)
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
     is_unknown = blind or assessment.is_unknown
     nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
@@ -161,7 +171,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
-        misfit=Misfits.of(misfit),
+        misfit=Misfit.of(misfit),
         gap=gap,
         where=tuple(where(session.channels, noise.floor)),
         where_after=tuple(where(rows_after, noise.floor)),

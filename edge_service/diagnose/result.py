@@ -144,22 +144,17 @@ class Misfit(Frozen):
     """Chance that a healthy axis leaves as much beyond the floor, what it may have taken away.
 
     Attributes:
-        p_value: with the model as it is.
-        p_value_after: with the named effects in it.
+        p_value, p_value_after: with the model as it is, and with the named effects in it.
+        per_channel: the same of each channel, where the chance is that of all.
     """
 
     p_value: float
     p_value_after: float
-
-
-class Misfits(Misfit):
-    """Chance over all channels, that of the least likely one, and by channel."""
-
-    per_channel: dict[str, Misfit]
+    per_channel: "dict[str, Misfit] | None" = None
 
     @classmethod
-    def of(cls, per_channel: Mapping[str, Misfit]) -> "Misfits":
-        """The same of all channels."""
+    def of(cls, per_channel: Mapping[str, "Misfit"]) -> "Misfit":
+        """Chance of all channels: that of the least likely one."""
         before = min(each.p_value for each in per_channel.values())
         after = min(each.p_value_after for each in per_channel.values())
         return cls(p_value=before, p_value_after=after, per_channel=dict(per_channel))
@@ -236,7 +231,7 @@ class Diagnosis(Frozen):
 
     schema_: Literal["diagnosis/1"] = Field("diagnosis/1", alias="schema")
     verdict: Verdict
-    misfit: Misfits | None = None
+    misfit: Misfit | None = None
     gap: dict[str, ChannelGap]
     where: tuple[Place, ...] = ()
     effects: tuple[NamedEffect, ...] = ()
@@ -287,11 +282,11 @@ def beside(
         "effects": (*named, *rest.effects),
     }
     if rest.misfit is not None:
-        known = dict(rest.misfit.per_channel)
+        known = dict(rest.misfit.per_channel or {})
         for each in named:
             surely = {"p_value": min(1.0 - each.probability, known[each.channel].p_value)}
             known[each.channel] = known[each.channel].model_copy(update=surely)
-        changes["misfit"] = Misfits.of(known)
+        changes["misfit"] = Misfit.of(known)
     return rest.model_copy(update=changes)
 
 

@@ -17,7 +17,7 @@ from scipy import ndimage, stats
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.machine import Machine
 from ...regression.run import FILTER_ORDER, Filter
-from ..session.session import TORQUE_GAP, Rows, Session, rms
+from ..session.session import CHANNEL_UNITS, TORQUE_GAP, Rows, Session, rms
 from .noise import ordinary_rms, stated_tolerance
 from .structure import structure_of_gap
 
@@ -74,6 +74,18 @@ class Vibration:
     def amplitude(self) -> float:
         """Amplitude while it is there."""
         return rms(np.abs(self.slow[self._is_there]))
+
+    @property
+    def share(self) -> float:
+        """Part of the time that it is there."""
+        return float(self._is_there.mean())
+
+    @property
+    def words(self) -> str:
+        """What comes and goes beside a force that is named."""
+        unit = CHANNEL_UNITS[self.channel]
+        size = f"{self.frequency_hz:.3g} Hz with {self.amplitude:.3g} {unit}"
+        return f"{self.channel}: it oscillates at {size} now and then, as a force of cutting does"
 
     @property
     def _is_there(self) -> Booleans:

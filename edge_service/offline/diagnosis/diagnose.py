@@ -34,7 +34,7 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
 from ..recordings import Progress, examine, silent
-from ..report.diagnosis_page import render
+from ..report.diagnosis_page import chance, render
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
 
@@ -225,9 +225,9 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
 def _summary(found: Diagnosis, out: Path) -> str:
     lines = [f"verdict: {found.verdict.value}"]
     if found.misfit is not None:
-        before, after = found.misfit.p_value, found.misfit.p_value_after
-        causes = f", with the causes {after:.2g}" if found.effects else ""
-        lines.append(f"chance that a healthy axis differs as much: {before:.2g}{causes}")
+        before, after = chance(found.misfit.p_value), chance(found.misfit.p_value_after)
+        causes = f", with the causes {after}" if found.effects else ""
+        lines.append(f"chance that a healthy axis differs as much: {before}{causes}")
     lines += [
         f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
         f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"

@@ -57,7 +57,7 @@ def render(
         led = {name: found.series.replayed[name] for name in (shown if accepted else ())}
         replays = {name: draw_replay(name, each) for name, each in led.items()}
         gaps = {name: draw_gap(name, session, found) for name in telling if session is not None}
-    used = (percent, points, words, sure, amount, quantity, places)
+    used = (percent, points, words, sure, amount, chance, quantity, places)
     filters = {"shown": interval, **{each.__name__: each for each in used}}
     return rendered(
         "diagnosis.html",
@@ -84,9 +84,9 @@ def render(
 
 
 def _weight(each: NamedEffect) -> tuple[bool, float, float]:
-    """A fault or vibration first, then the surest; of those as sure, what makes most of the gap."""
-    is_first = each.name == VIBRATION or get_effect(each.name).is_fault
-    return not is_first, -round(each.probability, 1), -each.shrink.estimate
+    """A fault comes first, then the surest; of those as sure, what makes most of the difference."""
+    is_fault = each.name != VIBRATION and get_effect(each.name).is_fault
+    return not is_fault, -round(each.probability, 1), -each.shrink.estimate
 
 
 def sure(probability: float) -> str:
@@ -96,6 +96,15 @@ def sure(probability: float) -> str:
     ('more than 99 % sure', '75 % sure')
     """
     return "more than 99 % sure" if probability > 0.99 else f"{percent(probability)} sure"
+
+
+def chance(p_value: float) -> str:
+    """Chance in words.
+
+    >>> chance(3e-9), chance(0.0412)
+    ('less than 0.0001', '0.041')
+    """
+    return f"{p_value:.2g}" if p_value >= 1e-4 else "less than 0.0001"
 
 
 def quantity(effect: str, parameter: str) -> str:

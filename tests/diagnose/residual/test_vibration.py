@@ -94,6 +94,16 @@ def test_a_vibration_is_named_beside_another_cause(machine: Machine) -> None:
     frame = frame_of(recording, **{TORQUE: recording.columns[TORQUE] + hum})
     found = diagnose_session(session_of(machine, frame), machine)
     assert found.verdict is Verdict.EXPLAINED
-    assert [each.name for each in found.effects] == [VIBRATION, "load_offset"]
-    assert found.effects[0].parameters["frequency_hz"].value == pytest.approx(11.0, abs=0.01)
-    assert found.effects[0].entries == ()
+    assert [each.name for each in found.effects] == ["load_offset", VIBRATION]
+    shaking = found.effects[1]
+    assert shaking.parameters["frequency_hz"].value == pytest.approx(11.0, abs=0.01)
+    assert shaking.entries == ()
+    assert shaking.shrink.estimate == 0.0 < shaking.shrink.high
+
+
+@pytest.mark.slow
+def test_teeth_that_cut_are_told_beside_their_force(machine: Machine) -> None:
+    found = diagnose_session(
+        session_of(machine, frame_of(recorded(("external_force",), 11))), machine
+    )
+    assert [each.name for each in found.effects] == ["external_force"]
