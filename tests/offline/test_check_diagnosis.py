@@ -73,6 +73,7 @@ def test_totals_hold_claims_against_what_came_true() -> None:
     totals = totals_of(rows)
     assert totals["outcomes"] == {"single": {"named": 1, "wrong": 1}}
     assert (totals["claimed_shrink_share"], totals["realised_shrink_share"]) == (0.8, 0.75)
+    assert totals["realised_of_possible_share"] == pytest.approx((4.0 - 1.3) / (4.0 - 1.0))
     assert (totals["shrinks"], totals["shrinks_in_interval"]) == (1, 1)
     assert totals["calibration_error_share"] == pytest.approx(0.45)
 

@@ -30,7 +30,8 @@ _WIDTHS = (1, 3, 9, 27, 81)
 _WHOLE = 0.8
 """Part of the greatest band's energy from which on a narrower one is preferred."""
 _LEAST_PERIODS, _LEAST_ROWS, _MOST_ROWS = 20, 512, 2**22
-_LEAST_GAIN = 0.3
+_MOST_OF_RATE = 0.4
+"""Of the rate of the rows: up to a half of it frequencies are told apart."""
 _AROUND = 1.5
 """Ratio of frequencies up to which the spectrum is the floor of the one between."""
 _OF_MEDIAN, _LEAST_QUALITY = 0.48, 5.0
@@ -82,7 +83,7 @@ class Vibration:
 
     @property
     def words(self) -> str:
-        """What comes and goes beside a force that is named."""
+        """Sentence on one that comes and goes beside a force that is named."""
         unit = CHANNEL_UNITS[self.channel]
         size = f"{self.frequency_hz:.3g} Hz with {self.amplitude:.3g} {unit}"
         return f"{self.channel}: it oscillates at {size} now and then, as a force of cutting does"
@@ -149,7 +150,9 @@ def _strongest(session: Session, channel: str, rest: Floats, motion: Floats) -> 
     if not _LEAST_ROWS < count < _MOST_ROWS or np.any(np.diff(place) < 1):
         return None
     spectrum = _Spectrum.of(place, rest, count)
-    best = spectrum.strongest()
+    low_pass, step_hz = session.runs[0].low_pass, 1.0 / (count * period_s)
+    passed_hz = math.inf if len(low_pass.taps) == 1 else low_pass.cutoff_hz
+    best = spectrum.strongest(int(min(passed_hz / step_hz, _MOST_OF_RATE * count)))
     if best is None:
         return None
     middle, width, p_value, energy = best
@@ -159,7 +162,6 @@ def _strongest(session: Session, channel: str, rest: Floats, motion: Floats) -> 
         return None
     if energy < _turning(rows, rest, session.baseline.ratio_m_per_rad):
         return None
-    step_hz = 1.0 / (count * period_s)
     tried_hz = (middle + np.linspace(-1.0, 1.0, 41)) * step_hz
     waves = np.exp(-2j * math.pi * np.outer(tried_hz, time_s))
     frequency_hz = float(tried_hz[np.argmax(np.abs(waves @ rest))])
@@ -174,8 +176,7 @@ def _strongest(session: Session, channel: str, rest: Floats, motion: Floats) -> 
             for each in grids
         )
         slow = 2.0 * (real + 1j * imaginary) / there
-    gain = max(_gain(session.runs[0].low_pass, frequency_hz), _LEAST_GAIN)
-    return Vibration(channel, frequency_hz, p_value, time_s, slow / gain)
+    return Vibration(channel, frequency_hz, p_value, time_s, slow / _gain(low_pass, frequency_hz))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +203,11 @@ class _Spectrum:
         band = slice(max(middle - width // 2, 0), middle + width // 2 + 1)
         return float(np.mean(self.energy[band] / self.floor[band]))
 
-    def strongest(self) -> tuple[int, int, float, float] | None:
+    def strongest(self, highest: int) -> tuple[int, int, float, float] | None:
         """Middle, width, p-value and energy beyond the floor of the narrowest band that has most.
+
+        Args:
+            highest: step up to which they are sought.
 
         The mean of a band over its floor has Snedecor's F distribution, for noise is exponential
         in each step; the p-value is that of the most prominent of all bands.
@@ -218,7 +222,8 @@ class _Spectrum:
                 for each in (raised, beyond)
             )
             chance = stats.f.sf(mean, 2 * width, 2.0 * _OF_MEDIAN * around)
-            chance = np.where(width <= middles / _LEAST_QUALITY, chance, 1.0)
+            usable = (width <= middles / _LEAST_QUALITY) & (middles <= highest)
+            chance = np.where(usable, chance, 1.0)
             chance *= len(middles) * len(_WIDTHS)
             k = int(np.argmax(np.where(chance < FALSE_ALARMS, width * energy, -math.inf)))
             if chance[k] < FALSE_ALARMS:

@@ -50,6 +50,8 @@ STRENGTHS = (0.5, 1.0, 2.0)
 FRESH = "production"
 """Motion of the recording that shows how far the gap really shrinks."""
 _HOLD_OUT = 500_000
+_CLEAR = 1.5
+"""Gap over its floor from which on there is something to shrink."""
 _PRODUCTION_S = 60.0
 _KINDS = ("healthy", "single", "single", "single", "pair", "odd", "out", "triple")
 
@@ -128,7 +130,8 @@ def foreign_plant() -> Plant:
         plant.nominal_machine_toml(plant.DIAGNOSIS),
         ("full", FRESH, "staircase"),
     )
-    known, odd = sorted(plant.FAULTS), sorted(plant.ODDITIES)
+    known = sorted(plant.FAULTS)
+    odd = sorted(name for name, each in plant.ODDITIES.items() if each.channel != plant.NEITHER)
     return Plant(machine_toml, known, odd, motions, _foreign_recorded)
 
 
@@ -196,8 +199,10 @@ class CheckedCase:
         if self.is_wrong or (self.named and not self.case.causes):
             return "wrong"
         is_quiet = self.found.verdict is Verdict.NO_GAP
+        if not self.case.causes:
+            return "quiet" if is_quiet else "unknown"
         if not self.there:
-            return "quiet" if is_quiet else "rightly unknown" if self.case.causes else "unknown"
+            return "missed" if is_quiet else "rightly unknown"
         if self.case.names <= self.likely:
             return "named"
         if self.there & {name for each in self.found.effects for name in each.tied}:
@@ -381,6 +386,14 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         for each in row.found.effects
         if each.probability > SURE and each.name in row.case.names - {disturbance()}
     ]
+    possible = [
+        (before - after) / (before - row.found.gap[name].floor)
+        for row in rows
+        if row.named and set(row.named) <= row.case.names - {disturbance()}
+        for name, (before, after) in row.again.items()
+        if before > _CLEAR * row.found.gap[name].floor
+        and name in {each.channel for each in row.found.effects}
+    ]
     kinds = {row.kind: Counter[str]() for row in rows}
     for row in rows:
         kinds[row.kind][row.outcome] += 1
@@ -388,6 +401,7 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         "outcomes": {kind: dict(each.most_common()) for kind, each in kinds.items()},
         "claimed_shrink_share": median(each.estimate for each, _ in pairs) if pairs else None,
         "realised_shrink_share": median(realised for _, realised in pairs) if pairs else None,
+        "realised_of_possible_share": median(possible) if possible else None,
         "shrinks": len(pairs),
         "shrinks_in_interval": sum(claimed.low <= got <= claimed.high for claimed, got in pairs),
         "calibration_error_share": off if names else None,
@@ -406,6 +420,11 @@ def total_lines(totals: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"shrink by each right name, median: claimed {claimed:.0f} %, realised {got:.0f} %; "
             f"the 90 % interval holds {totals['shrinks_in_interval']} of {totals['shrinks']}"
+        )
+    if totals["realised_of_possible_share"] is not None:
+        share = 100.0 * totals["realised_of_possible_share"]
+        lines.append(
+            f"of what any model could take off the other recordings, median: {share:.0f} %"
         )
     if totals["names"]:
         off = totals["calibration_error_share"]
