@@ -36,11 +36,11 @@ TOLERANCE_OF_TORQUE = 1e-3
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
 HEALTHY = (
-    *((0.0, 1.0), (0.1, 0.7), (0.3, 0.5), (0.36, 0.3), (0.5, 0.2), (0.6, 0.1)),
-    *((0.65, 0.03), (0.7, 0.01), (1.0, 1e-3)),
+    *((0.0, 1.0), (0.11, 0.7), (0.3, 0.5), (0.35, 0.3), (0.43, 0.2), (0.59, 0.1)),
+    *((0.62, 0.05), (0.643, 0.02), (0.677, 0.01), (1.0, 1e-3)),
 )
-"""Remainder beyond the floor, over the floor, and the part of healthy axes that leave more: of 183
-simulated ones, two plants and five motions; the last point is an assumption."""
+"""Remainder beyond the floor, over the floor, and the part of healthy axes that leave more: of 320
+simulated ones, three plants and six motions; the last point is an assumption."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""

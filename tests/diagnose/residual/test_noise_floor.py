@@ -62,7 +62,7 @@ def test_the_chance_of_a_residual_falls_with_what_it_has_beyond_the_floor() -> N
     chances = [many.chance(TORQUE_GAP, rms) for rms in (0.5, 1.0, 1.1, 1.22, 1.4, 2.0, 5.0)]
     assert chances[:2] == [1.0, 1.0]
     assert chances == sorted(chances, reverse=True)
-    assert many.chance(TORQUE_GAP, np.hypot(1.0, 0.7)) == pytest.approx(0.01)
+    assert many.chance(TORQUE_GAP, np.hypot(1.0, 0.677)) == pytest.approx(0.01)
     assert few.chance(TORQUE_GAP, 1.3) > many.chance(TORQUE_GAP, 1.3)
 
 
