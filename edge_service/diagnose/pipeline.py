@@ -37,7 +37,8 @@ from .validation.assessment import SUREST, Assessment, assess_causes
 from .validation.replay import replay
 
 BLIND_TRUST = 0.5
-"""Of the probability of an effect in a torque that is mostly noise: some entry follows noise."""
+"""Of the probability of an effect in a torque that is mostly noise: some entry follows noise; or
+where a vibration has most of the gap, for it may shake the axis itself."""
 BLIND_SHARE = 0.5
 """Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
 IMPRECISE = 0.1
@@ -82,10 +83,20 @@ def diagnose_session(
     if not shaken:
         return found
     forced = any(each.name == disturbance() for each in found.effects)
-    named = [cause for each, cause in shaken if not forced or each.share > OFTEN]
-    told = (each.words for each, cause in shaken if cause not in named)
+    kept = [cause for each, cause in shaken if not forced or each.share > OFTEN]
+    named = list({each.channel: each for each in reversed(kept)}.values())  # the greatest
+    told = (each.words for each, cause in shaken if cause not in kept)
     found = found.model_copy(update={"caveats": (*found.caveats, *told)})
     floors = {name: each.floor for name, each in found.gap.items()}
+    calm = {name: rows.rms / session.channels[name].rms for name, rows in others.channels.items()}
+    less = [
+        each.model_copy(update={"probability": BLIND_TRUST * each.probability})
+        if kept and calm[each.channel] < math.sqrt(0.5)
+        else each
+        for each in found.effects
+    ]
+    is_unknown = found.verdict is Verdict.UNKNOWN
+    found = found.with_effects(less, verdict_of(less, is_unknown=is_unknown))
     found = beside(found, named, session, where(session.channels, floors))
     return found.with_effects(_ranked(found.effects), found.verdict)
 

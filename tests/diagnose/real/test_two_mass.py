@@ -73,6 +73,7 @@ def test_the_cause_is_named(machine_of_plant: Machine, cause: str) -> None:
 @pytest.mark.slow
 def test_a_force_that_hums_is_a_vibration(machine_of_plant: Machine) -> None:
     found = diagnosed(machine_of_plant, Axis(hum_n=60.0), seed=3)
-    assert [each.name for each in found.effects] == [VIBRATION]
+    assert found.effects[0].name == VIBRATION
+    assert all(each.probability < 0.5 for each in found.effects[1:])
     true_hz = Axis().hum_rad_s / (2.0 * math.pi)
     assert found.effects[0].parameters["frequency_hz"].value == pytest.approx(true_hz, rel=0.01)
