@@ -74,12 +74,14 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     posterior, contributions = assessment.posterior, assessment.contributions
     problem, session, left = posterior.problem, posterior.problem.session, contributions.left
     noise = problem.noise
-    torque_rms_nm = session.torque_rms_nm
-    blind = TORQUE_GAP in noise.floor and is_blind(noise.floor[TORQUE_GAP], torque_rms_nm)
+    torque_rms_nm, floor = session.torque_rms_nm, dict(noise.floor)
+    if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
+        floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
+    blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
     channel_of = dict(contributions.channel_of)
     if loss is not None:
         channel_of = {loss.effect.name: TORQUE_GAP, **channel_of}
-    replayed = replay(problem.machine, assessment.validation, channel_of, noise.floor, loss)
+    replayed = replay(problem.machine, assessment.validation, channel_of, floor, loss)
     found = []
     for each in assessment.effects:
         trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
@@ -97,7 +99,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         gap[name] = ChannelGap(
             before=rows.rms,
             after=rms(left[name]),
-            noise_floor=noise.floor[name],
+            noise_floor=floor[name],
             floor_source="reference" if name in session.healthy_floor else "recording",
             tolerance=noise.tolerance[name],
             unit=CHANNEL_UNITS[name],
@@ -115,8 +117,8 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         verdict=verdict,
         partly=partly,
         gap=gap,
-        where=tuple(where(session.channels, noise.floor)),
-        where_after=tuple(where(rows_after, noise.floor)),
+        where=tuple(where(session.channels, floor)),
+        where_after=tuple(where(rows_after, floor)),
         effects=tuple(found),
         unexplained=Unexplained(
             share=max(posterior.unexplained.values(), default=0.0),
