@@ -50,8 +50,9 @@ def replay(
     """
     if not channels:
         return Replay({}, {}, {}, "no effect is named")
-    session = validation.values.fitted.system.session
-    try:
+    whole = validation.values.fitted.system.session
+    try:  # both sides beside the bare baseline: what else is modelled is in the plant
+        session = whole.beside(Session.of_runs(whole.runs, whole.baseline))
         axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
 
         def left(names: Sequence[str]) -> dict[str, Floats]:
