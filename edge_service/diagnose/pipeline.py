@@ -19,7 +19,6 @@ from .result import (
     NamedEffect,
     ReplayStatus,
     Series,
-    Suspect,
     Unexplained,
     Verdict,
     WaterfallStep,
@@ -75,12 +74,14 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     posterior, contributions = assessment.posterior, assessment.contributions
     problem, session, left = posterior.problem, posterior.problem.session, contributions.left
     noise = problem.noise
-    torque_rms_nm = session.torque_rms_nm
-    blind = TORQUE_GAP in noise.floor and is_blind(noise.floor[TORQUE_GAP], torque_rms_nm)
+    torque_rms_nm, floor = session.torque_rms_nm, dict(noise.floor)
+    if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
+        floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
+    blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
     channel_of = dict(contributions.channel_of)
     if loss is not None:
         channel_of = {loss.effect.name: TORQUE_GAP, **channel_of}
-    replayed = replay(problem.machine, assessment.validation, channel_of, noise.floor, loss)
+    replayed = replay(problem.machine, assessment.validation, channel_of, floor, loss)
     found = []
     for each in assessment.effects:
         trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
@@ -91,32 +92,37 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         found.append(each.model_copy(update=changes))
     found.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
-    is_unknown = blind or assessment.is_unknown
-    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
-    verdict = verdict_of(found, is_unknown=is_unknown)
     gap, left_rms = {}, {}
     beside_nuisances = contributions.left_beside_nuisances
     for name, rows in session.channels.items():
-        left_rms[name] = rms(beside_nuisances[name])
+        left_rms[name] = min(rms(beside_nuisances[name]), rms(left[name]))
         gap[name] = ChannelGap(
             before=rows.rms,
             after=rms(left[name]),
-            noise_floor=noise.floor[name],
+            noise_floor=floor[name],
             floor_source="reference" if name in session.healthy_floor else "recording",
             tolerance=noise.tolerance[name],
             unit=CHANNEL_UNITS[name],
             replayed=replayed.gap.get(name),
         )
+    is_unknown = blind or assessment.is_unknown
+    is_unknown |= not found and any(_exceeds(each, left_rms[name]) for name, each in gap.items())
+    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
+    doubted = assessment.misattributed
+    known = any(each.is_known and each.channel not in doubted for each in found)
+    partly = is_unknown and known
+    verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
+        partly=partly,
         gap=gap,
-        where=tuple(where(session.channels, noise.floor)),
-        where_after=tuple(where(rows_after, noise.floor)),
+        where=tuple(where(session.channels, floor)),
+        where_after=tuple(where(rows_after, floor)),
         effects=tuple(found),
         unexplained=Unexplained(
             share=max(posterior.unexplained.values(), default=0.0),
-            nearest=nearest if is_unknown else None,
+            nearest=nearest if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall={
@@ -126,8 +132,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         caveats=caveats_of(gap, left_rms, torque_rms_nm, verdict),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         suspects={
-            name: Suspect(structure=finite_or_none(each))
-            for name, each in assessment.suspects.items()
+            name: {"structure": finite_or_none(each)} for name, each in assessment.suspects.items()
         },
         is_blind=blind,
         series=Series(
@@ -164,19 +169,29 @@ def caveats_of(
         torque_nm: root mean square of the torque in motion.
     """
     found = []
-    floors = {name: each.floor for name, each in gap.items()}
-    if TORQUE_GAP in gap and is_blind(floors[TORQUE_GAP], torque_nm):
+    if TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].floor, torque_nm):
         found.append(
-            f"{floors[TORQUE_GAP]:.3g} of {torque_nm:.3g} N m of torque cannot be predicted from "
-            "the motion or from a repeat of it: a fault of that size would go unnoticed"
+            f"{gap[TORQUE_GAP].floor:.3g} of {torque_nm:.3g} N m of torque cannot be predicted "
+            "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
-        beyond = math.sqrt(max(left[name] ** 2 - floors[name] ** 2, 0.0))
         tolerance, unit = each.tolerance or 0.0, each.unit
         named = verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-        if named and beyond > max(tolerance, IMPRECISE * each.before):
+        if named and _exceeds(each, left[name]):
+            beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
                 f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "
                 f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
             )
+        if verdict is Verdict.NO_GAP and each.matters:
+            found.append(
+                f"{_SPOKEN[name]}: {each.beyond:.3g} {unit} beyond the floor, more than the "
+                f"{tolerance:.3g} {unit} tolerated, are no more than the tolerances of the values "
+                "in the machine file allow"
+            )
     return tuple(found)
+
+
+def _exceeds(gap: ChannelGap, left: float) -> bool:
+    """Flag of a root mean square that is left beyond the floor, and is too much for no cause."""
+    return left > math.hypot(max(gap.tolerance or 0.0, IMPRECISE * gap.before), gap.floor)

@@ -11,7 +11,6 @@ from pydantic.json_schema import SkipJsonSchema
 
 from ..messages.interval import Frozen
 from ..messages.samples import Floats
-from ..messages.stored import finite_or_none
 from ..models.effects.registry import effects_where
 
 SURE = 0.9
@@ -46,11 +45,6 @@ class ParameterValue(Frozen):
     low: float | None
     high: float | None
     unit: str
-
-    @classmethod
-    def bounded(cls, value: float, low: float, high: float, unit: str) -> "ParameterValue":
-        """Value between bounds that may be infinite."""
-        return cls(value=value, low=finite_or_none(low), high=finite_or_none(high), unit=unit)
 
 
 class Place(Frozen):
@@ -89,6 +83,11 @@ class NamedEffect(Frozen):
     replay: Shrink | None = None
     parameters: dict[str, ParameterValue]
     entries: tuple[dict[str, float], ...]
+
+    @property
+    def is_known(self) -> bool:
+        """Flag of a cause beyond doubt that helps on other motion."""
+        return self.probability >= SURE and len(self.tied) == 1 and self.shrink.low > 0.0
 
 
 class ReplayedGap(Frozen):
@@ -163,12 +162,6 @@ class ReplayStatus(Frozen):
     reason: str | None
 
 
-class Suspect(Frozen):
-    """Structure that an effect left which was named at first; null where it cannot be told."""
-
-    structure: float | None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedSeries:
     """Gap of one channel, measured less simulated, without and with all effects, (n,) each."""
@@ -199,15 +192,20 @@ class Diagnosis(Frozen):
         gap, waterfall: by channel.
         where, where_after: places of the gap, and of what the named effects leave of it.
         effects: the most probable first.
+        suspects: effects that were named at first, and the `structure` that each left; null where
+            it cannot be told.
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
+        partly: what is left beside the known causes has a cause that is not known.
+        augmented: effects that the augmented machine file has learned.
     """
 
     schema_: Literal["diagnosis/1"] = Field("diagnosis/1", alias="schema")
     verdict: Verdict
+    partly: bool = False
     gap: dict[str, ChannelGap]
     where: tuple[Place, ...] = ()
     effects: tuple[NamedEffect, ...] = ()
@@ -218,11 +216,12 @@ class Diagnosis(Frozen):
     not_judged: tuple[str, ...] = ()
     not_judged_reasons: dict[str, str] = {}
     reasons: tuple[str, ...] = ()
+    augmented: tuple[str, ...] = ()
     withheld: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     replay: ReplayStatus
-    suspects: dict[str, Suspect] = {}
+    suspects: dict[str, dict[str, float | None]] = {}
     reference: tuple[str, ...] = ()
     is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
     series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)
@@ -231,9 +230,11 @@ class Diagnosis(Frozen):
         self, effects: Sequence[NamedEffect], verdict: Verdict, *caveats: str
     ) -> "Diagnosis":
         """Diagnosis with other effects, another verdict and further caveats."""
+        partly = self.partly and any(each.is_known for each in effects)
         changes = {
             "effects": tuple(effects),
-            "verdict": verdict,
+            "verdict": Verdict.UNKNOWN if self.partly and not partly else verdict,
+            "partly": partly,
             "caveats": (*self.caveats, *caveats),
         }
         return self.model_copy(update=changes)
@@ -246,6 +247,12 @@ def withheld(found: Diagnosis) -> tuple[str, ...]:
 
 
 def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
-    """Effects that the model may learn."""
+    """Effects that the model may learn; beside a remainder of no known cause the known ones."""
+    if found.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
+        return ()
     kept_out = withheld(found)
-    return tuple(each for each in found.effects if each.name not in kept_out)
+    return tuple(
+        each
+        for each in found.effects
+        if each.name not in kept_out and (each.is_known or not found.partly)
+    )

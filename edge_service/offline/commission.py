@@ -18,19 +18,11 @@ from ..messages.features import FeatureBlock
 from ..messages.interval import Interval, printed
 from ..messages.samples import Floats
 from ..models.commissioned import Notch
-from ..models.machine import Machine
+from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
 from .report.quantities import tolerated
-
-_IDENTIFIED = (
-    "inertia_kg_m2",
-    "viscous_nm_s_per_rad",
-    "guide_force_n",
-    "bearing_drag_nm",
-    "table_mass_kg",
-)
 
 READ_BACK = 6000
 """Blocks, of all recordings alike, that the estimator reads back: some 10 s of computing."""
@@ -96,7 +88,7 @@ def commission_to_file(
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
-    _write_model(document, machine)
+    _write_model(document, machine, nominal)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
     return _learned(out, machine, None if doubt is None else doubt.words, unlike)
@@ -157,11 +149,13 @@ def _notch(machine: Machine, test: Path) -> Notch:
     return notch
 
 
-def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
+def _write_model(document: tomlkit.TOMLDocument, machine: Machine, nominal: Machine) -> None:
     model = document["model"]
-    for name in _IDENTIFIED:
+    for name in ModelConfig.model_fields:
         quantity = getattr(machine.model, name)
-        if quantity is not None:
+        if quantity is None:
+            model.pop(name, None)
+        elif quantity != getattr(nominal.model, name):
             model[name] = tomlkit.inline_table()
             model[name].update({"value": quantity.value, "tolerance": quantity.tolerance})
     assert machine.commissioned is not None

@@ -90,27 +90,25 @@ def _diagnosed(
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
-    fresh, reading = fresh_screw(machine), preload_reading(machine, traces)
+    fresh, reading, lost = fresh_screw(machine), preload_reading(machine, traces), None
     if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         course = known_loss(session, fresh)
-        found = diagnose_beside_loss(session, machine, course, reading, progress)
-        found = _with_motion(beside_doubts(found, doubted), machine)
-    else:
-        found = diagnose_session(session, machine, progress=progress)
-        found = _with_motion(beside_doubts(found, doubted), machine)
-        found = with_missing_drag(found, fresh, reading)
+        lost = diagnose_beside_loss(session, machine, course, reading, progress)
+    found = lost or diagnose_session(session, machine, progress=progress)
+    found = _with_motion(beside_doubts(found, doubted), machine)
+    found = found if lost else with_missing_drag(found, fresh, reading)
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
         "not_judged_reasons": unseen,
+        "augmented": tuple(each.name for each in learnable(found)),
         "withheld": withheld(found),
         "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
         "reference": tuple(path.name for path in reference),
     }
     found = found.model_copy(update=stated)
-    accepted = found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
     try:
-        augmented = augmented_toml(text, learnable(found) if accepted else ())
+        augmented = augmented_toml(text, learnable(found))
     except ValueError as error:
         raise ConfigError(f"{machine_file}: {error}") from error
     _write(out, found, augmented, render(machine, names, found, session))
@@ -199,7 +197,8 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
 
 
 def _summary(found: Diagnosis, out: Path) -> str:
-    lines = [f"verdict: {found.verdict.value}"]
+    is_part = found.partly and found.verdict is Verdict.EXPLAINED
+    lines = [f"verdict: {'partly ' if is_part else ''}{found.verdict.value}"]
     lines += [
         f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
         f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
@@ -211,8 +210,13 @@ def _summary(found: Diagnosis, out: Path) -> str:
         shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
         lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")
     lines += [f"but {each}" for each in found.caveats]
-    if faults := ", ".join(withheld(found)):
-        lines.append(f"not in augmented.toml, for a model should not learn a fault: {faults}")
+    unsure = [e.name for e in found.effects if e.name not in found.augmented + found.withheld]
+    kinds = {
+        "in augmented.toml": found.augmented,
+        "not in augmented.toml, for it is not sure": unsure,
+        "not in augmented.toml, for a model should not learn a fault": found.withheld,
+    }
+    lines += [f"{words}: {', '.join(names)}" for words, names in kinds.items() if names]
     if found.next_motion:
         document = out / "diagnosis.json"
         lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")
