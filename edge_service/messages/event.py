@@ -65,6 +65,7 @@ class Code(Enum):
     )
     AXIS_AS_LEARNED = "The axis behaves as commissioned again: {watched}."
     DISAGREEMENT_RECORDED = "{recording} holds the disagreement, ready to diagnose."
+    TESTED = "The test by shaking says {value:.3g} % of fresh ({low:.3g} to {high:.3g})."
     CLOCK_SET_H = "The clock of this computer was set {way} by {hours:.3g} h."
     CLOCK_SET_S = "The clock of this computer was set {way} by {seconds:.0f} s."
     DATA_FAULT = "Data fault: {fault}."

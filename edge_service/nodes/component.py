@@ -16,7 +16,7 @@ from ..config import ConfigError
 from ..health.store.store import StoreFailedError
 from ..http_api.serve import AddressError
 from ..messages.codec import Header, T
-from ..messages.event import AxisCondition, Event
+from ..messages.event import AxisCondition, Event, Statement
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, STATUS
 from ..retry import Retry, heed_cancellation
@@ -123,7 +123,7 @@ class Component:
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Begin a task."""
         task = self._group.create_task(work)
-        self._tasks.append(task)
+        self._tasks = [*(each for each in self._tasks if not each.done()), task]
         return task
 
     def follow(self, subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
@@ -218,16 +218,18 @@ class Component:
                 self.to(ComponentStatus.RECOVERABLE_ERROR, str(error))
                 await asyncio.sleep(REPORT_PERIOD_S)
 
-    def tell(self, kind: str, words: str) -> None:
+    def tell(
+        self, kind: str, said: Statement, level: AxisCondition = AxisCondition.WARNING
+    ) -> None:
         """Tell of a change by an event of the component."""
-        log.warning("%s: %s", self.name, words)
+        log.warning("axis %s: %s", self._axis, said.text)
         event = Event(
             axis=self._axis or "",
             kind=kind,
-            level=AxisCondition.WARNING,
-            text=f"{self.name}: {words}",
+            level=level,
             time_ns=now_ns(),
             data={"component": self.name},
+            **dict(said),
         )
         self._events.publish(event, event.time_ns)
 

@@ -2,25 +2,30 @@
 
 import asyncio
 import logging
+import math
 from functools import partial
 
+from ..bus.subscriber import Subscriber
 from ..clock import CLOCK, now_ns
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..messages.codec import Header
-from ..messages.event import Event
+from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
 from ..messages.health import ComponentStatus
-from ..messages.topics import EVENT, FEAT, PRELOAD
+from ..messages.samples import SampleFrame
+from ..messages.topics import EVENT, FEAT, PRELOAD, RAW
 from ..threads import Threads
 from .component import Component
 from .context import NodeContext
 from .estimated_axis import EstimatedAxis, Kept, StateError, identity_of
+from .record_node import Shaking, notch_in
 from .stages import PREPARING, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 PART_REPLACED = "part_replaced"
 STATE = "estimate"
 """Name of the states in the store."""
+SAMPLES_PERIOD_S = 0.2
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
@@ -49,7 +54,7 @@ class Estimators:
             name,
             lambda: make_estimator(config, self._context.machines[name]),
             partial(part.note, "the estimator fails"),
-            partial(part.tell, "estimator_reset"),
+            lambda why: part.tell("estimator_reset", Statement(text=f"estimate: {why}")),
         )
         part.problems = lambda: [axis.problem] if axis.problem else []
         part.is_broken = lambda: bool(axis.problem)
@@ -101,7 +106,10 @@ class Estimators:
         self._put(State(STATE, axis, None))
 
     def renew(self, axis: str) -> None:
-        """Begin an axis anew, unless its estimate rests on what it rested on before."""
+        """Forget an axis that is gone; begin anew, unless it rests on what it rested on before."""
+        if axis not in self._context.machines:
+            del self.axes[axis]
+            return
         identity = identity_of(self._context.machines[axis], self._context.config.estimator)
         if identity != self._identities[axis]:
             self._identities[axis] = identity
@@ -113,9 +121,72 @@ class Estimators:
             axis.move(step_ns)
 
 
+class Tests:
+    """Tests by shaking: seen, read beside, and given to the estimators. A replay has none."""
+
+    def __init__(self, context: NodeContext, estimators: Estimators, component: Component) -> None:
+        self._context, self._estimators, self._component = context, estimators, component
+        self._axes: dict[str, tuple[Shaking, Subscriber[SampleFrame]]] = {}
+
+    def look(self, axis: str) -> None:
+        """Look for tests of an axis from now on, if it is there and takes any."""
+        if axis in self._axes:
+            self._axes.pop(axis)[1].close()
+        machine = self._context.machines.get(axis)
+        notch = machine and machine.commissioned and machine.commissioned.notch
+        if not notch or self._context.is_replay:
+            return
+        key = self._context.config.keys.key(axis, RAW)
+        samples = self._context.bus.subscribe(key, RAW, depth=1024, keys=(key,))
+        shaking = Shaking(notch.feed_rad_s)
+        self._axes[axis] = shaking, samples
+
+        def follow(axis: str, _header: Header, frame: SampleFrame) -> None:
+            shaking.follow(frame)
+            samples.rest(axis, SAMPLES_PERIOD_S)
+
+        self._component.follow(samples, follow)
+
+    def take(self, axis: str, block: FeatureBlock) -> None:
+        """Take the next interval of an axis in."""
+        frames = self._axes[axis][0].over(block) if axis in self._axes else []
+        if frames:
+            self._component.start(self._read(axis, frames))
+
+    def take_event(self, axis: str, _header: Header, event: Event) -> None:
+        """Begin an axis anew whose part was replaced."""
+        if axis in self._estimators.axes and event.kind == PART_REPLACED:
+            self._estimators.forget(axis)
+            self.look(axis)
+
+    async def _read(self, axis: str, frames: list[SampleFrame]) -> None:
+        """Give a test to the estimator, and tell what it says."""
+        looked, tell = self._axes[axis], self._estimators.parts[axis].tell
+        with self._component.bears(f"a test of axis {axis}"):
+            try:
+                seen = await notch_in(frames)
+                if seen is None or looked is not self._axes.get(axis):
+                    return  # no test, or one of a part or machine file of before
+                end_s = float(frames[-1].time_s[-1])
+                estimate = self._estimators.axes[axis].take_test(seen, end_s)
+            except ValueError as error:
+                tell("tested", Statement(text=f"The test by shaking says nothing: {error}."))
+                return
+            self._estimators.keep()
+            fresh = self._context.machines[axis].fresh_preload_percent or math.nan
+            percent = (estimate.preload_percent, estimate.low, estimate.high)
+            value, low, high = (100.0 * (each or 0.0) / fresh for each in percent)
+            said = told(Code.TESTED, value=value, low=low, high=high)
+            for doubt in estimate.reasons:
+                tell("tested", Statement(text=f"{said.text} {doubt}."))
+                return
+            tell("tested", said, AxisCondition.NORMAL)
+
+
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
     estimators, component = Estimators(context), Component(context, "estimate")
+    tests = Tests(context, estimators, component)
     axes, publishers = estimators.axes, context.publishers(PRELOAD)
     features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
@@ -123,12 +194,8 @@ async def run(context: NodeContext) -> None:
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
-            estimate = axes[axis].take(header, block)
-            publishers[axis].publish(estimate, header.source_time_ns)
-
-    def take_event(axis: str, _header: Header, event: Event) -> None:
-        if axis in axes and event.kind == PART_REPLACED:
-            estimators.forget(axis)
+            publishers[axis].publish(axes[axis].take(header, block), header.source_time_ns)
+            tests.take(axis, block)
 
     later: dict[str, asyncio.Task[None]] = {}
 
@@ -140,18 +207,18 @@ async def run(context: NodeContext) -> None:
         """Estimate an axis that came later; until the estimator is warm, nothing is taken in."""
         await work.run(warm_up, context.config.estimator, (context.machines[axis],))
         part = estimators.add(axis)
+        tests.look(axis)
         part.to(ComponentStatus.OK)
         await live(part)
 
     def renew(axis: str) -> None:
-        if axis not in context.machines:
-            axes.pop(axis, None)
-            if axis in later:
-                later.pop(axis).cancel()
-        elif axis in axes:
+        if axis in axes:
             estimators.renew(axis)
-        elif axis not in later:
+        elif axis in context.machines and axis not in later:
             later[axis] = component.start(begin(axis))
+        if axis in later and axis not in context.machines:
+            later.pop(axis).cancel()
+        tests.look(axis)
 
     async with component.running():
         parts = (component, *estimators.parts.values())
@@ -166,7 +233,7 @@ async def run(context: NodeContext) -> None:
         for axis in {*context.machines, *axes}:  # what has changed while all was being prepared
             renew(axis)
         component.follow(features, take_features)
-        component.follow(context.subscribe(EVENT), take_event)
+        component.follow(context.subscribe(EVENT), tests.take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:
             with CLOCK.telling(estimators.move):

@@ -15,6 +15,7 @@ from ..estimate.interface import PreloadEstimator
 from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
+from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..retry import Retry
 
@@ -176,6 +177,15 @@ class EstimatedAxis:
                 return estimate
         status, reasons = EstimateStatus.UNESTIMATED, (f"estimator_failed: {self.problem}",)
         return PreloadEstimate(time_s=block.time_s, status=status, reasons=reasons)
+
+    def take_test(self, seen: Notch, time_s: float) -> PreloadEstimate:
+        """Give the estimator a test that ended then. Raises ValueError: it says nothing."""
+        take = getattr(self._estimator, "take_test", None)
+        if self.problem or take is None:
+            raise ValueError(self.problem or "this estimator takes no tests")
+        told: PreloadEstimate = take(seen, time_s)
+        self._is_changed, self._since_sound = True, SOUND_PERIOD
+        return told
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: nobody was silent meanwhile."""

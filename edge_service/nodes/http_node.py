@@ -48,7 +48,7 @@ PERIOD_S = 1.0
 SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 ANSWER_S = 5.0
 """So long a command may take."""
-OWN_EVENTS = ("component_changed", "estimator_reset")
+OWN_EVENTS = ("component_changed", "estimator_reset", "tested")
 """Kinds of events that components tell of themselves."""
 
 

@@ -1,9 +1,11 @@
-"""Raw samples from the bus into trace files: on request, and around a disagreement."""
+"""Raw samples from the bus into trace files: on request, around a disagreement, of a test."""
 
 import asyncio
 import logging
 import math
 import signal
+import sys
+import tempfile
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -15,8 +17,11 @@ from ..clock import is_future, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
-from ..messages.samples import SampleFrame
+from ..messages.features import FeatureBlock
+from ..messages.samples import ANGLE, SETPOINT, TORQUE, SampleFrame
 from ..messages.topics import RAW
+from ..models.commissioned import Notch
+from ..process import finished
 from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
 from ..threads import Threads
@@ -32,7 +37,16 @@ MOST_WAITING = 4
 """Recordings that wait for the disk; further ones are lost."""
 MOST_KEPT = 5
 """Recordings of one axis that the service makes by itself; the oldest go."""
+_NEEDED = (TORQUE, ANGLE, SETPOINT)
 FIRST_FRAME_S = 5.0
+TEST_S, LONGEST_READING_S = 90.0, 120.0
+"""Samples that may belong to a test by shaking; time in which it must be read."""
+SHAKEN, FASTEST = 0.05, 1.5
+"""Swing of the speed within an interval that no acceleration makes, and speed of a test at most,
+both over the feed at commissioning."""
+CREDIT, ENOUGH_S, QUIET_S = 2.0, 10.0, 12.0
+"""Gain of a second that is shaken; gain from which on it is a test; loss that ends it. Without
+feedforward an axis hardly follows the upper half of the sweep, 10 s each way."""
 
 
 async def record_axis(
@@ -136,9 +150,7 @@ class DisagreementRecorder:
             return False
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with TraceWriter(path, tuple(frames[0].channels)) as writer:
-                for frame in frames:
-                    writer.write(frame)
+            _write(path, frames)
             kept = self._folder.glob(f"disagreement_{axis}_*.parquet")
             for old in sorted(kept, key=_rank)[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
@@ -155,3 +167,57 @@ def _rank(path: Path) -> tuple[bool, str]:
     except ValueError:
         return True, path.name
     return not is_future(stamp.replace(tzinfo=UTC).timestamp(), now_ns() / 1e9), path.name
+
+
+class Shaking:
+    """Test by shaking of one axis: seen in its intervals, cut out of its samples.
+
+    Args:
+        feed_rad_s: of the test at commissioning.
+    """
+
+    def __init__(self, feed_rad_s: float) -> None:
+        self._feed_rad_s = feed_rad_s
+        self._ring = SampleRing(TEST_S, 2 * MOST_ROWS)
+        self._begun_s = self._gained_s = self._most_s = 0.0
+
+    def follow(self, frame: SampleFrame) -> None:
+        """Take samples in."""
+        needed = {name: frame.channels[name] for name in _NEEDED if name in frame.channels}
+        self._ring.push(SampleFrame(frame.time_s, needed))
+
+    def over(self, block: FeatureBlock) -> list[SampleFrame]:
+        """Take the next interval in; samples of a test that is over with it, empty without one."""
+        speed = abs(block.angle_end_rad - block.angle_start_rad) / block.duration_s
+        swing = block.speed_max_rad_s - block.speed_min_rad_s
+        swing -= abs(block.speed_end_rad_s - block.speed_start_rad_s)
+        shaken = speed < FASTEST * self._feed_rad_s and swing > SHAKEN * self._feed_rad_s
+        gain_s = block.duration_s * (CREDIT if shaken else -1.0)
+        self._gained_s = max(self._gained_s + gain_s, 0.0)
+        self._most_s = max(self._most_s, self._gained_s)
+        if self._gained_s > 0.0 and self._most_s - self._gained_s < QUIET_S:
+            return []
+        begun_s, most_s = self._begun_s, self._most_s
+        self._begun_s, self._gained_s, self._most_s = block.time_s, 0.0, 0.0
+        return self._ring.cut(begun_s - BEFORE_S, block.time_s) if most_s > ENOUGH_S else []
+
+
+async def notch_in(frames: list[SampleFrame]) -> Notch | None:
+    """Notch in samples, read by a process that ends: it needs libraries and seconds.
+
+    None: they are no test. Raises ValueError: a test that cannot be used; OSError, TimeoutError.
+    """
+    with tempfile.TemporaryDirectory(prefix="edge-test-") as folder:
+        path = Path(folder) / "test.parquet"
+        await Threads("test").run(_write, path, frames)
+        program = (sys.executable, "-m", "edge_service.fingerprint.response.notch", str(path))
+        status, said = await finished(program=program, limit_s=LONGEST_READING_S)
+    if status:
+        raise ValueError(said.partition(": ")[2] or f"it cannot be read ({said})")
+    return Notch.model_validate_json(said) if said else None
+
+
+def _write(path: Path, frames: list[SampleFrame]) -> None:
+    with TraceWriter(path, tuple(frames[0].channels)) as writer:
+        for frame in frames:
+            writer.write(frame)

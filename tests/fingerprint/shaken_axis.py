@@ -77,14 +77,13 @@ class Axis:
         return 1.0 / float(n * (max(q + y, 1e-3) ** (n - 1.0) + max(q - y, 0.0) ** (n - 1.0)))
 
 
-def shaken(
-    axis: Axis,
-    seed: int,
-    rate_hz: float = 1000.0,
-    feed_m_s: float = 0.02,
-    speed_share: float = 0.8,
-) -> SampleFrame:
+def shaken(axis: Axis, seed: int, rate_hz: float = 1000.0, **how: float) -> SampleFrame:
     """Torque, motor angle and set point of a sweep each way, at a rate."""
+    return driven(axis, sweeps(rate_hz, **how), seed, rate_hz)
+
+
+def sweeps(rate_hz: float, feed_m_s: float = 0.02, speed_share: float = 0.8) -> Array:
+    """Speed in each step of a sweep each way."""
     rest, ramp = np.zeros(round(0.5 / STEP_S)), np.linspace(0.0, 1.0, round(0.1 / STEP_S))
     t = np.arange(round(SWEEP_S / STEP_S)) * STEP_S
     high = min(300.0, 0.45 * rate_hz)
@@ -93,8 +92,7 @@ def shaken(
     size = np.minimum(speed_share * max(feed_m_s, 0.02), 2.0 / (2.0 * np.pi * hz)) * fade
     wave = size * np.sin(2.0 * np.pi * np.cumsum(hz) * STEP_S)
     way = np.concatenate((rest, ramp * feed_m_s, feed_m_s + wave, ramp[::-1] * feed_m_s))
-    speed = np.concatenate((way, -way, rest))
-    return driven(axis, speed, seed, rate_hz)
+    return np.concatenate((way, -way, rest))
 
 
 def driven(axis: Axis, speed_m_s: Array, seed: int, rate_hz: float = 1000.0) -> SampleFrame:
