@@ -89,8 +89,8 @@ FAULTS = (
     ),
     Fault(
         "nodes",
-        "if axis in axes and event.kind == PART_REPLACED:",
-        "if axis in axes and event.kind != PART_REPLACED:",
+        "if axis in self.axes and event.kind == PART_REPLACED:",
+        "if axis in self.axes and event.kind != PART_REPLACED:",
         "tests/nodes",
     ),
     Fault(

@@ -2,12 +2,12 @@
 
 import asyncio
 import logging
-import math
 from functools import partial
 
 from ..bus.subscriber import Subscriber
 from ..clock import CLOCK, now_ns
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
+from ..messages.answer import of_fresh
 from ..messages.codec import Header
 from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
@@ -31,18 +31,20 @@ SAVE_PERIOD_S = 60.0
 
 
 class Estimators:
-    """The estimators of all axes, and their states in the store.
+    """The estimators of all axes, their states in the store, and their tests by shaking.
 
     Attributes:
+        component: the part that works for all axes.
         damaged: states that were none.
         problem: reason for which a state cannot be kept now; empty if it can.
     """
 
     def __init__(self, context: NodeContext) -> None:
-        self._context = context
+        self._context, self.component = context, Component(context, "estimate")
         self.parts: dict[str, Component] = {}
         self.axes: dict[str, EstimatedAxis] = {}
         self._identities: dict[str, str] = {}
+        self._looked: dict[str, tuple[Shaking, Subscriber[SampleFrame]]] = {}
         for axis in context.machines:
             self.add(axis)
         self.damaged, self.problem = 0, ""
@@ -120,18 +122,10 @@ class Estimators:
         for axis in self.axes.values():
             axis.move(step_ns)
 
-
-class Tests:
-    """Tests by shaking: seen, read beside, and given to the estimators. A replay has none."""
-
-    def __init__(self, context: NodeContext, estimators: Estimators, component: Component) -> None:
-        self._context, self._estimators, self._component = context, estimators, component
-        self._axes: dict[str, tuple[Shaking, Subscriber[SampleFrame]]] = {}
-
     def look(self, axis: str) -> None:
-        """Look for tests of an axis from now on, if it is there and takes any."""
-        if axis in self._axes:
-            self._axes.pop(axis)[1].close()
+        """Look for tests of an axis from now on, if it is there, takes any, and lives."""
+        if axis in self._looked:
+            self._looked.pop(axis)[1].close()
         machine = self._context.machines.get(axis)
         notch = machine and machine.commissioned and machine.commissioned.notch
         if not notch or self._context.is_replay:
@@ -139,55 +133,52 @@ class Tests:
         key = self._context.config.keys.key(axis, RAW)
         samples = self._context.bus.subscribe(key, RAW, depth=1024, keys=(key,))
         shaking = Shaking(notch.feed_rad_s)
-        self._axes[axis] = shaking, samples
+        self._looked[axis] = shaking, samples
 
         def follow(axis: str, _header: Header, frame: SampleFrame) -> None:
-            shaking.follow(frame)
+            shaking.samples.push(frame)
             samples.rest(axis, SAMPLES_PERIOD_S)
 
-        self._component.follow(samples, follow)
+        self.component.follow(samples, follow)
 
-    def take(self, axis: str, block: FeatureBlock) -> None:
-        """Take the next interval of an axis in."""
-        frames = self._axes[axis][0].over(block) if axis in self._axes else []
+    def watch(self, axis: str, block: FeatureBlock) -> None:
+        """Look whether an interval ends a test, and read that."""
+        frames = self._looked[axis][0].over(block) if axis in self._looked else []
         if frames:
-            self._component.start(self._read(axis, frames))
+            self.component.start(self._read(axis, frames))
 
     def take_event(self, axis: str, _header: Header, event: Event) -> None:
         """Begin an axis anew whose part was replaced."""
-        if axis in self._estimators.axes and event.kind == PART_REPLACED:
-            self._estimators.forget(axis)
+        if axis in self.axes and event.kind == PART_REPLACED:
+            self.forget(axis)
             self.look(axis)
 
     async def _read(self, axis: str, frames: list[SampleFrame]) -> None:
         """Give a test to the estimator, and tell what it says."""
-        looked, tell = self._axes[axis], self._estimators.parts[axis].tell
-        with self._component.bears(f"a test of axis {axis}"):
+        looked, tell = self._looked[axis], self.parts[axis].tell
+        with self.component.bears(f"a test of axis {axis}"):
             try:
                 seen = await notch_in(frames)
-                if seen is None or looked is not self._axes.get(axis):
+                if seen is None or looked is not self._looked.get(axis):
                     return  # no test, or one of a part or machine file of before
                 end_s = float(frames[-1].time_s[-1])
-                estimate = self._estimators.axes[axis].take_test(seen, end_s)
+                estimate = self.axes[axis].take_test(seen, end_s)
             except ValueError as error:
                 tell("tested", Statement(text=f"The test by shaking says nothing: {error}."))
                 return
-            self._estimators.keep()
-            fresh = self._context.machines[axis].fresh_preload_percent or math.nan
-            percent = (estimate.preload_percent, estimate.low, estimate.high)
-            value, low, high = (100.0 * (each or 0.0) / fresh for each in percent)
-            said = told(Code.TESTED, value=value, low=low, high=high)
-            for doubt in estimate.reasons:
-                tell("tested", Statement(text=f"{said.text} {doubt}."))
-                return
-            tell("tested", said, AxisCondition.NORMAL)
+            self.keep()
+            share = of_fresh(estimate, self._context.machines[axis].fresh_preload_percent)
+            said = Statement() if share is None else told(Code.TESTED, **dict(share))
+            if estimate.reasons:
+                tell("tested", Statement(text=f"{said.text} {estimate.reasons[0]}."))
+            else:
+                tell("tested", said, AxisCondition.NORMAL)
 
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    estimators, component = Estimators(context), Component(context, "estimate")
-    tests = Tests(context, estimators, component)
-    axes, publishers = estimators.axes, context.publishers(PRELOAD)
+    estimators, publishers = Estimators(context), context.publishers(PRELOAD)
+    axes, component = estimators.axes, estimators.component
     features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
     component.problems = lambda: [estimators.problem] if estimators.problem else []
@@ -195,7 +186,7 @@ async def run(context: NodeContext) -> None:
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
             publishers[axis].publish(axes[axis].take(header, block), header.source_time_ns)
-            tests.take(axis, block)
+            estimators.watch(axis, block)
 
     later: dict[str, asyncio.Task[None]] = {}
 
@@ -207,7 +198,7 @@ async def run(context: NodeContext) -> None:
         """Estimate an axis that came later; until the estimator is warm, nothing is taken in."""
         await work.run(warm_up, context.config.estimator, (context.machines[axis],))
         part = estimators.add(axis)
-        tests.look(axis)
+        estimators.look(axis)
         part.to(ComponentStatus.OK)
         await live(part)
 
@@ -218,7 +209,7 @@ async def run(context: NodeContext) -> None:
             later[axis] = component.start(begin(axis))
         if axis in later and axis not in context.machines:
             later.pop(axis).cancel()
-        tests.look(axis)
+        estimators.look(axis)
 
     async with component.running():
         parts = (component, *estimators.parts.values())
@@ -233,7 +224,7 @@ async def run(context: NodeContext) -> None:
         for axis in {*context.machines, *axes}:  # what has changed while all was being prepared
             renew(axis)
         component.follow(features, take_features)
-        component.follow(context.subscribe(EVENT), tests.take_event)
+        component.follow(context.subscribe(EVENT), estimators.take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:
             with CLOCK.telling(estimators.move):

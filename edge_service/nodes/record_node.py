@@ -18,7 +18,7 @@ from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.samples import ANGLE, SETPOINT, TORQUE, SampleFrame
+from ..messages.samples import SampleFrame
 from ..messages.topics import RAW
 from ..models.commissioned import Notch
 from ..process import finished
@@ -37,7 +37,6 @@ MOST_WAITING = 4
 """Recordings that wait for the disk; further ones are lost."""
 MOST_KEPT = 5
 """Recordings of one axis that the service makes by itself; the oldest go."""
-_NEEDED = (TORQUE, ANGLE, SETPOINT)
 FIRST_FRAME_S = 5.0
 TEST_S, LONGEST_READING_S = 90.0, 120.0
 """Samples that may belong to a test by shaking; time in which it must be read."""
@@ -174,17 +173,15 @@ class Shaking:
 
     Args:
         feed_rad_s: of the test at commissioning.
+
+    Attributes:
+        samples: the newest.
     """
 
     def __init__(self, feed_rad_s: float) -> None:
         self._feed_rad_s = feed_rad_s
-        self._ring = SampleRing(TEST_S, 2 * MOST_ROWS)
+        self.samples = SampleRing(TEST_S, 2 * MOST_ROWS)
         self._begun_s = self._gained_s = self._most_s = 0.0
-
-    def follow(self, frame: SampleFrame) -> None:
-        """Take samples in."""
-        needed = {name: frame.channels[name] for name in _NEEDED if name in frame.channels}
-        self._ring.push(SampleFrame(frame.time_s, needed))
 
     def over(self, block: FeatureBlock) -> list[SampleFrame]:
         """Take the next interval in; samples of a test that is over with it, empty without one."""
@@ -199,7 +196,7 @@ class Shaking:
             return []
         begun_s, most_s = self._begun_s, self._most_s
         self._begun_s, self._gained_s, self._most_s = block.time_s, 0.0, 0.0
-        return self._ring.cut(begun_s - BEFORE_S, block.time_s) if most_s > ENOUGH_S else []
+        return self.samples.cut(begun_s - BEFORE_S, block.time_s) if most_s > ENOUGH_S else []
 
 
 async def notch_in(frames: list[SampleFrame]) -> Notch | None:
@@ -218,6 +215,7 @@ async def notch_in(frames: list[SampleFrame]) -> Notch | None:
 
 
 def _write(path: Path, frames: list[SampleFrame]) -> None:
-    with TraceWriter(path, tuple(frames[0].channels)) as writer:
+    channels = dict.fromkeys(name for each in frames for name in each.channels)
+    with TraceWriter(path, tuple(channels)) as writer:
         for frame in frames:
             writer.write(frame)

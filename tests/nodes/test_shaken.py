@@ -10,21 +10,17 @@ import pytest
 import tomlkit
 
 from edge_service.config_tables import StoreConfig
+from edge_service.nodes.record_node import Shaking
+from edge_service.nodes.stages import make_downsampler
 from edge_service.recordings.writer import TraceWriter
 
-from ..estimate.tested_axis import FRESH_PERCENT, as_it_is, machine_of, on_a_day
-from ..fingerprint.shaken_axis import START_M, STEP_S, SWEEP_S, Array, Axis, driven, sweeps
-from .conftest import config_of, served, until
+from ..estimate.test_one_encoder import AXIS, FRESH_PERCENT, MACHINE
+from ..fingerprint.shaken_axis import FEED_M_S, STEP_S, SWEEP_S, Array, Axis, driven, smooth, sweeps
+from .conftest import config_of, once, served
 
-SPEED, FEED_M_S = 10.0, 0.02
-AXIS = Axis(share=0.3, guide_n=30.0)
+SPEED = 10.0
+TO_AND_FRO = [0.0, 0.2, 0.2, 0.0, -0.2, -0.2]
 WORN = replace(AXIS, preload=0.2)
-
-
-def moves(seconds: float) -> Array:
-    """Speed in each step of rapids to and fro."""
-    speed = np.repeat([0.0, 0.2, 0.2, 0.0, -0.2, -0.2] * round(seconds / 6.0), round(1 / STEP_S))
-    return np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
 
 
 def source(folder: Path, axis: Axis, *speeds: Array) -> dict[str, Any]:
@@ -35,37 +31,47 @@ def source(folder: Path, axis: Axis, *speeds: Array) -> dict[str, Any]:
     return {"path": str(path), "speed": SPEED}
 
 
+@pytest.mark.parametrize(
+    ("speeds", "seen"),
+    [
+        ((smooth(TO_AND_FRO * 2), sweeps(), smooth(TO_AND_FRO * 2)), True),
+        ((sweeps(feed_m_s=0.0), np.zeros(round(13.0 / STEP_S))), True),
+        ((smooth(TO_AND_FRO * 10),), False),
+        ((0.02 * np.sin(np.arange(0.0, 300.0, 10.0 * STEP_S)), smooth(TO_AND_FRO * 2)), False),
+    ],
+    ids=["a test", "without a feed", "production", "a small circle"],
+)
+def test_only_a_test_is_seen_and_cut_out_whole(speeds: tuple[Array, ...], seen: bool) -> None:
+    frame, shaking = driven(AXIS, np.concatenate(speeds), 1), Shaking(FEED_M_S / AXIS.radius_m)
+    shaking.samples.push(frame)
+    found = [cut for block in make_downsampler(MACHINE).push(frame) if (cut := shaking.over(block))]
+    assert len(found) == seen
+    if seen:
+        duration_s = found[0][-1].time_s[-1] - found[0][0].time_s[0]
+        assert 2.0 * SWEEP_S < duration_s < 2.0 * SWEEP_S + 20.0
+
+
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("machine") / "x.toml"
-    random = np.random.default_rng(1)
-    place_rad = (START_M + 0.5 * FEED_M_S * SWEEP_S) / AXIS.radius_m
-    days = [as_it_is(on_a_day(AXIS, random)) for _ in range(3)]
-    tests = [each.model_copy(update={"place_rad": place_rad}) for each in days]
-    commissioned = machine_of(AXIS, tests)
-    path.write_text(tomlkit.dumps(commissioned.model_dump(mode="json", exclude_none=True)))
+    path.write_text(tomlkit.dumps(MACHINE.model_dump(mode="json", exclude_none=True)))
     return path
 
 
 async def told(client: httpx.AsyncClient) -> Any:
     """What was told of the first test, once that is read."""
-
-    async def items() -> Any:
-        return (await client.get("api/v1/log?axis=X&kind=tested")).json()["items"]
-
-    (event,) = await until(items)
+    (event,) = await once(client, "log?axis=X&kind=tested", lambda log: log["items"])
     return event
 
 
 async def estimated(client: httpx.AsyncClient, *, due: bool) -> Any:
     """The next answer with a number, and with or without the word that a test is due."""
 
-    async def answer() -> Any:
-        now = (await client.get("api/v1/axes/X/preload")).json()
+    def probe(now: Any) -> Any:
         is_due = any(reason.startswith("test_due: no test yet") for reason in now["reasons"])
-        return now if now["status"] == "estimated" and is_due == due else None
+        return now["status"] == "estimated" and is_due == due and now
 
-    return await until(answer)
+    return await once(client, "axes/X/preload", probe)
 
 
 @pytest.mark.slow
@@ -73,7 +79,7 @@ async def test_a_test_that_the_service_sees_tells_the_preload_and_outlives_a_res
     machine: Path, tmp_path: Path
 ) -> None:
     store = {"store": StoreConfig(folder=tmp_path / "state")}
-    settings = source(tmp_path, WORN, moves(6.0), sweeps(1000.0), moves(150.0))
+    settings = source(tmp_path, WORN, smooth(TO_AND_FRO * 1), sweeps(), smooth(TO_AND_FRO * 25))
     async with served(config_of("replay", settings, machine, **store)) as (_, client):
         await estimated(client, due=True)
         event = await told(client)
@@ -82,7 +88,7 @@ async def test_a_test_that_the_service_sees_tells_the_preload_and_outlives_a_res
         assert event["values"]["low"] <= 20.0 <= event["values"]["high"] < 80.0
         after = await estimated(client, due=False)
         assert after["low"] <= 0.2 * FRESH_PERCENT <= after["high"] < 0.8 * FRESH_PERCENT
-    settings = source(tmp_path, WORN, moves(60.0))
+    settings = source(tmp_path, WORN, smooth(TO_AND_FRO * 10))
     async with served(config_of("replay", settings, machine, **store)) as (_, client):
         again = await estimated(client, due=False)
         assert again["high"] < 0.8 * FRESH_PERCENT
@@ -92,7 +98,7 @@ async def test_a_test_that_the_service_sees_tells_the_preload_and_outlives_a_res
 async def test_a_test_that_cannot_be_used_is_told_with_its_reason(
     machine: Path, tmp_path: Path
 ) -> None:
-    settings = source(tmp_path, AXIS, sweeps(1000.0, speed_share=1.5), moves(150.0))
+    settings = source(tmp_path, AXIS, sweeps(speed_share=1.5), smooth(TO_AND_FRO * 25))
     async with served(config_of("replay", settings, machine)) as (_, client):
         event = await told(client)
         assert event["level"] == "WARNING"
