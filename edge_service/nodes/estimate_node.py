@@ -127,12 +127,12 @@ class Estimators:
         if axis in self._looked:
             self._looked.pop(axis)[1].close()
         machine = self._context.machines.get(axis)
-        notch = machine and machine.commissioned and machine.commissioned.notch
-        if not notch or self._context.is_replay:
+        learned = None if machine is None else machine.commissioned
+        if learned is None or learned.notch is None or self._context.is_replay:
             return
         key = self._context.config.keys.key(axis, RAW)
         samples = self._context.bus.subscribe(key, RAW, depth=1024, keys=(key,))
-        shaking = Shaking(notch.feed_rad_s)
+        shaking = Shaking(learned.notch.feed_rad_s, learned.coulomb_nm)
         self._looked[axis] = shaking, samples
 
         def follow(axis: str, _header: Header, frame: SampleFrame) -> None:

@@ -40,9 +40,10 @@ MOST_KEPT = 5
 FIRST_FRAME_S = 5.0
 TEST_S, LONGEST_READING_S = 90.0, 120.0
 """Samples that may belong to a test by shaking; time in which it must be read."""
-SHAKEN, FASTEST = 0.05, 1.5
-"""Swing of the speed within an interval that no acceleration makes, and speed of a test at most,
-both over the feed at commissioning."""
+SHAKEN, SHAKEN_TORQUE, FASTEST = 0.05, 0.1, 1.5
+"""Swing of the speed within an interval that no acceleration makes, over the feed at commissioning;
+standard deviation of the torque, over the friction: a coarse encoder swings at rest, too. Greatest
+speed of a test, over that feed."""
 CREDIT, ENOUGH_S, QUIET_S = 2.0, 10.0, 12.0
 """Gain of a second that is shaken; gain from which on it is a test; loss that ends it. Without
 feedforward an axis hardly follows the upper half of the sweep, 10 s each way."""
@@ -169,17 +170,15 @@ def _rank(path: Path) -> tuple[bool, str]:
 
 
 class Shaking:
-    """Test by shaking of one axis: seen in its intervals, cut out of its samples.
+    """Test by shaking of one axis: seen in its intervals, cut out of its newest `samples`.
 
     Args:
         feed_rad_s: of the test at commissioning.
-
-    Attributes:
-        samples: the newest.
+        friction_nm: Coulomb friction of the axis.
     """
 
-    def __init__(self, feed_rad_s: float) -> None:
-        self._feed_rad_s = feed_rad_s
+    def __init__(self, feed_rad_s: float, friction_nm: float) -> None:
+        self._feed_rad_s, self._friction_nm = feed_rad_s, friction_nm
         self.samples = SampleRing(TEST_S, 2 * MOST_ROWS)
         self._begun_s = self._gained_s = self._most_s = 0.0
 
@@ -189,6 +188,7 @@ class Shaking:
         swing = block.speed_max_rad_s - block.speed_min_rad_s
         swing -= abs(block.speed_end_rad_s - block.speed_start_rad_s)
         shaken = speed < FASTEST * self._feed_rad_s and swing > SHAKEN * self._feed_rad_s
+        shaken &= block.torque_std_nm > SHAKEN_TORQUE * self._friction_nm
         gain_s = block.duration_s * (CREDIT if shaken else -1.0)
         self._gained_s = max(self._gained_s + gain_s, 0.0)
         self._most_s = max(self._most_s, self._gained_s)

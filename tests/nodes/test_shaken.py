@@ -18,7 +18,6 @@ from ..estimate.test_one_encoder import AXIS, FRESH_PERCENT, MACHINE
 from ..fingerprint.shaken_axis import FEED_M_S, STEP_S, SWEEP_S, Array, Axis, driven, smooth, sweeps
 from .conftest import config_of, once, served
 
-SPEED = 10.0
 TO_AND_FRO = [0.0, 0.2, 0.2, 0.0, -0.2, -0.2]
 WORN = replace(AXIS, preload=0.2)
 
@@ -28,7 +27,7 @@ def source(folder: Path, axis: Axis, *speeds: Array) -> dict[str, Any]:
     path, frame = folder / f"{len(speeds)}.csv", driven(axis, np.concatenate(speeds), 3)
     with TraceWriter(path, tuple(frame.channels)) as writer:
         writer.write(frame)
-    return {"path": str(path), "speed": SPEED}
+    return {"path": str(path), "speed": 10.0}
 
 
 @pytest.mark.parametrize(
@@ -42,7 +41,8 @@ def source(folder: Path, axis: Axis, *speeds: Array) -> dict[str, Any]:
     ids=["a test", "without a feed", "production", "a small circle"],
 )
 def test_only_a_test_is_seen_and_cut_out_whole(speeds: tuple[Array, ...], seen: bool) -> None:
-    frame, shaking = driven(AXIS, np.concatenate(speeds), 1), Shaking(FEED_M_S / AXIS.radius_m)
+    frame = driven(AXIS, np.concatenate(speeds), 1)
+    shaking = Shaking(FEED_M_S / AXIS.radius_m, AXIS.nut_nm + AXIS.guide_n * AXIS.radius_m)
     shaking.samples.push(frame)
     found = [cut for block in make_downsampler(MACHINE).push(frame) if (cut := shaking.over(block))]
     assert len(found) == seen
