@@ -89,8 +89,8 @@ FAULTS = (
     ),
     Fault(
         "nodes",
-        "if axis in self.axes and event.kind == PART_REPLACED:",
-        "if axis in self.axes and event.kind != PART_REPLACED:",
+        "if axis in axes and event.kind == PART_REPLACED:",
+        "if axis in axes and event.kind != PART_REPLACED:",
         "tests/nodes",
     ),
     Fault(
@@ -101,8 +101,8 @@ FAULTS = (
     ),
     Fault(
         "fingerprint",
-        'coulomb + values["stribeck_excess_nm"],',
-        'coulomb - values["stribeck_excess_nm"],',
+        "level, level + excess, scale, viscous)",
+        "level, level - excess, scale, viscous)",
         "tests/fingerprint",
     ),
     Fault(

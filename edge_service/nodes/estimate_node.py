@@ -34,7 +34,6 @@ class Estimators:
     """The estimators of all axes, their states in the store, and their tests by shaking.
 
     Attributes:
-        component: the part that works for all axes.
         damaged: states that were none.
         problem: reason for which a state cannot be kept now; empty if it can.
     """
@@ -48,6 +47,7 @@ class Estimators:
         for axis in context.machines:
             self.add(axis)
         self.damaged, self.problem = 0, ""
+        self.component.problems = lambda: [self.problem] if self.problem else []
 
     def add(self, name: str) -> Component:
         """Begin with an axis; returns the part that reports on it."""
@@ -67,26 +67,21 @@ class Estimators:
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        for name in self.axes if self._context.keeps_estimates else ():
+        store = self._context.store
+        for name, axis in self.axes.items() if self._context.keeps_estimates else ():
             try:
-                self._load(name)
-            except StateError as error:
+                document = load_state(store, STATE, name)
+                if document is not None:
+                    replaced = self._context.events.page(1, name, (PART_REPLACED,))
+                    replaced_ns = replaced[0].event.time_ns if replaced else 0
+                    kept = Kept.of(document, name, self._identities[name])
+                    axis.load(kept.as_of(now_ns(), replaced_ns))
+            except (StateError, DamagedStateError) as error:
                 aside = ""
-                if error.damaged:
+                if isinstance(error, DamagedStateError) or error.damaged:
                     self.damaged += 1
-                    aside = f", kept as {set_state_aside(self._context.store, STATE, name)}"
+                    aside = f"; the damaged state is kept as {set_state_aside(store, STATE, name)}"
                 log.warning("axis %s: its estimate starts over: %s%s", name, error, aside)
-
-    def _load(self, name: str) -> None:
-        try:
-            document = load_state(self._context.store, STATE, name)
-        except DamagedStateError as error:
-            raise StateError(f"its state is damaged ({error})", damaged=True) from None
-        if document is not None:
-            replaced = self._context.events.page(1, name, (PART_REPLACED,))
-            replaced_ns = replaced[0].event.time_ns if replaced else 0
-            kept = Kept.of(document, name, self._identities[name])
-            self.axes[name].load(kept.as_of(now_ns(), replaced_ns))
 
     def keep(self) -> None:
         """Let the state of every axis that has gone on wait for the disk; never waits itself."""
@@ -95,23 +90,19 @@ class Estimators:
             kept = axis.to_keep()
             if kept is not None:
                 try:
-                    self._put(State.of(STATE, name, kept.document(name, self._identities[name])))
+                    state = State.of(STATE, name, kept.document(name, self._identities[name]))
+                    self._context.dispatcher.put((), lambda *_: None, (state,))
                 except ValueError as error:
                     self.problem = f"axis {name}: the state of the estimator is none ({error})"
-
-    def _put(self, state: State) -> None:
-        self._context.dispatcher.put((), lambda _kept, _problem: None, (state,))
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
         self.axes[axis].forget()
-        self._put(State(STATE, axis, None))
+        self._context.dispatcher.put((), lambda *_: None, (State(STATE, axis, None),))
+        self.look(axis)
 
     def renew(self, axis: str) -> None:
-        """Forget an axis that is gone; begin anew, unless it rests on what it rested on before."""
-        if axis not in self._context.machines:
-            del self.axes[axis]
-            return
+        """Begin an axis anew, unless its estimate rests on what it rested on before."""
         identity = identity_of(self._context.machines[axis], self._context.config.estimator)
         if identity != self._identities[axis]:
             self._identities[axis] = identity
@@ -147,32 +138,25 @@ class Estimators:
         if frames:
             self.component.start(self._read(axis, frames))
 
-    def take_event(self, axis: str, _header: Header, event: Event) -> None:
-        """Begin an axis anew whose part was replaced."""
-        if axis in self.axes and event.kind == PART_REPLACED:
-            self.forget(axis)
-            self.look(axis)
-
     async def _read(self, axis: str, frames: list[SampleFrame]) -> None:
         """Give a test to the estimator, and tell what it says."""
-        looked, tell = self._looked[axis], self.parts[axis].tell
+        looked, level = self._looked.get(axis), AxisCondition.WARNING
         with self.component.bears(f"a test of axis {axis}"):
             try:
                 seen = await notch_in(frames)
                 if seen is None or looked is not self._looked.get(axis):
                     return  # no test, or one of a part or machine file of before
-                end_s = float(frames[-1].time_s[-1])
-                estimate = self.axes[axis].take_test(seen, end_s)
+                estimate = self.axes[axis].take_test(seen)
+                share = of_fresh(estimate, self._context.machines[axis].fresh_preload_percent)
+                said = Statement() if share is None else told(Code.TESTED, **dict(share))
+                if estimate.reasons:
+                    said = Statement(text=f"{said.text} {estimate.reasons[0]}.")
+                else:
+                    level = AxisCondition.NORMAL
+                self.keep()
             except ValueError as error:
-                tell("tested", Statement(text=f"The test by shaking says nothing: {error}."))
-                return
-            self.keep()
-            share = of_fresh(estimate, self._context.machines[axis].fresh_preload_percent)
-            said = Statement() if share is None else told(Code.TESTED, **dict(share))
-            if estimate.reasons:
-                tell("tested", Statement(text=f"{said.text} {estimate.reasons[0]}."))
-            else:
-                tell("tested", said, AxisCondition.NORMAL)
+                said = Statement(text=f"The test by shaking says nothing: {error}.")
+            self.parts[axis].tell("tested", said, level)
 
 
 async def run(context: NodeContext) -> None:
@@ -181,12 +165,15 @@ async def run(context: NodeContext) -> None:
     axes, component = estimators.axes, estimators.component
     features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
-    component.problems = lambda: [estimators.problem] if estimators.problem else []
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
             publishers[axis].publish(axes[axis].take(header, block), header.source_time_ns)
             estimators.watch(axis, block)
+
+    def take_event(axis: str, _header: Header, event: Event) -> None:
+        if axis in axes and event.kind == PART_REPLACED:
+            estimators.forget(axis)
 
     later: dict[str, asyncio.Task[None]] = {}
 
@@ -198,18 +185,19 @@ async def run(context: NodeContext) -> None:
         """Estimate an axis that came later; until the estimator is warm, nothing is taken in."""
         await work.run(warm_up, context.config.estimator, (context.machines[axis],))
         part = estimators.add(axis)
-        estimators.look(axis)
         part.to(ComponentStatus.OK)
         await live(part)
 
     def renew(axis: str) -> None:
-        if axis in axes:
-            estimators.renew(axis)
-        elif axis in context.machines and axis not in later:
-            later[axis] = component.start(begin(axis))
-        if axis in later and axis not in context.machines:
-            later.pop(axis).cancel()
         estimators.look(axis)
+        if axis not in context.machines:
+            axes.pop(axis, None)
+            if axis in later:
+                later.pop(axis).cancel()
+        elif axis in axes:
+            estimators.renew(axis)
+        elif axis not in later:
+            later[axis] = component.start(begin(axis))
 
     async with component.running():
         parts = (component, *estimators.parts.values())
@@ -224,7 +212,7 @@ async def run(context: NodeContext) -> None:
         for axis in {*context.machines, *axes}:  # what has changed while all was being prepared
             renew(axis)
         component.follow(features, take_features)
-        component.follow(context.subscribe(EVENT), estimators.take_event)
+        component.follow(context.subscribe(EVENT), take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:
             with CLOCK.telling(estimators.move):

@@ -41,11 +41,10 @@ FIRST_FRAME_S = 5.0
 TEST_S, LONGEST_READING_S = 90.0, 120.0
 """Samples that may belong to a test by shaking; time in which it must be read."""
 SHAKEN, SHAKEN_TORQUE, FASTEST = 0.05, 0.1, 1.5
-"""Swing of the speed within an interval that no acceleration makes, over the feed at commissioning;
-standard deviation of the torque, over the friction: a coarse encoder swings at rest, too. Greatest
-speed of a test, over that feed."""
-CREDIT, ENOUGH_S, QUIET_S = 2.0, 10.0, 12.0
-"""Gain of a second that is shaken; gain from which on it is a test; loss that ends it. Without
+"""Of a test: swing of the speed within an interval, over the feed at commissioning; deviation of
+the torque, over the friction: a coarse encoder swings at rest; greatest speed, over that feed."""
+CREDIT, QUIET_S = 2.0, 12.0
+"""Gain of a second that is shaken; gain that makes a test, and loss that ends it: without
 feedforward an axis hardly follows the upper half of the sweep, 10 s each way."""
 
 
@@ -56,13 +55,9 @@ async def record_axis(
     duration_s: float | None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> tuple[int, int]:
-    """Record until `duration_s` of axis time, SIGINT or SIGTERM.
+    """Record so many seconds of the axis, or until a signal; returns rows and payloads lost.
 
-    Returns:
-        Rows written and payloads lost on the way.
-
-    Raises:
-        ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
+    Raises ConfigError: nothing is published for the axis; BusUnavailableError: no service runs.
     """
     place, key = config.bus, config.keys.key(axis, RAW)
     bus = await Bus.open(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
@@ -96,12 +91,7 @@ async def record_axis(
 
 
 class DisagreementRecorder:
-    """Follows samples and events of all axes.
-
-    Args:
-        folder: where recordings are kept.
-        on_kept: called with axis and name of each recording that is ready.
-    """
+    """Records any axis around disagreements; tells axis and name of what is ready."""
 
     def __init__(self, folder: Path, on_kept: Callable[[str, str], Awaitable[None]]) -> None:
         self._folder, self._on_kept = folder, on_kept
@@ -170,17 +160,12 @@ def _rank(path: Path) -> tuple[bool, str]:
 
 
 class Shaking:
-    """Test by shaking of one axis: seen in its intervals, cut out of its newest `samples`.
-
-    Args:
-        feed_rad_s: of the test at commissioning.
-        friction_nm: Coulomb friction of the axis.
-    """
+    """Tests by shaking of one axis, seen by feed and Coulomb friction, and its newest samples."""
 
     def __init__(self, feed_rad_s: float, friction_nm: float) -> None:
         self._feed_rad_s, self._friction_nm = feed_rad_s, friction_nm
         self.samples = SampleRing(TEST_S, 2 * MOST_ROWS)
-        self._begun_s = self._gained_s = self._most_s = 0.0
+        self._begun_s, self._gained_s, self._is_test = 0.0, 0.0, False
 
     def over(self, block: FeatureBlock) -> list[SampleFrame]:
         """Take the next interval in; samples of a test that is over with it, empty without one."""
@@ -190,20 +175,17 @@ class Shaking:
         shaken = speed < FASTEST * self._feed_rad_s and swing > SHAKEN * self._feed_rad_s
         shaken &= block.torque_std_nm > SHAKEN_TORQUE * self._friction_nm
         gain_s = block.duration_s * (CREDIT if shaken else -1.0)
-        self._gained_s = max(self._gained_s + gain_s, 0.0)
-        self._most_s = max(self._most_s, self._gained_s)
-        if self._gained_s > 0.0 and self._most_s - self._gained_s < QUIET_S:
+        self._gained_s = min(max(self._gained_s + gain_s, 0.0), QUIET_S)
+        self._is_test |= self._gained_s == QUIET_S
+        if self._gained_s > 0.0:
             return []
-        begun_s, most_s = self._begun_s, self._most_s
-        self._begun_s, self._gained_s, self._most_s = block.time_s, 0.0, 0.0
-        return self.samples.cut(begun_s - BEFORE_S, block.time_s) if most_s > ENOUGH_S else []
+        begun_s, was_test = self._begun_s, self._is_test
+        self._begun_s, self._is_test = block.time_s, False
+        return self.samples.cut(begun_s - BEFORE_S, block.time_s) if was_test else []
 
 
 async def notch_in(frames: list[SampleFrame]) -> Notch | None:
-    """Notch in samples, read by a process that ends: it needs libraries and seconds.
-
-    None: they are no test. Raises ValueError: a test that cannot be used; OSError, TimeoutError.
-    """
+    """Notch of a test, None of none, read by a process that ends. ValueError: it cannot be used."""
     with tempfile.TemporaryDirectory(prefix="edge-test-") as folder:
         path = Path(folder) / "test.parquet"
         await Threads("test").run(_write, path, frames)
