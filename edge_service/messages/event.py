@@ -126,7 +126,6 @@ class Event(Statement):
 
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
-        level: how grave it is.
         time_ns: UNIX time in ns, whole milliseconds; `at` in JSON.
         who, origin: who asked for it, and from where; empty if nobody did.
         data: the values that changed; `recording` names a trace that the service keeps.

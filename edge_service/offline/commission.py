@@ -81,7 +81,7 @@ def commission_to_file(
     doubt = doubt_of_fresh_screw(nominal, machine)
     more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist()), "interval_s": interval_s}
     assert machine.commissioned is not None
-    shaken, begun_s = _notches(nominal, tests)
+    shaken, dated = _notches(nominal, tests)
     if shaken:
         if machine.commissioned.transmission is not None:
             raise ConfigError("--test: two encoders show the stiffness; commission without tests")
@@ -101,7 +101,7 @@ def commission_to_file(
     _write_model(document, machine)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    return _learned(out, machine, None if doubt is None else doubt.words, unlike, begun_s)
+    return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
 
 
 def _not_as_fresh(
@@ -149,8 +149,8 @@ def _read(
     return found, hold_s
 
 
-def _notches(machine: Machine, tests: Sequence[Path]) -> tuple[list[Notch], list[float]]:
-    """Notch of each test, and its beginning by its own clock, s. Raises ConfigError."""
+def _notches(machine: Machine, tests: Sequence[Path]) -> tuple[list[Notch], bool]:
+    """Notch of each test, and whether the days of all are known. Raises ConfigError."""
     found, begun_s = [], []
     for test in tests:
         try:
@@ -168,7 +168,7 @@ def _notches(machine: Machine, tests: Sequence[Path]) -> tuple[list[Notch], list
     if is_twice or np.any(np.diff(on_days) < OTHER_DAY_S):
         twice = "the same recording twice, or two of one day"
         raise ConfigError(f"--test: {twice}; each must be of another day")
-    return found, begun_s
+    return found, len(on_days) == len(found)
 
 
 def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
@@ -191,11 +191,7 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
 
 
 def _learned(
-    out: Path,
-    machine: Machine,
-    doubt: str | None,
-    unlike: Mapping[str, Interval],
-    begun_s: Sequence[float],
+    out: Path, machine: Machine, doubt: str | None, unlike: Mapping[str, Interval], dated: bool
 ) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
@@ -240,7 +236,7 @@ def _learned(
             f"+- {100.0 * notch.compliance_scatter:.2g} % from day to day, nut's share "
             f"{notch.nut_share:.2f} +- {notch.nut_share_sigma:.2f}"
         )
-        if min(begun_s) < LEAST_UNIX_S:
+        if not dated:
             lines.append(
                 "  the days of the tests are not known: own clocks; tests of one day scatter less "
                 "than the axis does from day to day, and make the answers too sure"
