@@ -158,18 +158,18 @@ MOST_LINES = {
     "downsample": 1245,
     "drivers": 3824,
     "estimate": 5149,
-    "fingerprint": 2934,
-    "health": 4849,
+    "fingerprint": 2932,
+    "health": 4847,
     "http_api": 2480,
     "messages": 2056,
     "models": 5789,
     "nodes": 2941,
-    "offline": 5602,
+    "offline": 5600,
     "outputs": 1900,
     "recordings": 3335,
     "regression": 1087,
     "beside the rooms": 796,
-    "tests": 46970,
+    "tests": 46796,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 382

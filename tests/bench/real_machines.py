@@ -1,7 +1,7 @@
 """Recordings of real machines that lie beside the checkout, as traces; none is copied into it.
 
 Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Screw actuators: 100 Hz
-and a data sheet. DMC 60 H: two encoders, 500 Hz, four axes in one file.
+and a data sheet.
 """
 
 from collections.abc import Iterable, Mapping
@@ -86,11 +86,3 @@ def screw_actuator(path: Path, name: str) -> str:
         "position_setpoint_m": 1e-3 * table[:, 1],
     }
     return written(path, columns)
-
-
-def milling_machine(path: Path) -> str:
-    """Trace of the DMC 60 H with the times that its file lacks."""
-    lines = (DATA / "kit_dmc60h" / "excerpt.csv").read_text().splitlines()
-    timed = [f"{0.002 * k:.3f},{line}" for k, line in enumerate(lines[1:])]
-    path.write_text("\n".join([f"time_s,{lines[0]}", *timed]) + "\n")
-    return str(path)

@@ -161,10 +161,7 @@ def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
 def _healthy(
     machine: Machine, reference: Sequence[Path], progress: Progress
 ) -> tuple[Machine, Reference]:
-    """The machine as healthy recordings show it, and their gap beside it.
-
-    Raises DiagnosisError: they are unfit.
-    """
+    """The machine as healthy recordings show it, with their gap. Raises DiagnosisError."""
     runs = read_runs(machine, reference, progress)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
     runs = read_runs(shown, reference, progress)
