@@ -280,7 +280,8 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
     assert f"differs by {said.axial:.0%} of the Coulomb friction".replace("%", " %") in text
     assert f"(and {state.MOST_SHARE - 1.0:.0%} for what heat does)".replace("%", " %") in text
-    force = f"process forces of {said.force:g} of the dynamic load rating"
+    small = said.force * said.force_small
+    force = f"process forces of {said.force:g} of the dynamic load rating, and as many of {small:g}"
     assert force.replace("0.", ".") in text
     assert f"a force is above {FORCED:g} corrects".replace("0.", ".") in text
     assert f"an innovation squared above {OUTLIER:g}" in text
