@@ -61,11 +61,11 @@ async def end(process: asyncio.subprocess.Process) -> None:
 async def finished(*words: str, limit_s: float, **more: Any) -> tuple[int, str]:
     """Exit status of `edge-service WORDS...` and the last line it said. OSError, TimeoutError."""
     process = await started(
-        *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, **more
+        *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT, **more
     )
     try:
         async with asyncio.timeout(limit_s):
-            _, said = await process.communicate()
+            said, _ = await process.communicate()
     finally:
         await end(process)
     return process.returncode or 0, said.decode(errors="replace").strip().rpartition("\n")[2]

@@ -101,8 +101,8 @@ FAULTS = (
     ),
     Fault(
         "fingerprint",
-        'coulomb + values["stribeck_excess_nm"],',
-        'coulomb - values["stribeck_excess_nm"],',
+        "level, level + excess, scale, viscous)",
+        "level, level - excess, scale, viscous)",
         "tests/fingerprint",
     ),
     Fault(

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import optimize
 
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from ..models.effects.effect import ActiveEffect
@@ -172,13 +173,12 @@ def least_strength(separation: Separation) -> float:
     """Least strength, as a share of the fault, that separates it from its rival; or infinite."""
     if max(*separation.ratios, separation.strain) < _NOTHING:
         return math.inf
-    low, high = 1e-6, 1e6
-    for _ in range(60):
-        middle = math.sqrt(low * high)
-        ratios = tuple(middle * ratio for ratio in separation.ratios)
-        enough = _evidence(ratios, middle**2 * separation.strain) >= DECISIVE
-        low, high = (low, middle) if enough else (middle, high)
-    return high
+
+    def short_of(strength: float) -> float:
+        ratios = tuple(strength * ratio for ratio in separation.ratios)
+        return _evidence(ratios, strength**2 * separation.strain) - DECISIVE
+
+    return float(optimize.brentq(short_of, 0.0, 1e12))
 
 
 def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Floats]:

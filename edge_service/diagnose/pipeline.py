@@ -24,11 +24,9 @@ from .result import (
     ReplayStatus,
     Series,
     Shrink,
-    Suspect,
     Unexplained,
     Verdict,
     WaterfallStep,
-    beside,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
@@ -87,7 +85,6 @@ def diagnose_session(
     named = list({each.channel: each for each in reversed(kept)}.values())  # the greatest
     told = (each.words for each, cause in shaken if cause not in kept)
     found = found.model_copy(update={"caveats": (*found.caveats, *told)})
-    floors = {name: each.floor for name, each in found.gap.items()}
     calm = {name: rows.rms / session.channels[name].rms for name, rows in others.channels.items()}
     less = [
         each.model_copy(update={"probability": BLIND_TRUST * each.probability})
@@ -97,8 +94,30 @@ def diagnose_session(
     ]
     is_unknown = found.verdict is Verdict.UNKNOWN
     found = found.with_effects(less, verdict_of(less, is_unknown=is_unknown))
-    found = beside(found, named, session, where(session.channels, floors))
-    return found.with_effects(_ranked(found.effects), found.verdict)
+    found = beside(found, named, session)
+    verdict = Verdict.EXPLAINED if found.verdict is Verdict.NO_GAP else found.verdict
+    return found.with_effects(_ranked(found.effects), verdict)
+
+
+def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> Diagnosis:
+    """Diagnosis of a session from that of what some causes leave, which were known before."""
+    gap = {
+        name: each.model_copy(update={"before": session.channels[name].rms})
+        for name, each in rest.gap.items()
+    }
+    floors = {name: each.floor for name, each in gap.items()}
+    changes: dict[str, object] = {
+        "gap": gap,
+        "where": tuple(where(session.channels, floors)),
+        "effects": (*named, *rest.effects),
+    }
+    if rest.misfit is not None:
+        known = dict(rest.misfit.per_channel or {})
+        for each in named:
+            surely = {"p_value": min(1.0 - each.probability, known[each.channel].p_value)}
+            known[each.channel] = known[each.channel].model_copy(update=surely)
+        changes["misfit"] = Misfit.of(known)
+    return rest.model_copy(update=changes)
 
 
 def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
@@ -139,12 +158,14 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     posterior, contributions = assessment.posterior, assessment.contributions
     problem, session, left = posterior.problem, posterior.problem.session, contributions.left
     noise = problem.noise
-    torque_rms_nm = session.torque_rms_nm
-    blind = TORQUE_GAP in noise.floor and is_blind(noise.floor[TORQUE_GAP], torque_rms_nm)
+    torque_rms_nm, floor = session.torque_rms_nm, dict(noise.floor)
+    if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
+        floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
+    blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
     channel_of = dict(contributions.channel_of)
     if loss is not None:
         channel_of = {loss.effect.name: TORQUE_GAP, **channel_of}
-    replayed = replay(problem.machine, assessment.validation, channel_of, noise.floor, loss)
+    replayed = replay(problem.machine, assessment.validation, channel_of, floor, loss)
     found = []
     for each in assessment.effects:
         trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
@@ -155,22 +176,26 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         found.append(each.model_copy(update=changes))
     found = _ranked(found)
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
-    is_unknown = blind or assessment.is_unknown
-    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
-    verdict = verdict_of(found, is_unknown=is_unknown)
     gap, left_rms = {}, {}
     beside_nuisances = contributions.left_beside_nuisances
     for name, rows in session.channels.items():
-        left_rms[name] = rms(beside_nuisances[name])
+        left_rms[name] = min(rms(beside_nuisances[name]), rms(left[name]))
         gap[name] = ChannelGap(
             before=rows.rms,
             after=rms(left[name]),
-            noise_floor=noise.floor[name],
+            noise_floor=floor[name],
             floor_source="reference" if name in session.healthy_floor else "recording",
             tolerance=noise.tolerance[name],
             unit=CHANNEL_UNITS[name],
             replayed=replayed.gap.get(name),
         )
+    is_unknown = blind or assessment.is_unknown
+    is_unknown |= not found and any(_exceeds(each, left_rms[name]) for name, each in gap.items())
+    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
+    doubted = assessment.misattributed
+    known = any(each.is_known and each.channel not in doubted for each in found)
+    partly = is_unknown and known
+    verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     without = problem.fit(()).rms
     misfit = {
         name: Misfit(
@@ -182,14 +207,15 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
+        partly=partly,
         misfit=Misfit.of(misfit),
         gap=gap,
-        where=tuple(where(session.channels, noise.floor)),
-        where_after=tuple(where(rows_after, noise.floor)),
+        where=tuple(where(session.channels, floor)),
+        where_after=tuple(where(rows_after, floor)),
         effects=tuple(found),
         unexplained=Unexplained(
             share=max(posterior.unexplained.values(), default=0.0),
-            nearest=nearest if is_unknown else None,
+            nearest=nearest if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall={
@@ -199,8 +225,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         caveats=caveats_of(gap, left_rms, torque_rms_nm, verdict),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         suspects={
-            name: Suspect(structure=finite_or_none(each))
-            for name, each in assessment.suspects.items()
+            name: {"structure": finite_or_none(each)} for name, each in assessment.suspects.items()
         },
         is_blind=blind,
         series=Series(
@@ -237,19 +262,29 @@ def caveats_of(
         torque_nm: root mean square of the torque in motion.
     """
     found = []
-    floors = {name: each.floor for name, each in gap.items()}
-    if TORQUE_GAP in gap and is_blind(floors[TORQUE_GAP], torque_nm):
+    if TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].floor, torque_nm):
         found.append(
-            f"{floors[TORQUE_GAP]:.3g} of {torque_nm:.3g} N m of torque cannot be predicted from "
-            "the motion or from a repeat of it: a fault of that size would go unnoticed"
+            f"{gap[TORQUE_GAP].floor:.3g} of {torque_nm:.3g} N m of torque cannot be predicted "
+            "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
-        beyond = math.sqrt(max(left[name] ** 2 - floors[name] ** 2, 0.0))
         tolerance, unit = each.tolerance or 0.0, each.unit
         named = verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-        if named and beyond > max(tolerance, IMPRECISE * each.before):
+        if named and _exceeds(each, left[name]):
+            beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
                 f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "
                 f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
             )
+        if verdict is Verdict.NO_GAP and each.matters:
+            found.append(
+                f"{_SPOKEN[name]}: {each.beyond:.3g} {unit} beyond the floor, more than the "
+                f"{tolerance:.3g} {unit} tolerated, are no more than the tolerances of the values "
+                "in the machine file allow"
+            )
     return tuple(found)
+
+
+def _exceeds(gap: ChannelGap, left: float) -> bool:
+    """Flag of a root mean square that is left beyond the floor, and is too much for no cause."""
+    return left > math.hypot(max(gap.tolerance or 0.0, IMPRECISE * gap.before), gap.floor)

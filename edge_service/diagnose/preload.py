@@ -1,23 +1,29 @@
 """Preload that is lost: what the estimator knows of it, and what it does to a gap.
 
-A loss beyond doubt is taken off first, and what else there is is sought beside it. Lower friction
-that nothing else explains may be a lost preload or a lubricant that rubs less: both are named.
+A loss beyond doubt is taken off first, and what else there is is sought beside it, if the torque
+asks for it: play, a spring or a lead may give between the encoders as a worn screw does. Lower
+friction that nothing else explains may be a lost preload or a lubricant that rubs less: both are
+named.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 
 from ..messages.samples import Floats
 from ..models.effects.effect import ActiveEffect, Effect, Term
-from ..models.effects.registry import error_of, fault
+from ..models.effects.library.preload_loss import lost_percent
+from ..models.effects.registry import active_effect, error_of, fault
 from ..models.machine import Machine
 from ..models.plant.from_machine import table_mass
-from .localisation import where
-from .pipeline import diagnose_session
-from .result import Diagnosis, NamedEffect, ParameterValue, Verdict, beside
-from .session.session import TORQUE_GAP, Session
+from ..regression.linear import LinearFit, least_squares
+from .pipeline import beside, diagnose_session
+from .result import SURE, Diagnosis, NamedEffect, ParameterValue, Verdict
+from .session.session import TORQUE_GAP, Session, parameter_tolerances
+from .validation.assessment import SUREST
 from .validation.cross_validation import on_other_motion
 
 SURELY_LOST_PERCENT = 10.0
@@ -25,15 +31,18 @@ SURELY_LOST_PERCENT = 10.0
 _ENDS = 12
 _LEAST_GAIN = 0.9
 """Of what an even loss leaves: a fall within the recording must leave less to be one."""
-SURE = 0.975
-"""Chance that a preload lies below the upper end of its 95 % interval."""
+_SIGMAS = 2.0 * NormalDist().inv_cdf(0.975)
+"""Width of a 95 % interval in standard deviations."""
 _EVEN = 0.5
 """Nothing here tells a lost preload from friction that is less for another reason."""
 CAVEAT = (
     "the lower friction may mean that the screw has lost preload, or that the lubricant rubs "
     "less: `edge-service estimate` can tell which on an axis commissioned with both encoders"
 )
-
+NOT_ASKED = (
+    "the estimator reads a loss of preload from the two encoders that the torque, with all that is "
+    "named, does not show: play, a spring or a lead may give in the same way"
+)
 NOT_STATED = (
     "friction is lower, perhaps because the screw has lost preload: model.preload_n and the "
     "fresh screw's own model.preload_drag_nm in the machine file are needed to judge it"
@@ -91,6 +100,12 @@ class PreloadReading:
         return self.two_encoders and 100.0 - self.high > SURELY_LOST_PERCENT
 
     @property
+    def probability(self) -> float:
+        """Probability of a loss that matters."""
+        sigma = max(self.high - self.low, 1e-3) / _SIGMAS
+        return NormalDist().cdf((100.0 - SURELY_LOST_PERCENT - self.value) / sigma)
+
+    @property
     def is_there(self) -> bool:
         """No loss that matters, beyond doubt."""
         return self.two_encoders and 100.0 - self.low < SURELY_LOST_PERCENT
@@ -103,30 +118,68 @@ def diagnose_beside_loss(
     reading: PreloadReading,
     progress: Callable[[str], None] = lambda _line: None,
     library: Sequence[Effect] | None = None,
-) -> Diagnosis:
-    """Diagnose what a session has beyond a known loss, which comes before all else.
+) -> Diagnosis | None:
+    """Diagnose what a session has beyond a known loss; None where the torque asks for none.
 
     Args:
         course: of the loss by the torque; its size is the estimator's reading.
     """
+    if asked_by_torque(session, machine, course) <= _EVEN:
+        return None
     modelled = (*session.modelled, course)
     others = session.beside(Session.of_runs(session.runs, session.baseline, modelled))
     rest = diagnose_session(others, machine, library, progress, course)
+    probability = reading.probability * asked_by_torque(session, machine, course, rest.effects)
+    if probability <= _EVEN:
+        return None
     rows, left = session.channels[TORQUE_GAP], rest.series.left[TORQUE_GAP]
     made = rows.gap - others.channels[TORQUE_GAP].gap
     name = course.effect.name
     named = NamedEffect(
         name=name,
         channel=TORQUE_GAP,
-        probability=SURE,
+        probability=min(probability, SUREST),
         tied=(name,),
         shrink=on_other_motion(replace(rows, gap=left + made), [left]),
         replay=rest.series.loss,
         parameters={"lost_percent": reading.lost},
         entries=(dict(course.values),),
     )
-    floors = {name: each.floor for name, each in rest.gap.items()}
-    return beside(rest, [named], session, where(session.channels, floors))
+    sure = Verdict.EXPLAINED if probability >= SURE else Verdict.AMBIGUOUS
+    verdict = rest.verdict if rest.verdict is Verdict.AMBIGUOUS else sure
+    partly = rest.partly or rest.verdict is Verdict.UNKNOWN
+    found = beside(rest, [named], session)
+    return found.model_copy(update={"verdict": verdict, "partly": partly})
+
+
+def asked_by_torque(
+    session: Session,
+    machine: Machine,
+    course: ActiveEffect,
+    named: Sequence[NamedEffect] = (),
+) -> float:
+    """Probability of a loss that matters by the torque alone, fitted with all that is named."""
+    causes = [active_effect(each.name, values) for each in named for values in each.entries]
+    parts = [session.signature(TORQUE_GAP, e.effect, e.values) for e in (course, *causes)]
+    rows = session.channels[TORQUE_GAP]
+    lost = float(np.mean(lost_percent(course.values, rows.variables["time_s"])))
+    fit = _fitted([*parts, *_beside(session)], rows.gap)
+    tolerance_nm = parameter_tolerances(machine)[error_of(Term.COULOMB)]
+    known = 100.0 * tolerance_nm / course.values["fresh_drag_nm"]
+    sigma = math.hypot(lost * math.sqrt(fit.covariance[0, 0]), known) if lost else known
+    return NormalDist().cdf((fit.coefficients[0] * lost - SURELY_LOST_PERCENT) / sigma)
+
+
+def _fitted(columns: Sequence[Floats], gap: Floats) -> LinearFit:
+    """Fit some columns, (n,) each, to a gap."""
+    return least_squares([str(k) for k in range(len(columns))], np.column_stack(columns), gap)
+
+
+def _beside(session: Session) -> tuple[Floats, Floats, Floats]:
+    """Columns of what may be off in the torque beside its Coulomb level, (n,) each."""
+    speed = session.column(TORQUE_GAP, lambda motion: motion.speed_rad_s)
+    acceleration = session.channels[TORQUE_GAP].variables["motor_acceleration_rad_s2"]
+    return speed, np.ones(len(speed)), acceleration
 
 
 def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
@@ -134,33 +187,20 @@ def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
     effect = fault()
     rows = session.channels[TORQUE_GAP]
     way = session.column(TORQUE_GAP, lambda motion: motion.direction)
-    time_s = rows.variables["time_s"]
-    beside = np.column_stack(
-        [
-            session.column(TORQUE_GAP, lambda m: m.speed_rad_s),
-            np.ones(len(way)),
-            rows.variables["motor_acceleration_rad_s2"],
-        ]
-    )
+    time_s, beside = rows.variables["time_s"], _beside(session)
     drag = fresh["fresh_drag_nm"] / 100.0
-    level, even = _fitted(np.column_stack([-drag * way, beside]), rows.gap)
-    best, values = _LEAST_GAIN * even, {"lost_percent": float(level[0])}
+    even = _fitted([-drag * way, *beside], rows.gap)
+    best, values = _LEAST_GAIN * even.residual_std**2, {"lost_percent": float(even.coefficients[0])}
     for end_s in np.linspace(float(time_s.min()), float(time_s.max()), _ENDS + 1)[1:]:
         falling = drag * way * np.maximum(end_s - time_s, 0.0)
-        found, left = _fitted(np.column_stack([-drag * way, falling, beside]), rows.gap)
-        if left < best and found[1] > 0.0:
-            best = left
-            values = {"lost_percent": found[0], "percent_per_s": found[1], "until_s": end_s}
+        fit = _fitted([-drag * way, falling, *beside], rows.gap)
+        lost, rate = fit.coefficients[:2].tolist()
+        if fit.residual_std**2 < best and rate > 0.0:
+            best = fit.residual_std**2
+            values = {"lost_percent": lost, "percent_per_s": rate, "until_s": end_s}
     values["lost_percent"] = float(np.clip(values["lost_percent"], 0.0, 100.0))
     known = {name: float(each) for name, each in values.items()}
     return ActiveEffect(effect, effect.complete({**known, **fresh}))
-
-
-def _fitted(columns: Floats, gap: Floats) -> tuple[Floats, float]:
-    """Coefficients of columns (n, p), and the mean square that they leave."""
-    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-    beta = np.linalg.lstsq(columns / scale, gap, rcond=None)[0]
-    return beta / scale, float(np.mean((gap - columns / scale @ beta) ** 2))
 
 
 def with_missing_drag(
@@ -172,6 +212,8 @@ def with_missing_drag(
         fresh: values of the fresh screw; without them no effect is changed.
         reading: of the estimator, where it has one.
     """
+    if reading is not None and reading.is_lost:
+        found = found.with_effects(found.effects, found.verdict, NOT_ASKED)
     drag = next((e for e in found.effects if e.name == error_of(Term.COULOMB)), None)
     change = None if drag is None else next(iter(drag.parameters.values()), None)
     if drag is None or change is None or change.low is None or not (change.high or 0.0) < 0.0:

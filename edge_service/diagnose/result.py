@@ -4,16 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, InstanceOf
 from pydantic.json_schema import SkipJsonSchema
 
 from ..messages.interval import Frozen
 from ..messages.samples import Floats
-from ..messages.stored import finite_or_none
 from ..models.effects.registry import effects_where
-from .session.session import Session
 
 SURE = 0.9
 VIBRATION = "vibration"
@@ -49,11 +47,6 @@ class ParameterValue(Frozen):
     low: float | None
     high: float | None
     unit: str
-
-    @classmethod
-    def bounded(cls, value: float, low: float, high: float, unit: str) -> "ParameterValue":
-        """Value between bounds that may be infinite."""
-        return cls(value=value, low=finite_or_none(low), high=finite_or_none(high), unit=unit)
 
 
 class Place(Frozen):
@@ -92,6 +85,11 @@ class NamedEffect(Frozen):
     replay: Shrink | None = None
     parameters: dict[str, ParameterValue]
     entries: tuple[dict[str, float], ...]
+
+    @property
+    def is_known(self) -> bool:
+        """Flag of a cause beyond doubt that helps on other motion."""
+        return self.probability >= SURE and len(self.tied) == 1 and self.shrink.low > 0.0
 
 
 class ReplayedGap(Frozen):
@@ -186,12 +184,6 @@ class ReplayStatus(Frozen):
     reason: str | None
 
 
-class Suspect(Frozen):
-    """Structure that an effect left which was named at first; null where it cannot be told."""
-
-    structure: float | None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedSeries:
     """Gap of one channel, measured less simulated, without and with all effects, (n,) each."""
@@ -222,16 +214,21 @@ class Diagnosis(Frozen):
         gap, waterfall: by channel.
         where, where_after: places of the gap, and of what the named effects leave of it.
         effects: the most probable first.
+        suspects: effects that were named at first, and the `structure` that each left; null where
+            it cannot be told.
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each: a floor that hides what matters, a
             remainder beside the causes.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
+        partly: what is left beside the known causes has a cause that is not known.
+        augmented: effects that the augmented machine file has learned.
     """
 
     schema_: Literal["diagnosis/1"] = Field("diagnosis/1", alias="schema")
     verdict: Verdict
     misfit: Misfit | None = None
+    partly: bool = False
     gap: dict[str, ChannelGap]
     where: tuple[Place, ...] = ()
     effects: tuple[NamedEffect, ...] = ()
@@ -242,11 +239,12 @@ class Diagnosis(Frozen):
     not_judged: tuple[str, ...] = ()
     not_judged_reasons: dict[str, str] = {}
     reasons: tuple[str, ...] = ()
+    augmented: tuple[str, ...] = ()
     withheld: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     replay: ReplayStatus
-    suspects: dict[str, Suspect] = {}
+    suspects: dict[str, dict[str, float | None]] = {}
     reference: tuple[str, ...] = ()
     is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
     series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)
@@ -255,39 +253,14 @@ class Diagnosis(Frozen):
         self, effects: Sequence[NamedEffect], verdict: Verdict, *caveats: str
     ) -> "Diagnosis":
         """Diagnosis with other effects, another verdict and further caveats."""
+        partly = self.partly and any(each.is_known for each in effects)
         changes = {
             "effects": tuple(effects),
-            "verdict": verdict,
+            "verdict": Verdict.UNKNOWN if self.partly and not partly else verdict,
+            "partly": partly,
             "caveats": (*self.caveats, *caveats),
         }
         return self.model_copy(update=changes)
-
-
-def beside(
-    rest: Diagnosis, named: Sequence[NamedEffect], session: Session, places: Sequence[Place]
-) -> Diagnosis:
-    """Diagnosis of a session from that of what some causes leave, which were known before.
-
-    Args:
-        places: of the gap of the whole session.
-    """
-    gap = {
-        name: each.model_copy(update={"before": session.channels[name].rms})
-        for name, each in rest.gap.items()
-    }
-    changes: dict[str, Any] = {
-        "verdict": Verdict.EXPLAINED if rest.verdict is Verdict.NO_GAP else rest.verdict,
-        "gap": gap,
-        "where": tuple(places),
-        "effects": (*named, *rest.effects),
-    }
-    if rest.misfit is not None:
-        known = dict(rest.misfit.per_channel or {})
-        for each in named:
-            surely = {"p_value": min(1.0 - each.probability, known[each.channel].p_value)}
-            known[each.channel] = known[each.channel].model_copy(update=surely)
-        changes["misfit"] = Misfit.of(known)
-    return rest.model_copy(update=changes)
 
 
 def withheld(found: Diagnosis) -> tuple[str, ...]:
@@ -297,6 +270,12 @@ def withheld(found: Diagnosis) -> tuple[str, ...]:
 
 
 def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
-    """Effects that the model may learn."""
+    """Effects that the model may learn; beside a remainder of no known cause the known ones."""
+    if found.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
+        return ()
     kept_out = withheld(found)
-    return tuple(each for each in found.effects if each.name not in kept_out)
+    return tuple(
+        each
+        for each in found.effects
+        if each.name not in kept_out and (each.is_known or not found.partly)
+    )

@@ -104,10 +104,7 @@ _ADAPTER = TypeAdapter(AxisFingerprint)
 
 
 def read_fingerprint(path: Path) -> AxisFingerprint:
-    """A stored fingerprint.
-
-    Raises FingerprintError: there is none, or it is no fingerprint of this schema.
-    """
+    """A stored fingerprint. Raises FingerprintError: there is none, or of another schema."""
     try:
         document = json.loads(path.read_text("utf-8"))
     except OSError as error:

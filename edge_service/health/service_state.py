@@ -37,7 +37,6 @@ class ServiceState:
         now_ns: UNIX time of the start, ns.
         events, history: in the store; in memory without.
         kept: where the history is, for people.
-        ratios_m_per_rad: way per angle of the motor, m/rad, per axis.
         place: Site and machine that the axes belong to.
         refused: Payloads refused on the bus so far, by topic and reason.
         configuration: Digest of what the service was started with.
@@ -50,7 +49,6 @@ class ServiceState:
         events: EventLog | None = None,
         history: History | None = None,
         kept: str = "in memory only: it ends with the service",
-        ratios_m_per_rad: Mapping[str, float] | None = None,
         place: MachineKeys | None = None,
         refused: Callable[[], Counter[tuple[str, str]]] = Counter,
         configuration: str = "",
@@ -64,8 +62,7 @@ class ServiceState:
         self._axes = {
             axis: AxisState(axis, limits, self._components) for axis, limits in axes.items()
         }
-        ratios = ratios_m_per_rad or {}
-        self._live = {axis: LiveFeatures(ratios.get(axis)) for axis in axes}
+        self._live = {axis: LiveFeatures(None) for axis in axes}
         self._versions: Counter[tuple[str, str]] = Counter()
         self.events = events or EventLog(Store(None))
         self.history = history or History(self.events.store)

@@ -65,6 +65,7 @@ class Code(Enum):
     )
     AXIS_AS_LEARNED = "The axis behaves as commissioned again: {watched}."
     DISAGREEMENT_RECORDED = "{recording} holds the disagreement, ready to diagnose."
+    TESTED = "The test by shaking says {value:.3g} % of fresh ({low:.3g} to {high:.3g})."
     CLOCK_SET_H = "The clock of this computer was set {way} by {hours:.3g} h."
     CLOCK_SET_S = "The clock of this computer was set {way} by {seconds:.0f} s."
     DATA_FAULT = "Data fault: {fault}."
@@ -125,7 +126,6 @@ class Event(Statement):
 
     Attributes:
         kind: e.g. `condition_changed`, `status_changed`, `component_changed`, `data_fault`.
-        level: how grave it is.
         time_ns: UNIX time in ns, whole milliseconds; `at` in JSON.
         who, origin: who asked for it, and from where; empty if nobody did.
         data: the values that changed; `recording` names a trace that the service keeps.

@@ -59,10 +59,7 @@ async def check_source(axis: AxisConfig) -> str:
 
 
 async def run(context: NodeContext, axis: AxisConfig) -> None:
-    """Publish the samples of one axis until its source ends or the task is cancelled.
-
-    Raises ConfigError, of a replay: the driver's settings cannot work.
-    """
+    """Publish the samples of one axis until its source ends. Raises ConfigError, of a replay."""
     acquisition = Acquisition(context, axis)
     component, retry = acquisition.component, Retry(BACKOFF_FIRST_S, BACKOFF_CAP_S)
     away, misconfigured = DriverUnavailableError, DriverMisconfiguredError
@@ -138,10 +135,7 @@ class Acquisition:
             log.warning("axis %s: the driver does not close; left to itself", self._axis.name)
 
     async def _credited(self, frames: AsyncIterator[SampleFrame]) -> AsyncIterator[SampleFrame]:
-        """Let an unpaced source run at most CREDIT_S ahead of the estimates that come back.
-
-        So a recording replayed flat out loses nothing although no reader ever blocks the bus.
-        """
+        """Let an unpaced source run CREDIT_S ahead of its estimates: so a replay loses nothing."""
         key = self._context.config.keys.key(self._axis.name, PRELOAD)
         subscriber = self._context.bus.subscribe(key, PRELOAD)
         answers = aiter(subscriber)

@@ -16,7 +16,7 @@ from ..config import ConfigError
 from ..health.store.store import StoreFailedError
 from ..http_api.serve import AddressError
 from ..messages.codec import Header, T
-from ..messages.event import AxisCondition, Event
+from ..messages.event import AxisCondition, Event, Statement
 from ..messages.health import ComponentHealth, ComponentStatus
 from ..messages.topics import EVENT, STATUS
 from ..retry import Retry, heed_cancellation
@@ -43,11 +43,9 @@ class Component:
     begins it anew or `bears` counts it.
 
     Attributes:
-        status, reason: as last entered.
         counters, readings: stated in the report.
         problems: lines on what is wrong although the tasks run.
         is_broken: it does not do its work although its tasks run.
-        restarts: times that something was begun anew.
     """
 
     def __init__(self, context: NodeContext, name: str, axis: str | None = None) -> None:
@@ -99,10 +97,7 @@ class Component:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Run tasks inside; say on leaving that the component stops.
-
-        Raises PartFailedError, and what a person must mend as it is: the first error of a task.
-        """
+        """Run tasks inside. Raises PartFailedError, or as it is what a person must mend."""
         try:
             async with self._group:
                 self.repeat(REPORT_PERIOD_S, self.publish)
@@ -112,7 +107,9 @@ class Component:
                     for task in self._tasks:
                         task.cancel()
         except BaseExceptionGroup as group:
-            error = first_of(group)
+            error: BaseException = group
+            while isinstance(error, BaseExceptionGroup):
+                error = error.exceptions[0]
             if isinstance(error, (*_MENDED_BY_PEOPLE, PartFailedError)):
                 raise error from None
             raise PartFailedError(f"{self.name}: {said(error)}") from error
@@ -123,7 +120,7 @@ class Component:
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Begin a task."""
         task = self._group.create_task(work)
-        self._tasks.append(task)
+        self._tasks = [*(each for each in self._tasks if not each.done()), task]
         return task
 
     def follow(self, subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
@@ -137,11 +134,7 @@ class Component:
         self.start(work())
 
     def repeat(self, period_s: float, work: Callable[[], Awaitable[None] | None]) -> None:
-        """Do something now and at each multiple of a period of the loop's clock.
-
-        What is done every second is done by all in the same moment: each time that the process
-        wakes costs more than most of what it then does.
-        """
+        """Do something now and at each multiple of a period, so that all wake in one moment."""
 
         async def repeated() -> None:
             while True:
@@ -180,12 +173,7 @@ class Component:
         away: type[Exception],
         final: type[Exception] | tuple[()] = (),
     ) -> None:
-        """Do work to its end, and begin it anew after a pause where it raises.
-
-        Args:
-            away: raised while the other side is away, which is no fault of the work.
-            final: passed on.
-        """
+        """Do work; begin it anew after errors that are not `final`. `away` is no fault of it."""
         while True:
             begun_s = time.monotonic()
             try:
@@ -218,16 +206,16 @@ class Component:
                 self.to(ComponentStatus.RECOVERABLE_ERROR, str(error))
                 await asyncio.sleep(REPORT_PERIOD_S)
 
-    def tell(self, kind: str, words: str) -> None:
+    def tell(self, kind: str, say: Statement, level: AxisCondition = AxisCondition.WARNING) -> None:
         """Tell of a change by an event of the component."""
-        log.warning("%s: %s", self.name, words)
+        log.warning("axis %s: %s", self._axis, say.text)
         event = Event(
             axis=self._axis or "",
             kind=kind,
-            level=AxisCondition.WARNING,
-            text=f"{self.name}: {words}",
+            level=level,
             time_ns=now_ns(),
             data={"component": self.name},
+            **dict(say),
         )
         self._events.publish(event, event.time_ns)
 
@@ -238,10 +226,3 @@ def said(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     place = f" at {frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno}" if frames else ""
     return f"{type(error).__name__}{': ' if text else ''}{text}{place}"
-
-
-def first_of(group: BaseException) -> BaseException:
-    """First error within groups of them."""
-    while isinstance(group, BaseExceptionGroup):
-        group = group.exceptions[0]
-    return group

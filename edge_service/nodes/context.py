@@ -32,7 +32,6 @@ class NodeContext:
     """Shared by the nodes of one process.
 
     Args:
-        on_http_ready: called with the page's address once it is served.
         keeps_estimates: whether the estimators go on where the last process was.
         is_replay: it ends with its sources, and a source that cannot work ends it.
     """
@@ -143,10 +142,7 @@ def header() -> Header:
 
 
 class EventDispatcher:
-    """A queue of events with the states that they led to: kept first, then published, in order.
-
-    What waits together is written in one transaction.
-    """
+    """Queue of events and their states: kept together in one transaction, then published."""
 
     def __init__(self, events: EventLog) -> None:
         self._events = events

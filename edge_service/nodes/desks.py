@@ -57,10 +57,7 @@ class AxisDesk:
         return answer, _toml({"axes": [table]})
 
     async def put(self, axis: str, asked: AxisConfiguration) -> bool:
-        """Check an axis as check-config does, keep it and begin it; returns whether it is new.
-
-        Raises RefusedError: nothing has changed then.
-        """
+        """Check, keep and begin an axis; returns whether it is new. Raises RefusedError."""
         async with self._one:
             with _refusing(axis):
                 file, before = self._file(axis), self._known().get(axis)
@@ -207,7 +204,7 @@ Action = Literal["test", "requeue", "drop"]
 
 
 class StoreOutputDesk:
-    """The outputs as configured."""
+    """The outputs as configured, by their names `outputs`."""
 
     def __init__(self, context: NodeContext) -> None:
         self._config, self._store = context.config, context.store
@@ -216,7 +213,6 @@ class StoreOutputDesk:
             queues = map(output.queue, output.receivers)
             self._outboxes[name] = [Outbox(context.store, each, output.kinds) for each in queues]
         self.outputs = tuple(self._outboxes)
-        """Names of the outputs."""
 
     async def counts(self, output: str) -> Counts:
         """Events of an output that wait, and its dead letters. Raises RefusedError."""
@@ -248,11 +244,7 @@ class StoreOutputDesk:
 
 
 class Scrape:
-    """Answers a scrape by Prometheus with what holds now.
-
-    Attributes:
-        output: renders the metrics; None where it is not installed.
-    """
+    """Answers a scrape by Prometheus with what holds now; `output` is None where it is missing."""
 
     def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
         self._context, self._state, self._desk = context, state, desk

@@ -4,29 +4,34 @@ import asyncio
 import logging
 from functools import partial
 
+from ..bus.subscriber import Subscriber
 from ..clock import CLOCK, now_ns
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
+from ..messages.answer import of_fresh
 from ..messages.codec import Header
-from ..messages.event import Event
+from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
 from ..messages.health import ComponentStatus
-from ..messages.topics import EVENT, FEAT, PRELOAD
+from ..messages.samples import SampleFrame
+from ..messages.topics import EVENT, FEAT, PRELOAD, RAW
 from ..threads import Threads
 from .component import Component
 from .context import NodeContext
 from .estimated_axis import EstimatedAxis, Kept, StateError, identity_of
+from .record_node import Shaking, notch_in
 from .stages import PREPARING, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 PART_REPLACED = "part_replaced"
 STATE = "estimate"
 """Name of the states in the store."""
+SAMPLES_PERIOD_S = 0.2
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
 
 class Estimators:
-    """The estimators of all axes, and their states in the store.
+    """The estimators of all axes, their states in the store, and their tests by shaking.
 
     Attributes:
         damaged: states that were none.
@@ -34,13 +39,15 @@ class Estimators:
     """
 
     def __init__(self, context: NodeContext) -> None:
-        self._context = context
+        self._context, self.component = context, Component(context, "estimate")
         self.parts: dict[str, Component] = {}
         self.axes: dict[str, EstimatedAxis] = {}
         self._identities: dict[str, str] = {}
+        self._looked: dict[str, tuple[Shaking, Subscriber[SampleFrame]]] = {}
         for axis in context.machines:
             self.add(axis)
         self.damaged, self.problem = 0, ""
+        self.component.problems = lambda: [self.problem] if self.problem else []
 
     def add(self, name: str) -> Component:
         """Begin with an axis; returns the part that reports on it."""
@@ -49,7 +56,7 @@ class Estimators:
             name,
             lambda: make_estimator(config, self._context.machines[name]),
             partial(part.note, "the estimator fails"),
-            partial(part.tell, "estimator_reset"),
+            lambda why: part.tell("estimator_reset", Statement(text=f"The estimate {why}")),
         )
         part.problems = lambda: [axis.problem] if axis.problem else []
         part.is_broken = lambda: bool(axis.problem)
@@ -60,26 +67,21 @@ class Estimators:
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
-        for name in self.axes if self._context.keeps_estimates else ():
+        store = self._context.store
+        for name, axis in self.axes.items() if self._context.keeps_estimates else ():
             try:
-                self._load(name)
-            except StateError as error:
+                document = load_state(store, STATE, name)
+                if document is not None:
+                    replaced = self._context.events.page(1, name, (PART_REPLACED,))
+                    replaced_ns = replaced[0].event.time_ns if replaced else 0
+                    kept = Kept.of(document, name, self._identities[name])
+                    axis.load(kept.as_of(now_ns(), replaced_ns))
+            except (StateError, DamagedStateError) as error:
                 aside = ""
-                if error.damaged:
+                if isinstance(error, DamagedStateError) or error.damaged:
                     self.damaged += 1
-                    aside = f", kept as {set_state_aside(self._context.store, STATE, name)}"
+                    aside = f"; the damaged state is kept as {set_state_aside(store, STATE, name)}"
                 log.warning("axis %s: its estimate starts over: %s%s", name, error, aside)
-
-    def _load(self, name: str) -> None:
-        try:
-            document = load_state(self._context.store, STATE, name)
-        except DamagedStateError as error:
-            raise StateError(f"its state is damaged ({error})", damaged=True) from None
-        if document is not None:
-            replaced = self._context.events.page(1, name, (PART_REPLACED,))
-            replaced_ns = replaced[0].event.time_ns if replaced else 0
-            kept = Kept.of(document, name, self._identities[name])
-            self.axes[name].load(kept.as_of(now_ns(), replaced_ns))
 
     def keep(self) -> None:
         """Let the state of every axis that has gone on wait for the disk; never waits itself."""
@@ -88,17 +90,16 @@ class Estimators:
             kept = axis.to_keep()
             if kept is not None:
                 try:
-                    self._put(State.of(STATE, name, kept.document(name, self._identities[name])))
+                    state = State.of(STATE, name, kept.document(name, self._identities[name]))
+                    self._context.dispatcher.put((), lambda *_: None, (state,))
                 except ValueError as error:
                     self.problem = f"axis {name}: the state of the estimator is none ({error})"
-
-    def _put(self, state: State) -> None:
-        self._context.dispatcher.put((), lambda _kept, _problem: None, (state,))
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
         self.axes[axis].forget()
-        self._put(State(STATE, axis, None))
+        self._context.dispatcher.put((), lambda *_: None, (State(STATE, axis, None),))
+        self.look(axis)
 
     def renew(self, axis: str) -> None:
         """Begin an axis anew, unless its estimate rests on what it rested on before."""
@@ -112,19 +113,63 @@ class Estimators:
         for axis in self.axes.values():
             axis.move(step_ns)
 
+    def look(self, axis: str) -> None:
+        """Look for tests of an axis from now on, if it is there, takes any, and lives."""
+        if axis in self._looked:
+            self._looked.pop(axis)[1].close()
+        machine = self._context.machines.get(axis)
+        learned = None if machine is None else machine.commissioned
+        if learned is None or learned.notch is None or self._context.is_replay:
+            return
+        key = self._context.config.keys.key(axis, RAW)
+        samples = self._context.bus.subscribe(key, RAW, depth=1024, keys=(key,))
+        shaking = Shaking(learned.notch.feed_rad_s, learned.coulomb_nm)
+        self._looked[axis] = shaking, samples
+
+        def follow(axis: str, _header: Header, frame: SampleFrame) -> None:
+            shaking.samples.push(frame)
+            samples.rest(axis, SAMPLES_PERIOD_S)
+
+        self.component.follow(samples, follow)
+
+    def watch(self, axis: str, block: FeatureBlock) -> None:
+        """Look whether an interval ends a test, and read that."""
+        frames = self._looked[axis][0].over(block) if axis in self._looked else []
+        if frames:
+            self.component.start(self._read(axis, frames))
+
+    async def _read(self, axis: str, frames: list[SampleFrame]) -> None:
+        """Give a test to the estimator, and tell what it says."""
+        looked, level = self._looked.get(axis), AxisCondition.WARNING
+        with self.component.bears(f"a test of axis {axis}"):
+            try:
+                seen = await notch_in(frames)
+                if seen is None or looked is not self._looked.get(axis):
+                    return  # no test, or one of a part or machine file of before
+                estimate = self.axes[axis].take_test(seen)
+                share = of_fresh(estimate, self._context.machines[axis].fresh_preload_percent)
+                said = Statement() if share is None else told(Code.TESTED, **dict(share))
+                if estimate.reasons:
+                    said = Statement(text=f"{said.text} {estimate.reasons[0]}.")
+                else:
+                    level = AxisCondition.NORMAL
+                self.keep()
+            except ValueError as error:
+                said = Statement(text=f"The test by shaking says nothing: {error}.")
+            self.parts[axis].tell("tested", said, level)
+
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    estimators, component = Estimators(context), Component(context, "estimate")
-    axes, publishers = estimators.axes, context.publishers(PRELOAD)
+    estimators, publishers = Estimators(context), context.publishers(PRELOAD)
+    axes, component = estimators.axes, estimators.component
     features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
-    component.problems = lambda: [estimators.problem] if estimators.problem else []
 
     def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
         if axis in axes:
-            estimate = axes[axis].take(header, block)
-            publishers[axis].publish(estimate, header.source_time_ns)
+            publishers[axis].publish(axes[axis].take(header, block), header.source_time_ns)
+            estimators.watch(axis, block)
 
     def take_event(axis: str, _header: Header, event: Event) -> None:
         if axis in axes and event.kind == PART_REPLACED:
@@ -144,6 +189,7 @@ async def run(context: NodeContext) -> None:
         await live(part)
 
     def renew(axis: str) -> None:
+        estimators.look(axis)
         if axis not in context.machines:
             axes.pop(axis, None)
             if axis in later:

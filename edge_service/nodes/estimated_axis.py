@@ -15,6 +15,7 @@ from ..estimate.interface import PreloadEstimator
 from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
+from ..models.commissioned import Notch
 from ..models.machine import Machine
 from ..retry import Retry
 
@@ -23,9 +24,7 @@ SCHEMA = "estimate-state/2"
 LONGEST_STOP_S = 30 * 86400.0
 """After a longer stop nothing is left of what was known."""
 AHEAD_S = 60.0
-"""A state this far in the future comes from a clock that was wrong then or is wrong now."""
-UNKNOWN_STOP_S = LONGEST_STOP_S
-"""Time for which such a state counts as left alone; nobody knows the true one."""
+"""A state this far in the future is of a wrong clock, and counts as stopped for the longest."""
 DAMAGED = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 SILENCE_S = 10.0
 """Without features for this long, what was known before is of unknown age."""
@@ -50,15 +49,10 @@ class StateError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """An estimator's snapshot with the end of the last interval that it has taken.
+    """An estimator's snapshot with the end of the last interval that it has taken."""
 
-    Attributes:
-        time_s: on the axis' clock.
-        source_time_ns: UNIX time.
-    """
-
-    time_s: FiniteFloat
-    source_time_ns: int
+    time_s: FiniteFloat  # on the axis' clock
+    source_time_ns: int  # UNIX time
     snapshot: dict[str, Any]
 
     def document(self, axis: str, identity: str) -> dict[str, Any]:
@@ -83,18 +77,14 @@ class Kept:
         return kept
 
     def as_of(self, now_ns: int, replaced_ns: int = 0) -> "Kept":
-        """The state for an estimate that goes on now. Raises StateError if it is of no more use.
-
-        Args:
-            replaced_ns: UNIX time at which the part was replaced, ns; 0 if it never was.
-        """
+        """State to go on with now; the part may have been replaced since. Raises StateError."""
         stopped_s = (now_ns - self.source_time_ns) / 1e9
         if stopped_s > LONGEST_STOP_S:
             raise StateError(f"it is {stopped_s / 86400.0:.0f} days old")
         kept = self
         if stopped_s < -AHEAD_S:
             log.warning("the state of an estimate is from %.0f s in the future", -stopped_s)
-            kept = replace(self, source_time_ns=now_ns - round(UNKNOWN_STOP_S * 1e9))
+            kept = replace(self, source_time_ns=now_ns - round(LONGEST_STOP_S * 1e9))
         if kept.source_time_ns < replaced_ns <= now_ns:
             raise StateError("it belongs to a part that has since been replaced")
         return kept
@@ -116,10 +106,8 @@ class EstimatedAxis:
     times before another sound one comes, it is given up. Otherwise it is the interval.
 
     Args:
-        make: makes an estimator of the axis.
         note: told every error; returns it in words.
         tell_reset: told when a state is given up.
-        clock: monotonic, s.
 
     Attributes:
         problem: reason for which there is no number; empty while the estimator works.
@@ -176,6 +164,14 @@ class EstimatedAxis:
                 return estimate
         status, reasons = EstimateStatus.UNESTIMATED, (f"estimator_failed: {self.problem}",)
         return PreloadEstimate(time_s=block.time_s, status=status, reasons=reasons)
+
+    def take_test(self, seen: Notch) -> PreloadEstimate:
+        """Give the estimator a test that has just ended. Raises ValueError: it says nothing."""
+        take: Callable[..., PreloadEstimate] | None = getattr(self._estimator, "take_test", None)
+        if self.problem or take is None or self._heard is None:
+            raise ValueError(self.problem or "this estimator takes no tests")
+        self._is_changed, self._since_sound = True, SOUND_PERIOD
+        return take(seen, self._heard[0])
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns: nobody was silent meanwhile."""

@@ -165,11 +165,7 @@ class Monitors:
         at_once: bool = False,
         keeps: bool = False,
     ) -> None:
-        """Publish events and condition once they are kept with the state of the axis.
-
-        Args:
-            at_once, keeps: also without an event; also where no event asks for it.
-        """
+        """Publish events and condition once they are kept, with the state that they led to."""
         if not (events or at_once):
             return
         monitor = self.axes[axis]

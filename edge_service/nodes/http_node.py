@@ -48,7 +48,7 @@ PERIOD_S = 1.0
 SAMPLES_PERIOD_S = 0.1  # of samples that recordings may need later: nobody waits for them
 ANSWER_S = 5.0
 """So long a command may take."""
-OWN_EVENTS = ("component_changed", "estimator_reset")
+OWN_EVENTS = ("component_changed", "estimator_reset", "tested")
 """Kinds of events that components tell of themselves."""
 
 
@@ -60,29 +60,26 @@ class HttpNode:
         self._context, self._component = context, Component(context, "http")
         self._authenticator = Authenticator(Tokens(context.store), required=config.http.needs_token)
         self._tls = server_files(config.http)
-        folder, machines = config.store.folder, context.machines
+        folder = config.store.folder
         kept, budget_mb = "in memory only: it ends with the service", MEMORY_MB
         if folder is not None:
             budget_mb = config.store.budget_mb
             kept = f"on disk, up to {budget_mb:g} MB; the oldest estimates go first"
-        ratios = {axis: each.transmission_ratio_m_per_rad for axis, each in machines.items()}
         self.state = ServiceState(
-            {
-                axis: alarm_settings(config, axis).limits(each.fresh_preload_percent)
-                for axis, each in machines.items()
-            },
+            {},
             now_ns(),
             events=context.events,
             history=History(context.store, budget_mb),
             kept=kept,
-            ratios_m_per_rad=ratios,
             place=config.keys,
             refused=context.bus.refused,
             configuration=config.digest,
         )
         self._outputs = StoreOutputDesk(context)
         self._scrape = Scrape(context, self.state, self._outputs)
-        self._machine_files = {axis.name: axis.machine for axis in config.axes}
+        self._machine_files: dict[str, Path] = {}
+        for axis in context.machines:
+            self._renew(axis)
         self._folder = folder or Path(tempfile.mkdtemp(prefix="edge-service-"))
         most_mb = MOST_TEMPORARY_MB if folder is None else config.store.budget_mb / 2.0
         self._recordings = Recordings(self._folder / "recordings", round(most_mb * 1e6), extent_of)
@@ -94,10 +91,7 @@ class HttpNode:
         context.renewals.append(self._renew)
 
     async def run(self) -> None:
-        """Serve the API and the page until cancelled.
-
-        Raises AddressError before anything is served.
-        """
+        """Serve the API and the page. Raises AddressError before anything is served."""
         context, component, state = self._context, self._component, self.state
         preloads, samples = context.subscribe(PRELOAD), context.subscribe(RAW, depth=1024)
         component.readings = lambda: {"live_readers": float(len(state.readers))}
@@ -235,8 +229,7 @@ class HttpNode:
             return None
 
     async def _tell_kept(self, axis: str, name: str) -> None:
-        command = Command(action="recorded", user="edge-service", note=name)
-        await self._send_command(axis, command)
+        await self._send_command(axis, Command(action="recorded", user="edge-service", note=name))
 
     def _note_change(self, caller: Caller, action: str) -> None:
         """Tell of a change that was made by a request."""

@@ -52,11 +52,7 @@ MOST_BROKEN = 5
 def make_output(
     config: EdgeConfig, name: str, gone: Iterable[str] = (), *, is_test: bool = False
 ) -> Output:
-    """The output of a table, its settings checked. Raises ConfigError.
-
-    Args:
-        gone: axes that were removed.
-    """
+    """The output of a table, its settings checked; axes may be `gone`. Raises ConfigError."""
     table, place = config.outputs[name], config.place_of(f"outputs.{name}")
     try:
         kind = load_output(table.get("kind") or name)
@@ -135,11 +131,7 @@ async def run(context: NodeContext, name: str) -> None:
 
 
 class OutputNode:
-    """Hands messages to an output that may be away or hang, and reports on it.
-
-    Attributes:
-        sent: messages that it took.
-    """
+    """Hands messages to an output that may be away or hang; counts how many it took as `sent`."""
 
     def __init__(self, output: Output, component: Component, events: EventLog) -> None:
         self._output, self._component, self._events = output, component, events
@@ -155,10 +147,7 @@ class OutputNode:
         component.counters = lambda: {"sent": self.sent}
 
     async def send(self, who: str, message: Message, retry: Retry) -> bool:
-        """Hand a message over; False, after a pause, if the other side is away.
-
-        Raises RefusedError.
-        """
+        """Hand a message over; False, after a pause, if the output is away. RefusedError."""
         try:
             async with self._opening:
                 await within(self._output.open_s, self._output.open())
@@ -234,11 +223,7 @@ async def within(limit_s: float, work: Coroutine[Any, Any, None]) -> None:
 
 
 def due(output: Output, waiting: Sequence[StoredEvent], hour: deque[float]) -> list[StoredEvent]:
-    """Events that are handed over together now; none while they are gathered.
-
-    Args:
-        hour: monotonic times at which some were handed over, s.
-    """
+    """Events to hand over now, none while they are gathered; the hour's times are monotonic, s."""
     if not waiting or not output.gather_s:
         return list(waiting[:1])
     now_s = time.monotonic()
@@ -250,10 +235,7 @@ def due(output: Output, waiting: Sequence[StoredEvent], hour: deque[float]) -> l
 
 
 async def send_test(config: EdgeConfig, name: str) -> dict[str, str]:
-    """Problem of each receiver of an output that was sent a test message, "" without one.
-
-    Empty where the output takes no events. Raises ConfigError.
-    """
+    """Problem of each receiver that was sent a test message, "" without one. Raises ConfigError."""
     output = make_output(config, name, is_test=True)
     message = "a test message of the edge service; nothing has happened"
     test = Event(axis="", kind="test", level=AxisCondition.FAULT, text=message, time_ns=now_ns())

@@ -1,9 +1,11 @@
-"""Raw samples from the bus into trace files: on request, and around a disagreement."""
+"""Raw samples from the bus into trace files: on request, around a disagreement, of a test."""
 
 import asyncio
 import logging
 import math
 import signal
+import sys
+import tempfile
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -15,8 +17,11 @@ from ..clock import is_future, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
+from ..messages.features import FeatureBlock
 from ..messages.samples import SampleFrame
 from ..messages.topics import RAW
+from ..models.commissioned import Notch
+from ..process import finished
 from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
 from ..threads import Threads
@@ -33,6 +38,14 @@ MOST_WAITING = 4
 MOST_KEPT = 5
 """Recordings of one axis that the service makes by itself; the oldest go."""
 FIRST_FRAME_S = 5.0
+TEST_S, LONGEST_READING_S = 90.0, 120.0
+"""Samples that may belong to a test by shaking; time in which it must be read."""
+SHAKEN, SHAKEN_TORQUE, FASTEST = 0.05, 0.1, 1.5
+"""Of a test: swing of the speed within an interval, over the feed at commissioning; deviation of
+the torque, over the friction: a coarse encoder swings at rest; greatest speed, over that feed."""
+CREDIT, QUIET_S = 2.0, 12.0
+"""Gain of a second that is shaken; gain that makes a test, and loss that ends it: without
+feedforward an axis hardly follows the upper half of the sweep, 10 s each way."""
 
 
 async def record_axis(
@@ -42,13 +55,9 @@ async def record_axis(
     duration_s: float | None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> tuple[int, int]:
-    """Record until `duration_s` of axis time, SIGINT or SIGTERM.
+    """Record so many seconds of the axis, or until a signal; returns rows and payloads lost.
 
-    Returns:
-        Rows written and payloads lost on the way.
-
-    Raises:
-        ConfigError: nothing is published for the axis. BusUnavailableError: no service runs.
+    Raises ConfigError: nothing is published for the axis; BusUnavailableError: no service runs.
     """
     place, key = config.bus, config.keys.key(axis, RAW)
     bus = await Bus.open(BusSettings(place.endpoint, "client", zenoh_file=place.zenoh_file))
@@ -82,12 +91,7 @@ async def record_axis(
 
 
 class DisagreementRecorder:
-    """Follows samples and events of all axes.
-
-    Args:
-        folder: where recordings are kept.
-        on_kept: called with axis and name of each recording that is ready.
-    """
+    """Records any axis around disagreements; tells axis and name of what is ready."""
 
     def __init__(self, folder: Path, on_kept: Callable[[str, str], Awaitable[None]]) -> None:
         self._folder, self._on_kept = folder, on_kept
@@ -136,9 +140,7 @@ class DisagreementRecorder:
             return False
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with TraceWriter(path, tuple(frames[0].channels)) as writer:
-                for frame in frames:
-                    writer.write(frame)
+            _write(path, frames)
             kept = self._folder.glob(f"disagreement_{axis}_*.parquet")
             for old in sorted(kept, key=_rank)[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
@@ -155,3 +157,47 @@ def _rank(path: Path) -> tuple[bool, str]:
     except ValueError:
         return True, path.name
     return not is_future(stamp.replace(tzinfo=UTC).timestamp(), now_ns() / 1e9), path.name
+
+
+class Shaking:
+    """Tests by shaking of one axis, seen by feed and Coulomb friction, and its newest samples."""
+
+    def __init__(self, feed_rad_s: float, friction_nm: float) -> None:
+        self._feed_rad_s, self._friction_nm = feed_rad_s, friction_nm
+        self.samples = SampleRing(TEST_S, 2 * MOST_ROWS)
+        self._begun_s, self._gained_s, self._is_test = 0.0, 0.0, False
+
+    def over(self, block: FeatureBlock) -> list[SampleFrame]:
+        """Take the next interval in; samples of a test that is over with it, empty without one."""
+        speed = abs(block.angle_end_rad - block.angle_start_rad) / block.duration_s
+        swing = block.speed_max_rad_s - block.speed_min_rad_s
+        swing -= abs(block.speed_end_rad_s - block.speed_start_rad_s)
+        shaken = speed < FASTEST * self._feed_rad_s and swing > SHAKEN * self._feed_rad_s
+        shaken &= block.torque_std_nm > SHAKEN_TORQUE * self._friction_nm
+        gain_s = block.duration_s * (CREDIT if shaken else -1.0)
+        self._gained_s = min(max(self._gained_s + gain_s, 0.0), QUIET_S)
+        self._is_test |= self._gained_s == QUIET_S
+        if self._gained_s > 0.0:
+            return []
+        begun_s, was_test = self._begun_s, self._is_test
+        self._begun_s, self._is_test = block.time_s, False
+        return self.samples.cut(begun_s - BEFORE_S, block.time_s) if was_test else []
+
+
+async def notch_in(frames: list[SampleFrame]) -> Notch | None:
+    """Notch of a test, None of none, read by a process that ends. ValueError: it cannot be used."""
+    with tempfile.TemporaryDirectory(prefix="edge-test-") as folder:
+        path = Path(folder) / "test.parquet"
+        await Threads("test").run(_write, path, frames)
+        program = (sys.executable, "-m", "edge_service.fingerprint.response.notch", str(path))
+        status, said = await finished(program=program, limit_s=LONGEST_READING_S)
+    if status:
+        raise ValueError(said.partition(": ")[2] or f"it cannot be read ({said})")
+    return Notch.model_validate_json(said) if said else None
+
+
+def _write(path: Path, frames: list[SampleFrame]) -> None:
+    channels = dict.fromkeys(name for each in frames for name in each.channels)
+    with TraceWriter(path, tuple(channels)) as writer:
+        for frame in frames:
+            writer.write(frame)

@@ -44,12 +44,10 @@ async def run_service(
 ) -> None:
     """All nodes in one process, or one alone, until SIGINT or SIGTERM.
 
-    All together are the router of the bus, to which others connect; else the node `bus` is, and
-    every other one waits for it and joins it.
+    All together are the router of the bus; else the node `bus` is, which every other one joins.
 
     Args:
         read: reads the configuration, now and again at each SIGHUP.
-        on_http_ready: told the page's address, version and state folder once it is served.
     """
     config = read()
     there = ("bus", *PIPELINE, *config.outputs)
@@ -138,12 +136,7 @@ def reread(context: NodeContext, read: Callable[[], EdgeConfig]) -> None:
 
 
 async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.Event) -> None:
-    """Run nodes until `stop` is set, or, of a replay, its sources have ended.
-
-    Raises:
-        PartFailedError: a part that the service cannot do without failed.
-        ConfigError, AddressError: what only a person can mend.
-    """
+    """Run nodes to `stop` or a replay's end. Raises PartFailedError, ConfigError, AddressError."""
     gc.collect()
     gc.freeze()  # a full collection over the imported libraries would stop the loop for 0.2 s
     process = Component(context, "service" if len(names) > 1 else f"{names[0]}_process")
@@ -267,13 +260,7 @@ def notify_systemd(line: str) -> None:
 
 
 async def check_service(config: EdgeConfig) -> tuple[str, ...]:
-    """Check what only the nodes and drivers know: machine files, drivers, settings, sources.
-
-    Returns:
-        One line on each source that cannot be reached now (trying again later may help).
-
-    Raises ConfigError.
-    """
+    """Check drivers and settings; a line on each source that is away now. Raises ConfigError."""
     for name in config.outputs:
         output_node.make_output(config, name)
     said = [await acquire_node.check_source(axis) for axis in config.axes]

@@ -56,11 +56,7 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
 
 
 async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
-    """Compile the kernels before the first sample: a minute on a new installation.
-
-    That is done in a process that ends, once for each machine file: a compiler holds 300 MB for as
-    long as its process lives. Where it fails, or nothing can be kept, it is done here.
-    """
+    """Compile the kernels; if they can be kept, in a process that ends: that takes 300 MB."""
     folder = getattr(numba.config, "CACHE_DIR", "")
     marks = [Path(folder) / identity_of(each, config.estimator) for each in machines]
     if folder and config.file and not all(each.exists() for each in marks):

@@ -29,14 +29,9 @@ async def run_stub(
     recording: Path | None = None,
     port: int | None = None,
 ) -> None:
-    """Serve the configuration's axes of that driver until SIGINT or SIGTERM.
+    """Serve the axes of that driver until SIGINT or SIGTERM: simulated, or a recording.
 
-    Args:
-        recording: is played once, in place of the simulated drive.
-        port: in place of the configuration's.
-
-    Raises:
-        ConfigError: no such axis, wrong settings, or an address that cannot be taken.
+    Raises ConfigError: no such axis, wrong settings, or an address that cannot be taken.
     """
     stub = make_stub(name, config, axis, scenario, recording, port)
     stub.fault = fault

@@ -57,10 +57,7 @@ class Manifest(Frozen):
 
 
 def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
-    """Write a backup of the service with this configuration; it may be running.
-
-    Raises ConfigError, BackupError.
-    """
+    """Write a backup of a service, which may be running. Raises ConfigError, BackupError."""
     folder, place = load_config(config).store.folder, config.parent
     named = set()
     for text in _texts(tomllib.loads(config.read_text("utf-8"))):

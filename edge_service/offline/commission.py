@@ -18,22 +18,16 @@ from ..messages.features import FeatureBlock
 from ..messages.interval import Interval, printed
 from ..messages.samples import Floats
 from ..models.commissioned import Notch
-from ..models.machine import Machine
+from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
 from .report.quantities import tolerated
 
-_IDENTIFIED = (
-    "inertia_kg_m2",
-    "viscous_nm_s_per_rad",
-    "guide_force_n",
-    "bearing_drag_nm",
-    "table_mass_kg",
-)
-
 READ_BACK = 6000
 """Blocks, of all recordings alike, that the estimator reads back: some 10 s of computing."""
+LEAST_UNIX_S, OTHER_DAY_S = 1e9, 12.0 * 3600.0
+"""UNIX time that no uptime reaches; least time between tests of two days."""
 SELDOM = 0.05
 """Share of its answers that an interval of 95 % may miss."""
 
@@ -78,17 +72,17 @@ def commission_to_file(
         raise ConfigError(f"{', '.join(map(str, traces))}: {error}") from error
     doubt = doubt_of_fresh_screw(nominal, machine)
     more: dict[str, Any] = {"hold_s": tuple(hold_s.round(6).tolist()), "interval_s": interval_s}
-    if tests:
-        shaken = [_notch(nominal, each) for each in tests]
-        if len({each.antiresonance_hz for each in shaken}) < len(shaken):
-            raise ConfigError("--test: the same recording twice; each must be of another day")
+    assert machine.commissioned is not None
+    shaken, dated = _notches(nominal, tests)
+    if shaken:
+        if machine.commissioned.transmission is not None:
+            raise ConfigError("--test: two encoders show the stiffness; commission without tests")
         more["notch"] = learned_notch(shaken, nominal, machine)
     if doubt is not None:
         if doubt.contradicts and not assume_fresh:
             healthy = "if it is healthy all the same: --assume-fresh"
             raise ConfigError(f"{traces[0]}: {doubt.words}; {healthy}")
         more["assumed_fresh"] = True
-    assert machine.commissioned is not None
     learned = machine.commissioned.model_copy(update=more)
     machine = machine.model_copy(update={"commissioned": learned})
     progress("reading the recordings back")
@@ -96,10 +90,10 @@ def commission_to_file(
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
-    _write_model(document, machine)
+    _write_model(document, machine, nominal)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
-    return _learned(out, machine, None if doubt is None else doubt.words, unlike)
+    return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
 
 
 def _not_as_fresh(
@@ -147,21 +141,35 @@ def _read(
     return found, hold_s
 
 
-def _notch(machine: Machine, test: Path) -> Notch:
-    try:
-        notch = notch_of(read_recording(machine, test))
-    except ValueError as error:
-        raise ConfigError(f"--test {test}: {error}") from error
-    if notch is None:
-        raise ConfigError(f"--test {test}: nothing shakes the axis on a slow feed (motion chirp)")
-    return notch
+def _notches(machine: Machine, tests: Sequence[Path]) -> tuple[list[Notch], bool]:
+    """Notch of each test, and whether the days of all are known. Raises ConfigError."""
+    found, begun_s = [], []
+    for test in tests:
+        try:
+            recording = read_recording(machine, test)
+            notch = notch_of(recording)
+        except ValueError as error:
+            raise ConfigError(f"--test {test}: {error}") from error
+        if notch is None:
+            nothing = "nothing shakes the axis on a slow feed (motion chirp)"
+            raise ConfigError(f"--test {test}: {nothing}")
+        found.append(notch)
+        begun_s.append(float(np.fmin.reduce(recording.time_s)))
+    on_days = sorted(each for each in begun_s if each > LEAST_UNIX_S)
+    is_twice = len({each.antiresonance_hz for each in found}) < len(found)
+    if is_twice or np.any(np.diff(on_days) < OTHER_DAY_S):
+        twice = "the same recording twice, or two of one day"
+        raise ConfigError(f"--test: {twice}; each must be of another day")
+    return found, len(on_days) == len(found)
 
 
-def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
+def _write_model(document: tomlkit.TOMLDocument, machine: Machine, nominal: Machine) -> None:
     model = document["model"]
-    for name in _IDENTIFIED:
+    for name in ModelConfig.model_fields:
         quantity = getattr(machine.model, name)
-        if quantity is not None:
+        if quantity is None:
+            model.pop(name, None)
+        elif quantity != getattr(nominal.model, name):
             model[name] = tomlkit.inline_table()
             model[name].update({"value": quantity.value, "tolerance": quantity.tolerance})
     assert machine.commissioned is not None
@@ -177,7 +185,7 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine) -> None:
 
 
 def _learned(
-    out: Path, machine: Machine, doubt: str | None, unlike: Mapping[str, Interval]
+    out: Path, machine: Machine, doubt: str | None, unlike: Mapping[str, Interval], dated: bool
 ) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
@@ -222,6 +230,11 @@ def _learned(
             f"+- {100.0 * notch.compliance_scatter:.2g} % from day to day, nut's share "
             f"{notch.nut_share:.2f} +- {notch.nut_share_sigma:.2f}"
         )
+        if not dated:
+            lines.append(
+                "  the days of the tests are not known: own clocks; tests of one day scatter less "
+                "than the axis does from day to day, and make the answers too sure"
+            )
     if doubt is not None:
         lines.append(f"  the screw is assumed to be fresh: {doubt}")
     for name, read in unlike.items():

@@ -95,10 +95,7 @@ def is_database(source: Path) -> bool:
 
 
 def convert_history(source: Path, out: Path, progress: Progress = silent) -> Answer:
-    """Write the history in a store, all of it with a column `axis`, as CSV or Parquet.
-
-    The service may be running. Raises TraceError, one line.
-    """
+    """Write the history of all axes, also of a running service. Raises TraceError, one line."""
     try:
         form = HistoryForm(out.suffix.removeprefix("."))
     except ValueError:

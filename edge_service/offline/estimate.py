@@ -15,7 +15,7 @@ from ..fingerprint.response.notch import notch_of
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..nodes.estimated_axis import DAMAGED, UNKNOWN_STOP_S, Kept, StateError, identity_of
+from ..nodes.estimated_axis import DAMAGED, LONGEST_STOP_S, Kept, StateError, identity_of
 from ..nodes.stages import make_downsampler, make_estimator
 from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
@@ -54,10 +54,7 @@ class OfflineEstimate:
             json.dump(document, file)
 
     def of_test(self, trace: Path) -> PreloadEstimate | None:
-        """Estimate by a test that a recording holds; None of another recording or axis.
-
-        Raises ValueError: the test cannot be used.
-        """
+        """Estimate by a test in a recording; None without one. Raises ValueError: of no use."""
         if not isinstance(self._estimator, OneEncoderEstimator):
             return None
         frames = []
@@ -79,7 +76,7 @@ class OfflineEstimate:
                 self._restored = False
                 if np.fmin.reduce(frame.time_s) <= self._end_s:  # on a clock of its own
                     self._downsampler = make_downsampler(self._machine)
-                    self._estimator.resume(UNKNOWN_STOP_S)
+                    self._estimator.resume(LONGEST_STOP_S)
             for block in self._downsampler.push(frame):
                 self._end_s = block.time_s
                 self._estimator.update(block)
@@ -95,10 +92,7 @@ def estimate_to_csv(
     axis_number: int | None = None,
     progress: Progress = silent,
 ) -> Answer:
-    """Write the estimates of a trace; returns what was written, and the last estimate.
-
-    Args:
-        state: gone on from if it is there, and left behind.
+    """Write the estimates of a trace; a state that is there is gone on from, and left behind.
 
     Raises ConfigError, TraceError, ExaminationError.
     """

@@ -86,10 +86,7 @@ def require_sound(
 
 
 def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
-    """Unbroken pieces of a recording, of at most `MOST_ROWS` rows in all.
-
-    Of a longer one every second block is kept, or every fourth, and so on.
-    """
+    """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., of `MOST_ROWS` rows at most."""
     kept: list[tuple[int, SampleFrame]] = []
     stride, held = 1, 0
     for number, frame in enumerate(frames):

@@ -76,10 +76,7 @@ class SimulationSettings:
 def simulate(
     machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = silent
 ) -> Answer:
-    """Write the recording to `out`, .csv or .parquet.
-
-    Raises SimulationError, TraceError.
-    """
+    """Write the recording to `out`, .csv or .parquet. Raises SimulationError, TraceError."""
     axis = _Axis(machine, settings)
     commanded = axis.commanded(1, settings.motion, settings.duration_s)
     return axis.recorded([commanded], [out], progress)

@@ -1,7 +1,7 @@
 """Recordings of real machines that lie beside the checkout, as traces; none is copied into it.
 
 Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Screw actuators: 100 Hz
-and a data sheet. DMC 60 H: two encoders, 500 Hz, four axes in one file.
+and a data sheet.
 """
 
 from collections.abc import Iterable, Mapping

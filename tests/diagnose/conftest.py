@@ -69,3 +69,10 @@ def diagnosed(
     document: dict[str, Any] = json.loads((folder / "out" / "diagnosis.json").read_text())
     assert status == (3 if document["verdict"] == "bad_data" else 0)
     return document
+
+
+def torque_gap(machine: Path | str, trace: str, capsys: pytest.CaptureFixture[str]) -> float:
+    """The gap in the torque that `edge-service gap` prints, N m."""
+    capsys.readouterr()
+    assert main(["gap", "--machine", str(machine), trace, "--json"]) == 0
+    return float(json.loads(capsys.readouterr().out)["torque_nm"])

@@ -1,17 +1,15 @@
 """A reading at the drive's limit says how large the torque was at least, and no more."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from edge_service.cli.entry import main
 from edge_service.config import load_machine
 from edge_service.messages.samples import Floats
 
 from ..bench.real_machines import written
-from .conftest import diagnosed, frame_of, recorded, runs
+from .conftest import diagnosed, frame_of, recorded, runs, torque_gap
 
 LIMIT = 0.6
 """Of the greatest torque."""
@@ -64,9 +62,5 @@ def test_a_drive_that_gives_less_than_it_reads_is_compared(
 def test_gap_leaves_out_the_same_rows(
     limited: tuple[Path, str], machine_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def torque_gap(machine: Path) -> float:
-        assert main(["gap", "--machine", str(machine), limited[1], "--json"]) == 0
-        found: float = json.loads(capsys.readouterr().out)["torque_nm"]
-        return found
-
-    assert torque_gap(limited[0]) < torque_gap(machine_file) / 2.0
+    stated, trace = limited
+    assert torque_gap(stated, trace, capsys) < torque_gap(machine_file, trace, capsys) / 2.0

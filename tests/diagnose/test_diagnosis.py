@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from edge_service.diagnose.candidates.regressors import candidates_of, unobservable
 from edge_service.diagnose.pipeline import diagnose_session
-from edge_service.diagnose.result import Diagnosis, Verdict
+from edge_service.diagnose.result import Diagnosis, NamedEffect, ParameterValue, Verdict
 from edge_service.diagnose.session.session import Session
-from edge_service.diagnose.validation.assessment import SUREST
+from edge_service.diagnose.validation.assessment import SUREST, is_told
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 
@@ -50,7 +51,7 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == [cause]
     assert 0.9 < found.effects[0].probability <= SUREST
-    assert found.suspects[cause].structure < 0.05
+    assert (found.suspects[cause]["structure"] or 0.0) < 0.05
     assert found.misfit is not None
     assert found.misfit.p_value < 1e-3
     assert found.misfit.p_value_after > 0.01
@@ -119,3 +120,17 @@ def test_a_skew_is_found_within_its_interval(machine: Machine) -> None:
     # The plant counts how much later the scale is read, the library how far its channel lags.
     assert skew.low < -truth < skew.high
     assert skew.high - skew.low < 0.2 * abs(truth)
+
+
+def test_one_encoder_shows_nothing_between_two(machine: Machine) -> None:
+    session = session_of(machine, frame_of(recorded((), 3), table_position_m=None))
+    between = {"backlash", "compliance", "lead_error", "encoder_eccentricity", "timestamp_skew"}
+    assert not {each.name for each in candidates_of(session, list(effects().values()))} & between
+    assert all("one encoder" in unobservable(session)[name] for name in between)
+
+
+@pytest.mark.parametrize(("low", "told"), [(-12.0, False), (2.0, True)])
+def test_a_value_that_may_be_zero_is_not_told(low: float, told: bool) -> None:
+    value = ParameterValue(value=9.4, low=low, high=31.0, unit="m")
+    values = {"name": "lead_error", "parameters": {"variation_m": value}, "entries": ({},)}
+    assert is_told(NamedEffect.model_construct(**values)) is told

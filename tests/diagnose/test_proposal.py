@@ -47,34 +47,23 @@ def test_a_healthy_axis_has_settled_and_stands_for_a_long_session(bench: Machine
     assert 200.0 < sum(each.duration_s for each in healthy) < 300.0
 
 
-TIES = [
-    ("load_offset", "external_force"),
-    *(("torque_gain_error", rival) for rival in ("inertia_error", "viscous_error", "drag_error")),
-    ("lead_error", "encoder_eccentricity"),
-    ("lead_error", "thermal_growth"),
-    *(("timestamp_skew", rival) for rival in ("viscous_error", "compliance")),
-    *(("delay", rival) for rival in ("inertia_error", "presliding", "compliance")),
-    ("viscous_error", "quadratic_friction"),
-    *(
-        (rival, "stribeck")
-        for rival in (
-            "drag_error",
-            "viscous_error",
-            "quadratic_friction",
-            "load_friction",
-            "presliding",
-            "position_friction",
-        )
-    ),
-    ("drag_error", "compliance"),
-    *(("backlash", rival) for rival in ("drag_error", "presliding", "compliance")),
-    *(("load_friction", rival) for rival in ("drag_error", "inertia_error", "torque_gain_error")),
-    ("torque_ripple", "once_per_rev_friction"),
-    ("warmup", "external_force"),
-    ("thermal_growth", "external_force"),
-]
+RIVALS = {
+    "load_offset": "external_force",
+    "torque_gain_error": "inertia_error viscous_error drag_error",
+    "lead_error": "encoder_eccentricity thermal_growth",
+    "timestamp_skew": "viscous_error compliance",
+    "delay": "inertia_error presliding compliance",
+    "viscous_error": "quadratic_friction stribeck",
+    "stribeck": "drag_error quadratic_friction load_friction presliding position_friction",
+    "drag_error": "compliance",
+    "backlash": "drag_error presliding compliance",
+    "load_friction": "drag_error inertia_error torque_gain_error",
+    "torque_ripple": "once_per_rev_friction",
+    "external_force": "warmup thermal_growth",
+}
 """Effects that some motion leaves tied: constant load and force, gain and a common scale of the
 parameters, wobble and eccentricity, pitch and growth, skew and wind-up, the shapes of friction."""
+TIES = [(name, rival) for name, rivals in RIVALS.items() for rival in rivals.split()]
 
 
 @pytest.mark.parametrize("tied", TIES, ids="-".join)

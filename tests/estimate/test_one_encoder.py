@@ -15,7 +15,7 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.models.machine import Machine
 from edge_service.nodes.stages import make_downsampler
 
-from ..fingerprint.shaken_axis import STEP_S, Axis, driven
+from ..fingerprint.shaken_axis import Axis, driven, smooth
 from .tested_axis import FRESH_PERCENT, as_it_is, drawn, machine_of, on_a_day
 
 DAY_S = 86400.0
@@ -54,8 +54,7 @@ def holds(estimate: PreloadEstimate, preload: float) -> bool:
 
 def production(axis: Axis) -> list[FeatureBlock]:
     """Half a minute of moves to and fro."""
-    speed = np.repeat([0.0, 0.2, 0.2, 0.0, -0.2, -0.2] * 5 + [0.0], round(1.0 / STEP_S))
-    speed = np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
+    speed = smooth([0.0, 0.2, 0.2, 0.0, -0.2, -0.2] * 5 + [0.0])
     return make_downsampler(MACHINE).push(driven(axis, speed, 2))
 
 

@@ -9,7 +9,7 @@ from edge_service.fingerprint.response.notch import notch_of
 from edge_service.models.commissioned import CommissionedConfig, Notch
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
 
-from ..fingerprint.shaken_axis import START_M, Axis, shaken
+from ..fingerprint.shaken_axis import FEED_M_S, START_M, SWEEP_S, Axis, shaken
 
 DRIFT = 0.01
 """Standard deviation of the rest's compliance from day to day."""
@@ -66,8 +66,8 @@ def as_it_is(axis: Axis) -> Notch:
         damping_ratio=axis.damping,
         inertia_ratio=ratio,
         inertia_ratio_sigma=0.05 * ratio,
-        place_rad=START_M / axis.radius_m,
-        feed_rad_s=0.02 / axis.radius_m,
+        place_rad=(START_M + 0.5 * FEED_M_S * SWEEP_S) / axis.radius_m,
+        feed_rad_s=FEED_M_S / axis.radius_m,
         friction_nm=axis.friction * (axis.nut_nm * axis.preload + guide_nm),
     )
 

@@ -1,6 +1,7 @@
 """An axis that is shaken on a slow feed, step by step; shares no equation with the library."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -11,7 +12,7 @@ from scipy import optimize
 from edge_service.messages.samples import ANGLE, SETPOINT, TORQUE, SampleFrame
 
 Array = NDArray[np.float64]
-START_M, SWEEP_S, NOISE_NM = 0.2, 20.0, 0.003
+START_M, FEED_M_S, SWEEP_S, NOISE_NM = 0.2, 0.02, 20.0, 0.003
 STEP_S = 2.5e-5
 TICKS = 5
 """Steps between two samples of the drive's controller."""
@@ -77,24 +78,28 @@ class Axis:
         return 1.0 / float(n * (max(q + y, 1e-3) ** (n - 1.0) + max(q - y, 0.0) ** (n - 1.0)))
 
 
-def shaken(
-    axis: Axis,
-    seed: int,
-    rate_hz: float = 1000.0,
-    feed_m_s: float = 0.02,
-    speed_share: float = 0.8,
-) -> SampleFrame:
+def shaken(axis: Axis, seed: int, rate_hz: float = 1000.0, **how: float) -> SampleFrame:
     """Torque, motor angle and set point of a sweep each way, at a rate."""
+    return driven(axis, sweeps(rate_hz, **how), seed, rate_hz)
+
+
+def sweeps(rate_hz: float = 1000.0, feed_m_s: float = FEED_M_S, speed_share: float = 0.8) -> Array:
+    """Speed in each step of a sweep each way."""
     rest, ramp = np.zeros(round(0.5 / STEP_S)), np.linspace(0.0, 1.0, round(0.1 / STEP_S))
     t = np.arange(round(SWEEP_S / STEP_S)) * STEP_S
     high = min(300.0, 0.45 * rate_hz)
     hz = 5.0 * (high / 5.0) ** (t / SWEEP_S)
     fade = np.clip(np.minimum(t, SWEEP_S - t) / 0.5, 0.0, 1.0)
-    size = np.minimum(speed_share * max(feed_m_s, 0.02), 2.0 / (2.0 * np.pi * hz)) * fade
+    size = np.minimum(speed_share * max(feed_m_s, FEED_M_S), 2.0 / (2.0 * np.pi * hz)) * fade
     wave = size * np.sin(2.0 * np.pi * np.cumsum(hz) * STEP_S)
     way = np.concatenate((rest, ramp * feed_m_s, feed_m_s + wave, ramp[::-1] * feed_m_s))
-    speed = np.concatenate((way, -way, rest))
-    return driven(axis, speed, seed, rate_hz)
+    return np.concatenate((way, -way, rest))
+
+
+def smooth(speeds_m_s: Sequence[float]) -> Array:
+    """Speed in each step where one after the other is held for a second, without a jump."""
+    speed = np.repeat(speeds_m_s, round(1.0 / STEP_S))
+    return np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
 
 
 def driven(axis: Axis, speed_m_s: Array, seed: int, rate_hz: float = 1000.0) -> SampleFrame:

@@ -8,7 +8,7 @@ import pytest
 from edge_service.fingerprint.response.notch import notch_of
 from edge_service.models.commissioned import Notch
 
-from .shaken_axis import STEP_S, Axis, driven, shaken
+from .shaken_axis import STEP_S, Axis, driven, shaken, smooth
 
 AXIS = Axis()
 HALF = replace(AXIS, preload=0.5)
@@ -88,7 +88,5 @@ def test_a_test_that_cannot_tell_is_refused(axis: Axis, how: dict[str, float], r
 
 def test_neither_production_nor_standstill_is_a_test() -> None:
     speed = [0.0, 0.3, 0.3, 0.0, -0.2, -0.2, 0.0, 0.05, *([0.02] * 6), 0.0, -0.3, 0.0] * 2
-    speed = np.repeat(speed, round(1.0 / STEP_S))
-    smooth = np.convolve(speed, np.full(8000, 1.0 / 8000.0), mode="same")
-    assert notch_of(driven(AXIS, smooth, 1)) is None
+    assert notch_of(driven(AXIS, smooth(speed), 1)) is None
     assert notch_of(driven(AXIS, np.zeros(round(10.0 / STEP_S)), 1)) is None

@@ -121,14 +121,29 @@ async def served(
             yield service, client
 
 
-async def until(probe: Callable[[], Any]) -> Any:
-    """The first true answer of `probe`, which may have to be awaited; fails after PATIENCE_S."""
-    async with asyncio.timeout(PATIENCE_S):
+async def until(probe: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
+    """The first true answer of `probe`, which may have to be awaited; fails after a while."""
+    async with asyncio.timeout(patience_s):
         while True:
             answer = probe()
             if answer := await answer if isawaitable(answer) else answer:
                 return answer
             await asyncio.sleep(0.01)
+
+
+async def once(
+    client: httpx.AsyncClient,
+    path: str,
+    probe: Callable[[Any], Any],
+    patience_s: float = PATIENCE_S,
+) -> Any:
+    """What a probe finds in the first answer of the interface that has it."""
+
+    async def answer() -> Any:
+        response = await client.get(f"api/v1/{path}")
+        return response.status_code == 200 and probe(response.json())
+
+    return await until(answer, patience_s)
 
 
 async def reported(

@@ -11,7 +11,7 @@ import pytest
 from edge_service.bus.fleet import HealthListener
 from edge_service.config import ConfigError, load_config
 
-from .conftest import running, served, until
+from .conftest import once, running, served, until
 
 AXIS = {"driver": "simulated", "settings": {"scenario": "healthy", "speed": 20.0}}
 PATH = "/api/v1/axes/{}/config"
@@ -39,12 +39,8 @@ async def test_an_axis_is_made_on_the_page_and_goes_again(
     made = await client.put(PATH.format("X"), json=AXIS)
     assert (made.status_code, made.json()["driver"]) == (201, "simulated")
     assert {each.name for each in folder.iterdir()} == {"axis.toml", "machine.toml"}
-
-    async def estimated() -> Any:
-        preload = (await client.get("/api/v1/axes/X/preload")).json()
-        return preload["status"] == "estimated" and preload
-
-    await until(estimated)
+    is_there = lambda now: now["status"] == "estimated"  # noqa: E731
+    await once(client, "axes/X/preload", is_there)
     parts = (await client.get("/api/v1/health")).json()["components"]
     assert {each["component"] for each in parts if each["axis"] == "X"} == {"acquire", "estimate"}
     assert [each.name for each in load_config(tmp_path / "edge.toml").axes] == ["Y", "X"]
@@ -59,7 +55,7 @@ async def test_an_axis_is_made_on_the_page_and_goes_again(
     assert (await client.get("/api/v1/axes/X/preload")).status_code == 404
     assert not folder.exists()
     assert (await client.put(PATH.format("X"), json=AXIS)).status_code == 201
-    await until(estimated)
+    await once(client, "axes/X/preload", is_there)
 
 
 async def test_of_an_axis_that_goes_nothing_stays_on_the_bus(tmp_path: Path) -> None:

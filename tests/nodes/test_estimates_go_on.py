@@ -37,7 +37,6 @@ from edge_service.nodes.context import NodeContext
 from edge_service.nodes.estimated_axis import (
     AHEAD_S,
     LONGEST_STOP_S,
-    UNKNOWN_STOP_S,
     Kept,
     StateError,
     identity_of,
@@ -320,7 +319,7 @@ def test_a_state_of_the_future_counts_as_of_a_day_ago(
 ) -> None:
     now_ns = time.time_ns()
     kept = kept_at(now_ns + round(ahead_s * NS)).as_of(now_ns)
-    assert now_ns - kept.source_time_ns == UNKNOWN_STOP_S * NS
+    assert now_ns - kept.source_time_ns == LONGEST_STOP_S * NS
     assert "in the future" in caplog.text
 
 

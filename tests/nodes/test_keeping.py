@@ -10,7 +10,7 @@ from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.topics import PRELOAD
 
 from ..messages.examples import estimate_of
-from .conftest import config_of, done, served, until
+from .conftest import config_of, done, once, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 
@@ -37,12 +37,7 @@ async def test_a_store_that_cannot_be_read_is_waited_for_said_and_left_as_it_is(
         assert (await client.get("healthz")).status_code == 200
         path.rmdir()
         elsewhere.rename(path)
-
-        async def known() -> Any:
-            answer = await client.get("api/v1/log", params=NOTES)
-            return answer.status_code == 200 and answer.json()["items"]
-
-        (found,) = await until(known)
+        (found,) = await once(client, "log?axis=X&kind=note", lambda log: log["items"])
         assert found["text"] == "greased (Kim)"
         again = await done(client, "api/v1/axes/X/commands", note, key="a")
         assert again.json()["outcome"] == "greased (Kim)"

@@ -19,7 +19,7 @@ from ..documents import ROOT
 from ..drivers.bench import free_port
 from ..outputs.notify.receiver import Receiver
 from ..test_secrets import KEYS, MARKER
-from .conftest import running, until
+from .conftest import served, until
 
 NODES: tuple[str, ...] = ("mqtt", "notify", "http", "health", "estimate", "downsample", "acquire")
 SAMPLES = {"axis": "X", "name": "a.csv", "output": "notify"}
@@ -77,16 +77,15 @@ driver = "opcua"
     return text, held | {(driver, "password") for driver in drivers}
 
 
-async def answers(address: str) -> dict[str, str]:
+async def answers(client: httpx.AsyncClient) -> dict[str, str]:
     """Answer of every route that reads, by its path."""
     told = {}
-    async with httpx.AsyncClient(base_url=address, timeout=20.0) as client:
-        paths = (await client.get("/openapi.json")).json()["paths"]
-        reading = [path for path, methods in paths.items() if "get" in methods]
-        for path in ("/", "/openapi.json", *reading):
-            if path != "/api/v1/events":  # never ends; what it tells stands elsewhere, too
-                filled = re.sub(r"\{(\w+)\}", lambda match: SAMPLES.get(match[1], "1"), path)
-                told[path] = (await client.get(filled)).text
+    paths = (await client.get("/openapi.json")).json()["paths"]
+    reading = [path for path, methods in paths.items() if "get" in methods]
+    for path in ("/", "/openapi.json", *reading):
+        if path != "/api/v1/events":  # never ends; what it tells stands elsewhere, too
+            filled = re.sub(r"\{(\w+)\}", lambda match: SAMPLES.get(match[1], "1"), path)
+            told[path] = (await client.get(filled)).text
     return told
 
 
@@ -104,28 +103,26 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
     path = tmp_path / "edge.toml"
     path.write_text(text)
     path.chmod(0o600)
-    async with running(load_config(path), NODES) as service:
-        address = await service.address
+    async with served(load_config(path), NODES) as (service, client):
         subscriber = service.bus._session.declare_subscriber(
             "**", lambda sample: heard.append(sample.payload.to_bytes())
         )
 
         lost = ("acquire: opc.tcp", *(["acquire: 127.0.0.1"] if HAS_MQTT else []))
-        async with httpx.AsyncClient(base_url=address) as client:
 
-            async def sent() -> bool:
-                note = {"action": "note", "user": "kim", "note": "a word"}
-                answer = await client.post("/api/v1/axes/X/commands", json=note)
-                return answer.status_code == 202
+        async def sent() -> bool:
+            note = {"action": "note", "user": "kim", "note": "a word"}
+            answer = await client.post("/api/v1/axes/X/commands", json=note)
+            return answer.status_code == 202
 
-            await until(sent)
-            for words in ("mqtt: 127", "a dead letter", *lost):
-                await until(lambda words=words: words in caplog.text)
-            told = await answers(address)
-            receiver.status = 200
-            answer = await client.post("/api/v1/outputs/notify", json={"action": "requeue"})
-            assert answer.status_code == 204
-            await until(lambda: receiver.taken)
+        await until(sent)
+        for words in ("mqtt: 127", "a dead letter", *lost):
+            await until(lambda words=words: words in caplog.text)
+        told = await answers(client)
+        receiver.status = 200
+        answer = await client.post("/api/v1/outputs/notify", json={"action": "requeue"})
+        assert answer.status_code == 204
+        await until(lambda: receiver.taken)
         subscriber.undeclare()
     await receiver.stop()
     assert heard

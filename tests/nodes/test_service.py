@@ -30,26 +30,20 @@ from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 
-from .conftest import config_of, reported, running, served, until
+from .conftest import config_of, once, reported, running, served
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
 
 
-async def answer(client: httpx.AsyncClient, path: str) -> Any:
-    response = await client.get(path)
-    return response.json() if response.status_code == 200 else None
-
-
 async def test_the_answer_follows_the_simulated_drive() -> None:
     async with served(config_of("simulated", HEALTHY)) as (_, client):
 
-        async def settled() -> Any:
-            preload = await answer(client, "api/v1/axes/X/preload")
-            tight = preload and preload["high"] and preload["high"] - preload["low"] < 2.0
-            return preload if tight and preload["condition"] == "NORMAL" else None
+        def settled(now: Any) -> Any:
+            tight = now["high"] and now["high"] - now["low"] < 2.0
+            return tight and now["condition"] == "NORMAL" and now
 
-        preload = await until(settled)
+        preload = await once(client, "axes/X/preload", settled)
         assert preload["status"] == "estimated"
         assert preload["low"] <= TRUTH_PERCENT <= preload["high"]
         assert abs(preload["preload_percent"] - TRUTH_PERCENT) < 0.6
@@ -60,7 +54,7 @@ async def test_the_answer_follows_the_simulated_drive() -> None:
             'edge_service_preload_rating_ratio{axis="X",bound="value"}'
             in (await client.get("metrics")).text
         )
-        assert (await answer(client, "api/v1/axes"))["axes"][0]["axis"] == "X"
+        assert (await client.get("api/v1/axes")).json()["axes"][0]["axis"] == "X"
 
 
 async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
@@ -69,20 +63,11 @@ async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
     async with served(config, others) as (service, client):
         stop = asyncio.Event()
         drive = asyncio.create_task(run_nodes(NodeContext(config, service.bus), ("acquire",), stop))
-
-        async def estimated() -> Any:
-            preload = await answer(client, "api/v1/axes/X/preload")
-            return preload if preload and preload["status"] == "estimated" else None
-
-        before = await until(estimated)
+        is_there = lambda now: now["status"] == "estimated" and now  # noqa: E731
+        before = await once(client, "axes/X/preload", is_there)
         stop.set()
         await drive
-
-        async def silent() -> Any:
-            preload = await answer(client, "api/v1/axes/X/preload")
-            return preload if preload["status"] != "estimated" else None
-
-        after = await until(silent)
+        after = await once(client, "axes/X/preload", lambda now: not is_there(now) and now)
         numbers = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm")
         assert [after[name] for name in numbers] == [None] * 5
         assert after["condition"] == "UNAVAILABLE"

@@ -31,24 +31,39 @@ def test_the_commands_lead_from_tests_to_a_preload(tmp_path: Path) -> None:
     machine, learned, state = (tmp_path / name for name in ("m.toml", "c.toml", "x.json"))
     machine.write_text(blocks(document("deploy/FIRST_MACHINE.md"), "toml")[0] + COLUMNS)
 
-    def simulated(motion: str, seed: int, preload: float = 5.0) -> Path:
-        whole, trace = tmp_path / "whole.csv", tmp_path / f"{motion[:5]}_{seed}.csv"
-        settings = ("--seed", str(seed), "--preload", str(preload), "--out", whole)
+    both = tmp_path / "both.csv"
+
+    def simulated(motion: str, seed: int, preload: float = 5.0, begin_s: float = 0.0) -> Path:
+        trace = tmp_path / f"{motion[:5]}_{seed}.csv"
+        settings = ("--seed", str(seed), "--preload", str(preload), "--out", both)
         run("simulate", "--machine", machine, "--motion", motion, *settings)
-        with whole.open() as lines, trace.open("w") as out:
-            kept = [row[:3] + row[6:7] for row in csv.reader(lines)]
-            csv.writer(out).writerows(kept)  # without the linear encoder
+        with both.open() as lines, trace.open("w") as out:
+            head, *rows = [row[:3] + row[6:7] for row in csv.reader(lines)]
+            rows = [[str(float(row[0]) + begin_s), *row[1:]] for row in rows]
+            csv.writer(out).writerows([head, *rows])  # without the linear encoder
         return trace
 
+    def commissioned(trace: Path, *tests: Path, out: str = "no.toml") -> str:
+        """Answer, or the reason why there is none."""
+        given = [word for test in tests for word in ("--test", test)]
+        words = ("commission", trace, *given, "--machine", machine, "--assume-fresh")
+        done = CliRunner().invoke(cli, [*map(str, words), "--out", str(tmp_path / out)])
+        return str(done.exception or done.output)
+
+    tests = [simulated("chirp", seed) for seed in (1, 2, 3)]
+    days = [simulated("chirp", seed, begin_s=1.8e9 + 3e4 * seed) for seed in (4, 6, 7)]
     healthy = simulated("production:duration_s=60", 5)
-    tests = [word for seed in (1, 2, 3) for word in ("--test", simulated("chirp", seed))]
-    said = run(
-        "commission", healthy, *tests, "--machine", machine, "--assume-fresh", "--out", learned
-    )
+    said = commissioned(healthy, *tests, out=learned.name)
     assert "by 3 tests" in said
-    twice = ("commission", healthy, *tests[:2], *tests[:2], "--machine", machine, "--assume-fresh")
-    refused = CliRunner().invoke(cli, [*map(str, twice), "--out", str(tmp_path / "no.toml")])
-    assert "the same recording twice" in str(refused.exception)
+    assert "the days of the tests are not known: own clocks" in said
+    said = commissioned(healthy, *days[:2])
+    assert "by 2 tests" in said
+    assert "own clocks" not in said
+    for one_day in ((*tests[:2], *tests[:2]), days[1:]):
+        assert "the same recording twice, or two of one day" in commissioned(healthy, *one_day)
+    assert "nothing shakes the axis on a slow feed" in commissioned(healthy, healthy)
+    machine.write_text(machine.read_text().removesuffix(COLUMNS))
+    assert "two encoders show the stiffness" in commissioned(both, tests[0])
     known = load_machine(learned).commissioned
     assert known is not None
     assert known.notch is not None
@@ -63,6 +78,3 @@ def test_the_commands_lead_from_tests_to_a_preload(tmp_path: Path) -> None:
         assert float(row["low"]) <= preload <= float(row["high"])
         read.append(float(row["preload_percent"]))
     assert read == sorted(read, reverse=True)
-    words = ("commission", healthy, "--test", healthy, "--machine", machine, "--assume-fresh")
-    refused = CliRunner().invoke(cli, [*map(str, words), "--out", str(tmp_path / "no.toml")])
-    assert "nothing shakes the axis on a slow feed" in str(refused.exception)

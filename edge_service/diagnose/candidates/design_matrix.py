@@ -12,14 +12,13 @@ from typing import Self
 import numpy as np
 
 from ...messages.samples import Booleans, Floats, Integers
-from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Role
-from ...models.effects.registry import disturbance, effects, get_effect
+from ...models.effects.registry import effects, get_effect
 from ...models.machine import Machine
 from ...threads import in_threads
 from ..session.session import TORQUE_GAP, Session, parameter_tolerances
 from .normal_equations import Columns, NormalEquations
-from .regressors import CandidateRegressor, EntryRegressor, entry_regressor
+from .regressors import CandidateRegressor, EntryRegressor, ForcePulse, entry_regressor
 
 _MOST_OF_GAP = 10.0
 """Coefficients are held where their column makes up to so many times the gap of its channel: two
@@ -29,8 +28,6 @@ _LEAST_OF_FAMILY = 1e-8
 _STRICT_SIGMA = 0.05
 """Of the strength, about 1, of an effect whose column holds the measured torque."""
 _MOST_PULSES = 10
-FORCE = disturbance()
-"""Effect that no motion predicts: what the motion predicts is no force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,42 +216,6 @@ def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel
     others = itertools.compress((each[1:] for each in families.values()), shows)
     in_threads(fill, itertools.chain.from_iterable(others))
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class ForcePulse:
-    """Constant force on the table within a span of time."""
-
-    start_s: float
-    end_s: float
-    against_motion: bool
-
-    name = FORCE
-    size = 1
-
-    @property
-    def form(self) -> str:
-        """Name of the form: `against` if the force turns with the motion, otherwise `steady`."""
-        return "against" if self.against_motion else "steady"
-
-    def columns(self, session: Session, channel: str) -> Floats:
-        """Torque per N, (n, 1)."""
-        if channel != TORQUE_GAP:
-            return np.zeros((len(session.channels[channel].gap), 1))
-
-        def torque_nm(motion: Motion) -> Floats:
-            inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)
-            way = motion.direction if self.against_motion else np.ones(len(motion))
-            return np.where(inside, -session.baseline.ratio_m_per_rad * way, 0.0)
-
-        return session.column(TORQUE_GAP, torque_nm)[:, None]
-
-    def as_entry(self) -> EntryRegressor | None:
-        """Force of a steady direction as its entry."""
-        if self.against_motion:
-            return None
-        shape = {"start_s": max(self.start_s, 0.0), "duration_s": self.end_s - self.start_s}
-        return entry_regressor(get_effect(FORCE), "force_n", shape)
 
 
 def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:

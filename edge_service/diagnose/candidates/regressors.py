@@ -9,9 +9,8 @@ explains the gap as well.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -19,11 +18,13 @@ from ...messages.samples import TORQUE, Floats
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
-from ...models.effects.registry import effects
+from ...models.effects.registry import disturbance, effects, get_effect
 from ...regression.run import Run, is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"
+FORCE = disturbance()
+"""Effect that no motion predicts: what the motion predicts is no force."""
 
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
@@ -36,37 +37,15 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
-_NULL_TORQUES: tuple[Callable[[Motion], Floats], ...] = (
-    lambda motion: motion.direction,
-    lambda motion: motion.speed_rad_s,
-    lambda motion: motion.acceleration_rad_s2,
-    lambda motion: np.ones(len(motion)),
-    lambda motion: motion.model_torque_nm,
+_NULL_TORQUES: tuple[MotionCurve, ...] = (
+    lambda motion, _: motion.direction,
+    lambda motion, _: motion.speed_rad_s,
+    lambda motion, _: motion.acceleration_rad_s2,
+    lambda motion, _: np.ones(len(motion)),
+    lambda motion, _: motion.model_torque_nm,
 )
 _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 """Kinds of effects that two encoders show; the torque shows the others."""
-
-
-class CandidateRegressor(Protocol):
-    """Candidate: an effect at one shape, whose strength is linear."""
-
-    @property
-    def name(self) -> str:
-        """Name of the effect."""
-
-    @property
-    def form(self) -> str:
-        """Label of a family: regressors of one name and form differ by their shapes alone."""
-
-    @property
-    def size(self) -> int:
-        """Number of its columns."""
-
-    def columns(self, session: Session, channel: str) -> Floats:
-        """Signatures at unit strength in a channel, (n, size)."""
-
-    def as_entry(self) -> "EntryRegressor | None":
-        """Entry that stands for it in a machine file; None where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +83,6 @@ class EntryRegressor:
         return np.column_stack(
             [session.signature(channel, self.effect, values) for values in self.at]
         )
-
-    def as_entry(self) -> "EntryRegressor":
-        """Itself."""
-        return self
 
     @property
     def bound(self) -> Parameter | None:
@@ -188,23 +163,70 @@ class EmpiricalShape:
 
         return np.column_stack([column(curve) for curve in curves])
 
-    def as_entry(self) -> None:
-        """No entry states it."""
+
+@dataclass(frozen=True, slots=True)
+class ForcePulse:
+    """Constant force on the table within a span of time."""
+
+    start_s: float
+    end_s: float
+    against_motion: bool
+
+    name = FORCE
+    size = 1
+
+    @property
+    def form(self) -> str:
+        """Name of the form: `against` if the force turns with the motion, otherwise `steady`."""
+        return "against" if self.against_motion else "steady"
+
+    def columns(self, session: Session, channel: str) -> Floats:
+        """Torque per N, (n, 1)."""
+        if channel != TORQUE_GAP:
+            return np.zeros((len(session.channels[channel].gap), 1))
+
+        def torque_nm(motion: Motion) -> Floats:
+            inside = (motion.time_s >= self.start_s) & (motion.time_s < self.end_s)
+            way = motion.direction if self.against_motion else np.ones(len(motion))
+            return np.where(inside, -session.baseline.ratio_m_per_rad * way, 0.0)
+
+        return session.column(TORQUE_GAP, torque_nm)[:, None]
+
+    def as_entry(self) -> EntryRegressor | None:
+        """Force of a steady direction as its entry."""
+        if self.against_motion:
+            return None
+        shape = {"start_s": max(self.start_s, 0.0), "duration_s": self.end_s - self.start_s}
+        return entry_regressor(get_effect(FORCE), "force_n", shape)
+
+
+CandidateRegressor = EntryRegressor | EmpiricalShape | ForcePulse
+"""Candidate: an effect at one shape, whose strength is linear. Those of one name and form differ by
+their shapes alone."""
 
 
 def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
     """Regressors that bear the names of some effects, as far as a session could show them."""
     ranges, found = Ranges.of_session(session), list[CandidateRegressor]()
-    shown = [effect for effect in library if not _is_too_slow(session, effect)]
+    shown = [effect for effect in library if effect.name not in hidden(session)]
     for effect in shown:
         found += regressors_of(effect, ranges)
     names = {effect.name for effect in shown}
     return found + [each for each in empirical_shapes(session, ranges) if each.name in names]
 
 
-def _is_too_slow(session: Session, effect: Effect) -> bool:
-    """Flag of an effect that is quicker than the sampling of a run."""
-    return any(is_below(run.low_pass.period_s, effect.least_rate_hz) for run in session.runs)
+def hidden(session: Session) -> dict[str, str]:
+    """Effects that no motion shows in what was recorded, by name, and why."""
+    period_s, found = max(run.low_pass.period_s for run in session.runs), {}
+    for name, effect in effects().items():
+        if effect.is_fault:
+            continue
+        if is_below(period_s, effect.least_rate_hz):
+            rates = f"at {1.0 / period_s:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
+            found[name] = f"sampled too slowly: {rates}"
+        elif effect.kind in _BETWEEN and TRANSMISSION_GAP not in session.channels:
+            found[name] = "one encoder only: what happens between motor and table cannot be seen"
+    return found
 
 
 def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalShape]:
@@ -220,18 +242,15 @@ def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalSh
 def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
     """Null shapes, a level, a slope or a wave, of the recorded channels, each in one of them."""
 
-    def plain(curve: Callable[[Motion], Floats]) -> MotionCurve:
-        return lambda motion, _baseline: curve(motion)
-
     def wave(order: int, phase_rad: float) -> MotionCurve:
         return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)
 
     if TORQUE_GAP in session.channels:
         for curve in _NULL_TORQUES:
-            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (plain(curve),)))
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (curve,)))
     if TRANSMISSION_GAP in session.channels:
-        slope = plain(lambda motion: motion.position_m)
-        yield EmpiricalShape(UNKNOWN, EmpiricalForm("slope", transmission=(slope,)))
+        slope = EmpiricalForm("slope", transmission=(lambda motion, _: motion.position_m,))
+        yield EmpiricalShape(UNKNOWN, slope)
         for order in _NULL_WAVES:
             waves = wave(order, 0.0), wave(order, 0.5 * np.pi)
             yield EmpiricalShape(UNKNOWN, EmpiricalForm("wave", transmission=waves))
@@ -336,37 +355,21 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
 
 def unobservable(session: Session) -> dict[str, str]:
     """Effects that the recording could not show, by name, and why."""
-    ranges = Ranges.of_session(session)
+    ranges, found = Ranges.of_session(session), hidden(session)
     free = {form.name for form in empirical_shapes(session, ranges)}
-    rate_hz = 1.0 / max(run.low_pass.period_s for run in session.runs)
-    found = {}
     for name, effect in effects().items():
-        if effect.is_fault:
-            continue
-        between = effect.kind in _BETWEEN
-        if _is_too_slow(session, effect):
-            found[name] = (
-                f"sampled too slowly: at {rate_hz:.3g} Hz, expected {effect.least_rate_hz:g} Hz"
-            )
-        elif name in free or _shows(effect, session, ranges):
-            continue
-        elif between and TRANSMISSION_GAP not in session.channels:
-            found[name] = "one encoder only: what happens between motor and table cannot be seen"
-        elif not between and TORQUE_GAP not in session.channels:
-            found[name] = "no torque recorded"
-        else:
-            found[name] = "not visible in this motion"
+        is_open = not (effect.is_fault or name in found or name in free)
+        if is_open and not _shows(effect, session, ranges):
+            lacks_torque = effect.kind not in _BETWEEN and TORQUE_GAP not in session.channels
+            found[name] = "no torque recorded" if lacks_torque else "not visible in this motion"
     return found
 
 
 def _shows(effect: Effect, session: Session, ranges: Ranges) -> bool:
-    """Presence of a signature in the first regressor of some form, or its last."""
-    forms: dict[str, CandidateRegressor] = {}
-    for regressor in regressors_of(effect, ranges):
-        forms.setdefault(regressor.form, regressor)
-        forms[regressor.form + " last"] = regressor
+    """Presence of a signature in the first regressor, or the last."""
+    regressors = list(regressors_of(effect, ranges))
     return any(
-        bool(np.any(np.abs(regressor.columns(session, channel)) > 0.0))
-        for regressor in forms.values()
+        bool(np.any(regressor.columns(session, channel)))
+        for regressor in regressors[:1] + regressors[-1:]
         for channel in session.channels
     )

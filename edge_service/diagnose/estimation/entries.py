@@ -15,7 +15,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Kind, Parameter, Role
 from ...models.effects.registry import get_effect
 from ..candidates.normal_equations import inverted
-from ..candidates.regressors import EntryRegressor
+from ..candidates.regressors import EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
 from ..session.session import Session
 
@@ -165,11 +165,12 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     Args:
         best: the best set, with all its shapes.
     """
-    entries = {
-        k: entry
-        for k in problem.design.of_effects(named)
-        if (entry := problem.design.regressors[k].as_entry()) is not None
-    }
+    entries = {}
+    for k in problem.design.of_effects(named):
+        each = problem.design.regressors[k]
+        entry = each.as_entry() if isinstance(each, ForcePulse) else each
+        if isinstance(entry, EntryRegressor):
+            entries[k] = entry
     known = sorted(set(best.regressors) & entries.keys())
     whole = problem.pinned_to(best).stepwise(
         list(entries), lambda name: get_effect(name).most_entries, known

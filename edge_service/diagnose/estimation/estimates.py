@@ -1,31 +1,29 @@
 """Values of the named effects with their intervals, and their parts of the gap.
 
-Amounts have the interval of the fit, phases that of their amplitude, and shapes that of the profile
-likelihood: all other values follow as the shape is moved.
+Amounts and shapes have the interval of one fit, in which a shape may move by its slope; phases
+have that of their amplitude.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.samples import Floats
+from ...messages.stored import finite_or_none
 from ...models.effects.effect import Parameter, Role, Term
 from ...models.effects.registry import error_of, get_effect
 from ..result import ParameterValue
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, Session, rms
-from .entries import Entries, WeightedLeastSquares, entries_of
+from .entries import Entries, entries_of
 
 Z_90 = 1.645
 RISE_90 = 2.706
 """Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
 _GAIN = error_of(Term.GAIN)
 _SLOPE_STEP = 0.02
-_FIRST_STEP = 0.01
-_DOUBLINGS = 11
-_HALVINGS = 5
 Slopes = Mapping[str, Mapping[str, Floats]]
 """Shape -> channel -> (n, 1)."""
 
@@ -103,8 +101,7 @@ class Estimates:
         regressor, coefficients = self.fitted.regressors[k], self.coefficients(k)
         values = regressor.values(coefficients)
         slopes = slopes_of(self.fitted, k, coefficients)
-        sigma = self._sigma(k, slopes)
-        moved = {shape for shape, _ in regressor.shape}
+        sigma, changes = self._sigmas(k, slopes)
         shown = {}
         for parameter in regressor.effect.parameters:
             if parameter.amounts and regressor.amount not in parameter.amounts:
@@ -112,8 +109,11 @@ class Estimates:
             value = values[parameter.name]
             if parameter.name == regressor.amount:
                 low, high = self._amount_interval(k, value, sigma)
-            elif parameter.name in moved:
-                low, high = _profile_interval(self.fitted, k, parameter, slopes)
+            elif parameter.name in changes:
+                reach = Z_90 * changes[parameter.name] * abs(value)
+                low, high = np.clip((value - reach, value + reach), parameter.low, parameter.high)
+            elif parameter.whole and parameter.name in dict(regressor.shape):
+                low, high = _whole_interval(self.fitted, k, parameter)
             elif parameter.role is Role.PHASE and regressor.size == 2:
                 reach = min(Z_90 * sigma / max(abs(values[regressor.amount]), 1e-300), math.pi)
                 low, high = value - reach, value + reach
@@ -121,7 +121,8 @@ class Estimates:
                 low, high = parameter.low, parameter.high
             else:
                 continue
-            shown[parameter.name] = ParameterValue.bounded(value, low, high, parameter.unit)
+            ends = {"low": finite_or_none(low), "high": finite_or_none(high)}
+            shown[parameter.name] = ParameterValue(value=value, unit=parameter.unit, **ends)
         return shown
 
     def _weight(self, k: int) -> float:
@@ -139,12 +140,17 @@ class Estimates:
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
         return value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
 
-    def _sigma(self, k: int, slopes: Slopes) -> float:
-        """Standard deviation of the amount of one regressor whose shapes are not known either."""
+    def _sigmas(self, k: int, slopes: Slopes) -> tuple[float, dict[str, float]]:
+        """Standard deviation of the amount of a regressor, and relative ones of its shapes."""
         system = self.fitted.system
-        covariance = self.fitted.solve(joined(system, slopes)).covariance
-        variance = max(float(np.diag(covariance)[self.fitted.place(k)].max()), 0.0)
-        return math.sqrt(system.misfit(self.square) * variance)
+        columns = {}
+        for name, rows in system.session.channels.items():
+            parts = [each[name] for each in slopes.values()]
+            columns[name] = np.hstack([np.empty((len(rows.gap), 0)), *parts])
+        variance = np.diag(self.fitted.solve(columns).covariance)
+        sigma = np.sqrt(system.misfit(self.square) * np.maximum(variance, 0.0))
+        moved = sigma[len(sigma) - len(slopes) :].tolist()
+        return float(sigma[self.fitted.place(k)].max()), dict(zip(slopes, moved, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,62 +233,16 @@ def slopes_of(entries: Entries, k: int, coefficients: Floats) -> Slopes:
     return found
 
 
-def joined(system: WeightedLeastSquares, slopes: Slopes, but: str = "") -> Mapping[str, Floats]:
-    """Slopes of all shapes but one as columns, by channel, (n, m)."""
-    kept = [each for name, each in slopes.items() if name != but]
-    return {
-        name: np.hstack([np.empty((len(rows.gap), 0)), *(each[name] for each in kept)])
-        for name, rows in system.session.channels.items()
-    }
-
-
-def _profile_interval(
-    entries: Entries, k: int, parameter: Parameter, slopes: Slopes
-) -> tuple[float, float]:
-    """90 % interval of one shape of entry `k`, within the bounds of the library."""
+def _whole_interval(entries: Entries, k: int, parameter: Parameter) -> tuple[float, float]:
+    """90 % interval of a whole number that is a shape of entry `k`, by the likelihood."""
     value = dict(entries.regressors[k].shape)[parameter.name]
-    beside = joined(entries.system, slopes, parameter.name)
-
-    def square(wanted: float) -> float:
-        return entries.with_shape(k, parameter.name, wanted).solve(beside).square
-
-    least = square(value)
-    scale = entries.system.misfit(least)
-
-    def rise(wanted: float) -> float:
-        return (square(wanted) - least) / scale
-
-    if parameter.whole:
-        ends = []
-        for way in (-1.0, 1.0):
-            end = value
-            while parameter.low <= end + way <= parameter.high and rise(end + way) <= RISE_90:
-                end += way
-            ends.append(end)
-        return ends[0], ends[1]
-    unit = abs(value) if value != 0.0 else 0.1 * abs(parameter.faulty)
-    return _end(rise, value, -unit, parameter), _end(rise, value, unit, parameter)
-
-
-def _end(rise: Callable[[float], float], value: float, unit: float, parameter: Parameter) -> float:
-    """Value at which the rise reaches `RISE_90` on one side: steps that double, then halve."""
-
-    def at(steps: float) -> float:
-        return float(np.clip(value + steps * unit, parameter.low, parameter.high))
-
-    inside, step = 0.0, _FIRST_STEP
-    for _ in range(_DOUBLINGS):
-        if at(step) == at(inside):
-            return at(inside)
-        if rise(at(step)) > RISE_90:
-            break
-        inside, step = step, 2.0 * step
-    else:
-        return at(math.inf)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (inside + step)
-        if rise(at(middle)) > RISE_90:
-            step = middle
-        else:
-            inside = middle
-    return at(step)
+    least = entries.solve().square
+    most, ends = least + RISE_90 * entries.system.misfit(least), []
+    for way in (-1.0, 1.0):
+        end = value
+        while parameter.low <= end + way <= parameter.high:
+            if entries.with_shape(k, parameter.name, end + way).solve().square > most:
+                break
+            end += way
+        ends.append(end)
+    return ends[0], ends[1]

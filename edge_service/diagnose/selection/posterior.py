@@ -9,8 +9,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.effects.effect import Term
 from ...models.effects.registry import effects_where, error_of
-from ..candidates.design_matrix import FORCE, ForcePulse
-from ..candidates.regressors import UNKNOWN
+from ..candidates.regressors import FORCE, UNKNOWN, ForcePulse
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP
 from .problem import EffectSet, SelectionProblem

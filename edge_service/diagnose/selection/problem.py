@@ -12,12 +12,12 @@ from typing import Self
 import numpy as np
 
 from ...messages.samples import Booleans, Floats, Integers
-from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind, Term
-from ...models.effects.registry import effects, effects_where, error_of
+from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind
+from ...models.effects.registry import effects, effects_where
 from ...models.machine import Machine
-from ..candidates.design_matrix import FORCE, DesignMatrix, force_pulses, healthy_priors
+from ..candidates.design_matrix import DesignMatrix, force_pulses, healthy_priors
 from ..candidates.normal_equations import inverted, solved, square_falls
-from ..candidates.regressors import UNKNOWN, CandidateRegressor, candidates_of, null_shapes
+from ..candidates.regressors import FORCE, UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, parameter_tolerances
 
@@ -36,8 +36,6 @@ _MOST_SPARED = 5
 MOST_EFFECTS = 3
 _LEADING = 12
 """Sets whose shapes are sought once more, all of their effects together."""
-RANGES = frozenset({error_of(Term.LAG)})
-"""Parameters of which a healthy axis may have anything within a range."""
 LEAST_RISE_OF_GAP = 0.05
 """An effect that is less than this part of the whole gap is immaterial: others are no better known.
 """
@@ -328,7 +326,6 @@ class SelectionProblem:
         fits += self.leading_sets(fits)
         parameters = [*({name} for name in sorted(self.priors)), set(self.priors)]
         fits += [self.stepwise(design.of_effects(names)) for names in parameters]
-        fits = [self._named_beyond(each) for each in fits]
         unique = {tuple(sorted(each.regressors)): each for each in fits}
         return [EffectSet(each, self.material_names(each)) for each in unique.values()]
 
@@ -360,18 +357,6 @@ class SelectionProblem:
         return [
             self.stepwise(self.design.of_effects(each.names), known=each.chosen) for each in leading
         ]
-
-    def _named_beyond(self, whole: Fit) -> Fit:
-        """Fit the set with a lag that it needs beyond what a healthy drive may have."""
-        design, priors = self.design, self.priors
-        nuisances = {design.regressors[k].name: k for k in range(design.nuisances)}
-        lacking = []
-        for name in sorted((RANGES & priors.keys() & nuisances.keys()) - whole.names):
-            value = float(whole.coefficients[design.first[nuisances[name]]])
-            free = design.of_effects({name})
-            if free and abs(value - priors[name][0]) > MATERIAL_TOLERANCES * priors[name][1]:
-                lacking.append(free[0])
-        return self.fit((*whole.chosen, *lacking))
 
     def material_names(self, whole: Fit) -> frozenset[str]:
         """Effects of a fit that matter: significance is not enough.

@@ -56,10 +56,6 @@ class Rows:
         variables = {name: values[kept] for name, values in self.variables.items()}
         return Rows(self.gap[kept], variables, self.block[kept])
 
-    def thinned(self, every: int) -> "Rows":
-        """Each `every`-th row."""
-        return self if every == 1 else self.at(slice(None, None, every))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
@@ -106,7 +102,7 @@ class Session:
                 parts = [channel_gap(name, run, baseline, modelled) for run, _ in held]
                 gap = np.concatenate(parts)
                 gap = gap - gap.mean() if name == TRANSMISSION_GAP else gap
-                channels[name] = _rows(gap, held).thinned(every)
+                channels[name] = _rows(gap, held).at(slice(None, None, every))
             kept, seen = [], 0  # each so-many-th row, counted through all runs
             for mask in masks:
                 numbers = np.flatnonzero(mask)
@@ -208,13 +204,8 @@ def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:
         variables["temperature_c"] = np.concatenate(
             [run.at_rows(each)[rows] for each, (run, rows) in zip(warmth, kept, strict=True)]
         )
-    blocks, last = [], 0
-    for run, rows in kept:
-        time_s = run.at_rows(run.motion.time_s)[rows]
-        number = np.floor((time_s - run.motion.time_s[0]) / BLOCK_S).astype(np.int64) + last
-        last = int(number.max(initial=last - 1)) + 1
-        blocks.append(number)
-    return Rows(gap, variables, np.concatenate(blocks))
+    _, block = np.unique(np.floor(variables["time_s"] / BLOCK_S), return_inverse=True)
+    return Rows(gap, variables, block.astype(np.int64))
 
 
 _STIFFENING = 300.0

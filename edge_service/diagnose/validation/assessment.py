@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Floats
-from ...models.effects.registry import effects_where
-from ..candidates.design_matrix import FORCE
-from ..candidates.regressors import UNKNOWN
+from ...models.effects.effect import Role
+from ...models.effects.registry import effects_where, get_effect
+from ..candidates.regressors import FORCE, UNKNOWN
 from ..estimation.estimates import Contributions
 from ..residual.structure import predicted_structure
 from ..result import NamedEffect
@@ -23,6 +23,8 @@ from .cross_validation import CrossValidation
 
 BESIDE_UNNAMED = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
+CONTRADICTED = 0.5
+"""The same of one without which a half of the recording would have less of a gap."""
 AT_BOUND = 0.5
 """The same of one whose shape would have to leave what the library allows."""
 LEAST_SHRINK = 0.04
@@ -151,16 +153,6 @@ def _missed(
     return found
 
 
-def is_misattributed(found: Mapping[str, Attribution], channel_of: Mapping[str, str]) -> bool:
-    """Flag of causes whose greatest in a channel is more likely a misattribution than not."""
-    leaders: dict[str, Attribution] = {}
-    for effect, attribution in found.items():
-        channel = channel_of[effect]
-        if channel not in leaders or attribution.gain > leaders[channel].gain:
-            leaders[channel] = attribution
-    return any(attribution.trust < 0.5 for attribution in leaders.values())
-
-
 def confidences(posterior: Posterior, contributions: Contributions) -> dict[str, float]:
     """Factor on the probabilities of the causes in each channel; below 1 the cause is unknown.
 
@@ -218,11 +210,12 @@ class Assessment:
         attributed = attributions(posterior, contributions)
         confidence = confidences(posterior, contributions)
         validation = CrossValidation.of_estimates(contributions.estimates)
-        effects = []
+        effects, tolerance = [], posterior.problem.noise.tolerance
         for name, attribution in attributed.items():
             estimates, channel = contributions.estimates, contributions.channel_of[name]
             trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
             trust = trust * attribution.trust * (AT_BOUND if estimates.is_at_bound(name) else 1.0)
+            trust = trust if is_agreed(contributions, name, tolerance) else CONTRADICTED * trust
             # the least of all channels that it shows in: it must be right in each of them
             shown = estimates.shown(name)
             sure = min((confidence[each] for each in shown), default=1.0)
@@ -254,28 +247,61 @@ class Assessment:
         return sorted(self.posterior.best.material - {UNKNOWN})
 
     @property
+    def misattributed(self) -> set[str]:
+        """Channels whose greatest cause is more likely a misattribution than not."""
+        leaders: dict[str, Attribution] = {}
+        for effect, attribution in self.attributions.items():
+            channel = self.contributions.channel_of[effect]
+            if channel not in leaders or attribution.gain > leaders[channel].gain:
+                leaders[channel] = attribution
+        return {channel for channel, attribution in leaders.items() if attribution.trust < 0.5}
+
+    @property
     def is_unknown(self) -> bool:
         """Flag of a cause whose better part the library lacks."""
         posterior, contributions = self.posterior, self.contributions
         return (
             UNKNOWN in posterior.best.material
-            or is_misattributed(self.attributions, contributions.channel_of)
+            or bool(self.misattributed)
             or any(each < 1.0 for each in self.confidence.values())
             or (bool(self.material) and not contributions.named and bool(posterior.exceeding))
         )
 
     def idlest(self) -> str:
-        """Named effect that is least of a cause; empty where all are causes."""
+        """Named effect that is least of a cause; empty where all are causes.
+
+        One whose value is not told from zero is none.
+        """
         if FORCE in self.contributions.named and all(each.name != FORCE for each in self.effects):
             return FORCE  # no entry can say how it acts
         idle = []
         for each in self.effects:
             # nobody foresees a force
             helps = each.shrink.high if each.name == FORCE else each.shrink.estimate
-            if each.probability < LEAST_PROBABILITY or helps < LEAST_SHRINK:
+            told = each.name == FORCE or is_told(each)
+            if each.probability < LEAST_PROBABILITY or helps < LEAST_SHRINK or not told:
                 idle.append(each)
         worst = min(idle, key=lambda each: (each.shrink.estimate, each.probability), default=None)
         return worst.name if worst else ""
+
+
+def is_agreed(contributions: Contributions, name: str, tolerance: Mapping[str, float]) -> bool:
+    """Flag of an effect that makes no half of the recording worse by more than the tolerance."""
+    channel = contributions.channel_of[name]
+    rows, left = contributions.session.channels[channel], contributions.left[channel]
+    raised = left**2 - (left + contributions.by_effect[name][channel]) ** 2
+    time_s = rows.variables["time_s"]
+    early = time_s <= np.median(time_s)
+    halves = (float(raised[half].mean()) for half in (early, ~early) if half.any())
+    return max(halves) <= tolerance[channel] ** 2
+
+
+def is_told(each: NamedEffect) -> bool:
+    """Flag of an amount that is told from zero; of several entries only their sum is."""
+    amounts = {p.name for p in get_effect(each.name).parameters if p.role is Role.AMOUNT}
+    values = [value for name, value in each.parameters.items() if name in amounts]
+    known = all((value.low or 0.0) * (value.high or 0.0) > 0.0 for value in values)
+    return known or len(each.entries) > 1
 
 
 def assess_causes(posterior: Posterior) -> Assessment:

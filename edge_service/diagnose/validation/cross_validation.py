@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...messages.samples import Booleans, Floats, Integers
-from ..candidates.design_matrix import FORCE
+from ..candidates.regressors import FORCE
 from ..estimation.estimates import Estimates
 from ..result import Shrink
 from ..session.session import FOLDS, Rows
@@ -41,17 +41,13 @@ class CrossValidation:
 
     @classmethod
     def of_estimates(cls, values: Estimates) -> "CrossValidation":
-        """Fit the values once more without each fold; with all where nothing else is left."""
+        """Fit the values once more without each fold."""
         session = values.fitted.system.session
         number, folds = session.fold, []
         for k in range(FOLDS):
             rows = {name: each == k for name, each in number.items()}
             kept = {name: ~each for name, each in rows.items()}
-            if all(each.any() for each in kept.values()):
-                beta = values.fitted.solve(rows=kept).beta
-                folds.append(Fold(rows, replace(values, beta=beta)))
-            else:
-                folds.append(Fold(rows, values))
+            folds.append(Fold(rows, replace(values, beta=values.fitted.solve(rows=kept).beta)))
         return cls(values, tuple(folds))
 
     def held_out(self, name: str, channel: str) -> Floats:

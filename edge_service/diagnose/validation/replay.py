@@ -8,8 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...messages.samples import Floats
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.registry import active_effect
@@ -18,9 +16,6 @@ from ..result import ReplayedGap, ReplayedSeries, Shrink
 from ..session.prescribed_motion import PrescribedMotionAxis
 from ..session.session import Session, rms
 from .cross_validation import CrossValidation, resampled
-
-_LONGEST_S = 300.0
-"""Of a longer session only its beginning is replayed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +51,8 @@ def replay(
     if not channels:
         return Replay({}, {}, {}, "no effect is named")
     whole = validation.values.fitted.system.session
-    try:
-        session = _beginning(whole)
+    try:  # both sides beside the bare baseline: what else is modelled is in the plant
+        session = whole.beside(Session.of_runs(whole.runs, whole.baseline))
         axis = PrescribedMotionAxis.of_machine(machine, session.baseline)
 
         def left(names: Sequence[str]) -> dict[str, Floats]:
@@ -67,7 +62,7 @@ def replay(
                 named = [active_effect(n, each) for n in names for each in fold.values.entries(n)]
                 variants.append(axis.with_effects(known + named))
             runs = [
-                axis.simulated(run, variants, whole.folds(run.motion.time_s))
+                axis.simulated(run, variants, session.folds(run.motion.time_s))
                 for run in session.runs
             ]
             simulated = Session.of_runs(runs, session.baseline)
@@ -94,13 +89,3 @@ def replay(
         )
         series[name] = ReplayedSeries(rows.variables["time_s"], bare[name], full[name])
     return Replay(gap, series, effects)
-
-
-def _beginning(session: Session) -> Session:
-    """Runs up to about `_LONGEST_S`, one at least, beside the bare baseline."""
-    ends_s = np.cumsum([run.duration_s for run in session.runs])
-    count = max(int(np.searchsorted(ends_s, _LONGEST_S, side="right")), 1)
-    runs = session.runs[:count]
-    if not any(run.compared_rows.any() for run in runs):
-        raise ValueError(f"the axis rests for the first {_LONGEST_S:g} s")
-    return session.beside(Session.of_runs(runs, session.baseline))

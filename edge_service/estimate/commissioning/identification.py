@@ -61,17 +61,18 @@ def commissioned(
     reversal_n = math.inf if transmission is None else transmission.reversal_force_n
     other_nm = other_drag_nm(machine, torque)  # without a linear encoder all of it is the guide's
     guide_n = min(reversal_n, other_nm / ratio)
-    bearing_nm = max(other_nm - ratio * guide_n, 0.0)
     by_mass = 0.0 if transmission is None else mass[1] / mass[0]
     guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
-    model = {
+    model: dict[str, Quantity | None] = {
         "inertia_kg_m2": _measured(
             torque.inertia_kg_m2, math.hypot(torque.inertia_sigma, doubt_kg_m2)
         ),
         "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
         "guide_force_n": _measured(guide_n, guide_sigma),
-        "bearing_drag_nm": _measured(bearing_nm, torque.coulomb_sigma),
+        "bearing_drag_nm": _measured(max(other_nm - ratio * guide_n, 0.0), torque.coulomb_sigma),
         "table_mass_kg": _measured(*mass),
+        # without a preload the level of the whole axis, of which guide and bearing are the parts
+        "preload_drag_nm": machine.model.preload_drag_nm if machine.model.preload_n else None,
     }
     periods_s = (
         [block.duration_s / block.sample_count for block in blocks if block.sample_count]
@@ -122,9 +123,8 @@ def _transmission(
 ) -> TransmissionConfig | None:
     if stretch is None or machine.fresh_preload_percent is None:
         return None
-    mass_kg, sigma_kg = mass
-    compliance = stretch.per_acceleration_s2 / mass_kg
-    share, sigma = nut_share(machine, compliance, sigma_kg / mass_kg)
+    compliance = stretch.per_acceleration_s2 / mass[0]
+    share, sigma = nut_share(machine, compliance, mass[1] / mass[0])
     return TransmissionConfig(
         reference_m=stretch.reference_m,
         stretch_per_acceleration_s2=stretch.per_acceleration_s2,

@@ -115,8 +115,8 @@ class MixtureSettings(NamedTuple):
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.3  # of ln(preload) at the start
-    half: float = 0.2  # probability that half of it is lost then
-    none: float = 0.1  # that all is
+    half: float = 0.1  # probability that half of it is lost then
+    none: float = 0.03  # that all is
     loaded: float = 0.2  # that the load is another
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
@@ -124,7 +124,7 @@ class MixtureSettings(NamedTuple):
     load: float = 0.4
     loosened: float = 0.15
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
-    hazard: float = 1e-4  # of each step per second of motion
+    hazard: float = 3e-5  # of each step per second of motion
     stop_hazard: float = 1e-3  # of lubrication and load per second of a stop
     reversal: float = 0.1  # of the stretch at a reversal, as the frictions change
     looseness: float = 0.001  # of the compliance beside the nut, at the start
@@ -132,16 +132,17 @@ class MixtureSettings(NamedTuple):
     uneven_m: float = 3e-6  # growth of a screw that is warm at the start; finer waves are smaller
     uneven_share: float = 0.01  # finer unevenness over the growth along the stroke
     growth_s: float = 300.0  # time constant of a warming screw
-    evidence: float = 0.5  # share of a log-likelihood that counts: errors outlast a phase
+    evidence: float = 0.35  # share of a log-likelihood that counts: errors outlast a phase
     most_nats: float = 10.0  # most that one phase says against a hypothesis: it may be spoiled
-    force: float = 0.05  # process forces over the dynamic load rating
+    force: float = 0.2  # large process forces over the dynamic load rating
+    force_small: float = 0.1  # small ones over large ones; each is as likely
     force_error: float = 0.1  # of their compliance
     force_share: float = 0.03  # of phases in which one begins
     rapid_share: float = 0.005  # the same of rapids
     force_stay: float = 0.88  # probability that it lasts for another phase
     floor: float = -14.0  # least log-weight of a hypothesis: none dies
     spawn_s: float = 3.0  # motion after which challengers begin anew
-    learn_s: float = 20.0  # motion until the likeliest initial hypothesis is accepted
+    learn_s: float = 10.0  # motion until the likeliest initial hypothesis is accepted
     confirm_s: float = 8.0  # motion for which a challenger must have been seen
     margin: float = 2.0  # by which it must lead
 
@@ -165,7 +166,7 @@ class Process(NamedTuple):
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
     lost_log_percent: float  # ln of the preload of a total loss, in percent
     loosened_m_per_n: float  # mean of a loosening, of each joint
-    force_n: float  # standard deviation of process forces
+    force_n: float  # standard deviation of large process forces
 
 
 class Reading(NamedTuple):

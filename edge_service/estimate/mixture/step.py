@@ -67,14 +67,9 @@ def step(
     rapid = speed > _RAPID * bank.moments[state.FASTEST_RAD_S]
     begins = process.assumed.rapid_share if rapid else process.assumed.force_share  # of forces
     hypotheses = bank.mean.shape[0]
-    assessed = Assessments(
-        np.zeros(hypotheses),
-        np.zeros(hypotheses),
-        np.zeros(hypotheses),
-        np.zeros(hypotheses),
-        np.full(hypotheses, -math.inf),
-    )
-    error_nm = np.zeros(hypotheses)
+    zeros = np.zeros((5, hypotheses))
+    log_likelihood, error_nm = np.full(hypotheses, -math.inf), zeros[4]
+    assessed = Assessments(zeros[0], zeros[1], zeros[2], zeros[3], log_likelihood)
     for k in range(hypotheses):
         if bank.alive[k] == 0:
             continue
@@ -297,30 +292,30 @@ def assess(
     With one encoder a torque alone fits any force, so none is recognised again.
     """
     e, s = innovation.error, innovation.covariance
-    ratio, force_var = model.ratio_m_per_rad, process.force_n * process.force_n
-    uu, ss, us = s[0, 0], s[1, 1], s[0, 1]
+    uu, ss, us, ratio = s[0, 0], s[1, 1], s[0, 1], model.ratio_m_per_rad
     seen_n = e[0] / ratio
     if two:
         a, b = ss * ratio - us * compliance, uu * compliance - us * ratio
         seen_n = (a * e[0] + b * e[1]) / (a * ratio + b * compliance)
-    doubt_m = process.assumed.force_error * seen_n * compliance
-    extra_uu, extra_us = force_var * ratio * ratio, force_var * ratio * compliance
-    extra_ss = force_var * compliance * compliance + doubt_m * doubt_m
+    doubt = (process.assumed.force_error * seen_n * compliance) ** 2
     stays = process.assumed.force_stay * bank.force[k]
     alike = _ALIKE * stays if two else 0.0
     starts = (1.0 - bank.force[k]) * begins + stays - alike
     calm, nis = _log_likelihood(e[0], e[1], uu, ss, us)
-    new, _ = _log_likelihood(e[0], e[1], uu + extra_uu, ss + extra_ss, us + extra_us)
+    new = -math.inf
+    for share in (1.0, process.assumed.force_small):
+        a, b = share * process.force_n * ratio, share * process.force_n * compliance
+        one, _ = _log_likelihood(e[0], e[1], uu + a * a, ss + b * b + doubt, us + a * b)
+        new = np.logaddexp(new, one)
     a, b = bank.force_n[k] * ratio, bank.force_n[k] * compliance
     share = process.assumed.force_error * process.assumed.force_error
     same, nis_same = _log_likelihood(
         e[0] - a, e[1] - b, uu + share * a * a, ss + 2.0 * share * b * b, us + share * a * b
     )
     calm += math.log(1.0 - starts - alike)
-    new += math.log(max(starts, _NEVER))
+    new += math.log(max(0.5 * starts, _NEVER))
     same += math.log(max(alike, _NEVER))
-    top = max(calm, new, same)
-    total = top + math.log(math.exp(calm - top) + math.exp(new - top) + math.exp(same - top))
+    total = np.logaddexp(np.logaddexp(calm, new), same)
     assessed.nis[k], assessed.log_likelihood[k] = nis, total
     assessed.persists[k] = math.exp(same - total)
     assessed.forced[k] = min(assessed.persists[k] + math.exp(new - total), 1.0)

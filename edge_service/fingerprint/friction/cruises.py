@@ -103,10 +103,7 @@ def cruises(run: PreparedRun) -> Iterator[slice]:
 
 
 def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
-    """Root mean square of the torque about its mean at each constant speed.
-
-    Raises ValueError: no cruise of a revolution or more.
-    """
+    """Root mean square of the torque about its mean at each speed. Raises ValueError: no cruise."""
     ripples: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for cruise in _torque_cruises(runs, revolutions=1.0):
         ripple = signal.detrend(cruise.torque_nm)

@@ -5,14 +5,18 @@ sqrt(K / M) / 2 pi: grease, warmth and torque constant do not move it, the nut's
 """
 
 import math
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
 from ...messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from ...models.commissioned import Notch
+from ...process import end_with_parent
 from ...recordings.conditioning import UniformRun, uniform_runs
+from ...recordings.reader import read_trace
 from .control_response import modes_of
 from .frequency_response import FrequencyResponse, drive_response, sampling_correction
 from .two_mass_fit import LOWEST_HZ, TwoMassFit, fit_two_mass, modes, shakes
@@ -136,3 +140,9 @@ def _check(measured: FrequencyResponse, fit: TwoMassFit, notch_hz: float) -> Non
     for other_hz in sorted(others, key=lambda hz: abs(math.log(hz / notch_hz)))[1:]:
         if abs(math.log(other_hz / notch_hz)) < math.log(BESIDE):
             raise ValueError(f"a second mode at {other_hz:.4g} Hz beside {notch_hz:.4g} Hz")
+
+
+if __name__ == "__main__":
+    end_with_parent()
+    found = notch_of(read_trace(Path(sys.argv[1])))
+    sys.stdout.write("" if found is None else found.model_dump_json())

@@ -198,10 +198,7 @@ class TwoMassFit:
 
 
 def measure_response(recordings: Sequence[SampleFrame]) -> Contents:
-    """Response of the drive to its torque with the modes of two masses (5.3.19-5.3.21).
-
-    Raises ValueError: no recording shakes the axis.
-    """
+    """Response with the modes of two masses (5.3.19-5.3.21). Raises ValueError: nothing shakes."""
     shaken = [frame for frame in recordings if shakes(frame)]
     if not shaken:
         raise ValueError(f"no recording moves the axis coherently above {SHAKEN_HZ:g} Hz")

@@ -20,10 +20,7 @@ _MEAN_S = 0.05
 
 
 def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
-    """Following error and encoder difference at slow reversals.
-
-    Raises ValueError: no slow reversal.
-    """
+    """Following error and encoder difference at slow reversals. Raises ValueError: none."""
     found = [reversal for run in runs for reversal in reversals(run)]
     if not found:
         raise ValueError(

@@ -45,6 +45,7 @@ KINDS = (
     "recording_kept",
     "clock_changed",
     "estimator_reset",
+    "tested",
     "store_damaged",
     "store_failing",
     "store_recovered",

@@ -203,7 +203,7 @@ const PARTS = {
   overview: { render: (nowMs) => [renderAnswer(shown, nowMs), renderAlarmList(byId("alarms"), [shown], false), renderTraces(shown)] },
   why: { render: () => renderWhy(shown), load: () => loadWhy(shown) },
   history: { render: (nowMs) => [renderDiary(shown), renderHistory(shown, nowMs)], load: () => Promise.all([loadUse(shown), loadDrift(shown)]) },
-  tests: { render: renderTests, load: () => loadTests(shown) },
+  tests: { render: () => renderTests(shown), load: () => loadTests(shown) },
   service: { render: () => renderService(service), load: () => Promise.all([loadOutputs(service), loadLog()]) },
   setup: { render: () => {}, load: loadSetup },
 };

@@ -6,6 +6,7 @@ import { clock, number } from "./format.js";
 import { readVerdicts, renderJobs, startForm } from "./jobs.js";
 import { buildMotions, loadMotions } from "./motions.js";
 import { buildRecorder, renderRecorder } from "./recorder.js";
+import { buildShaken, renderShaken } from "./shaken.js";
 import { t } from "./strings.js";
 
 const POLL_MS = 1000;
@@ -14,8 +15,12 @@ let axis = null;
 let polling = false;
 let asked = 0;
 
-export function renderTests() {
-  if (parts.file) return;
+export function renderTests(state) {
+  if (!parts.file) build();
+  renderShaken(byId("shaken"), state);
+}
+
+function build() {
   parts.file = element("input", { type: "file", multiple: "", accept: ".csv,.parquet", id: "job-file" });
   parts.file.addEventListener("change", upload);
   parts.list = element("ul", { class: "plain", "aria-label": t("recordings") });
@@ -23,6 +28,7 @@ export function renderTests() {
   parts.jobs = element("ul", { class: "plain", "aria-label": t("job.list") });
   const form = startForm(parts, startJob);
   byId("tests").replaceChildren(
+    card("shaken", t("shaken"), ...buildShaken()),
     card("step-motion", t("step.motion"), buildMotions()),
     card("step-record", t("step.record"), buildRecorder(() => axis, again), element("label", { for: "job-file" }, t("upload"), parts.file)),
     card("step-result", t("step.result"), element("div", { class: "small-charts" },

@@ -24,7 +24,7 @@ from ...atomic import replaced_file
 from ...command_answer import Answer
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.experiment import simulated_axis
-from ...diagnose.result import SURE, Diagnosis, Series, Verdict
+from ...diagnose.result import SURE, Diagnosis, Series, Verdict, learnable
 from ...diagnose.session.session import CHANNEL_UNITS, Session
 from ...messages.samples import SampleFrame
 from ...models.effects.effect import ActiveEffect, Role
@@ -39,7 +39,7 @@ from ...models.effects.registry import (
 from ...models.machine import Machine
 from ...recordings.writer import TraceWriter
 from ..recordings import Progress, silent
-from .diagnose import accepted, augmented_toml, examined, library_without
+from .diagnose import augmented_toml, examined, library_without
 from .gap import DiagnosisError, one_line, read_runs, session_of
 
 PLANTS = "edge_service.plants"
@@ -246,7 +246,7 @@ def checked(plant: Plant, case: HiddenCase) -> CheckedCase:
         _record(trace, plant.recorded(case, case.motion, case.seed))
         machine = load_machine(machine_file)
         _, found, _ = examined(machine, [trace], without=case.withheld)
-        _write(augmented, augmented_toml(plant.machine_toml, accepted(found)))
+        _write(augmented, augmented_toml(plant.machine_toml, learnable(found)))
         _record(fresh, plant.recorded(case, FRESH, case.seed + _HOLD_OUT))
         before = session_of(machine, read_runs(machine, [fresh]))
         after = before.with_model(model_effects(load_machine(augmented)))

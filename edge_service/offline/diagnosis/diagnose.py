@@ -17,6 +17,7 @@ from ...diagnose.pipeline import diagnose_session
 from ...diagnose.preload import diagnose_beside_loss, fresh_screw, known_loss, with_missing_drag
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ...diagnose.result import (
+    VIBRATION,
     ChannelGap,
     Diagnosis,
     NamedEffect,
@@ -70,7 +71,7 @@ def diagnose(
             faults = "; ".join(found.reasons)
             raise BadDataError(f"bad data: {faults} (report: {out / 'report.html'})")
         try:
-            augmented = augmented_toml(text, accepted(found))
+            augmented = augmented_toml(text, learnable(found))
         except ValueError as error:
             raise ConfigError(f"{machine_file}: {error}") from error
         _write(out, found, augmented, render(machine, names, found, session))
@@ -105,22 +106,22 @@ def examined(
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
-    fresh, reading = fresh_screw(machine), preload_reading(machine, traces)
+    fresh, reading, lost = fresh_screw(machine), preload_reading(machine, traces), None
     known = {each.confirmation.check for each in library if each.confirmation}
     seen = [each for each in doubted if each.name in known]
-    has_fault = fault() in library
-    if has_fault and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
+    fresh = fresh if fault() in library else None
+    if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         course = known_loss(session, fresh)
-        found = diagnose_beside_loss(session, machine, course, reading, progress, library)
-        found = _with_motion(beside_doubts(found, seen), machine)
-    else:
-        found = diagnose_session(session, machine, library, progress)
-        found = _with_motion(beside_doubts(found, seen), machine)
-        found = with_missing_drag(found, fresh, reading) if has_fault else found
+        lost = diagnose_beside_loss(session, machine, course, reading, progress, library)
+    found = lost or diagnose_session(session, machine, library, progress)
+    found = _with_motion(beside_doubts(found, seen), machine)
+    if not lost and fault() in library:
+        found = with_missing_drag(found, fresh, reading)
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
         "not_judged_reasons": unseen,
+        "augmented": tuple(each.name for each in learnable(found)),
         "withheld": withheld(found),
         "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
         "reference": tuple(path.name for path in reference),
@@ -133,12 +134,6 @@ def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
     with one_line():
         left_out = [get_effect(name) for name in names]
     return tuple(each for each in effects().values() if each not in left_out)
-
-
-def accepted(found: Diagnosis) -> Sequence[NamedEffect]:
-    """Effects of a diagnosis that the machine file takes up."""
-    named = found.verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-    return learnable(found) if named else ()
 
 
 def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:
@@ -187,10 +182,7 @@ def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
 def _healthy(
     machine: Machine, reference: Sequence[Path], progress: Progress
 ) -> tuple[Machine, Reference]:
-    """The machine as healthy recordings show it, and their gap beside it.
-
-    Raises DiagnosisError: they are unfit.
-    """
+    """The machine as healthy recordings show it, with their gap. Raises DiagnosisError."""
     runs = read_runs(machine, reference, progress)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
     runs = read_runs(shown, reference, progress)
@@ -223,7 +215,8 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
 
 
 def _summary(found: Diagnosis, out: Path) -> str:
-    lines = [f"verdict: {found.verdict.value}"]
+    is_part = found.partly and found.verdict is Verdict.EXPLAINED
+    lines = [f"verdict: {'partly ' if is_part else ''}{found.verdict.value}"]
     if found.misfit is not None:
         before, after = chance(found.misfit.p_value), chance(found.misfit.p_value_after)
         causes = f", with the causes {after}" if found.effects else ""
@@ -243,8 +236,14 @@ def _summary(found: Diagnosis, out: Path) -> str:
         shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
         lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")
     lines += [f"but {each}" for each in found.caveats]
-    if faults := ", ".join(withheld(found)):
-        lines.append(f"not in augmented.toml, for a model should not learn a fault: {faults}")
+    kept = (*found.augmented, *found.withheld, VIBRATION)
+    unsure = [each.name for each in found.effects if each.name not in kept]
+    kinds = {
+        "in augmented.toml": found.augmented,
+        "not in augmented.toml, for it is not sure": unsure,
+        "not in augmented.toml, for a model should not learn a fault": found.withheld,
+    }
+    lines += [f"{words}: {', '.join(names)}" for words, names in kinds.items() if names]
     if found.next_motion:
         document = out / "diagnosis.json"
         lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")

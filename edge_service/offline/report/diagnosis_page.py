@@ -15,6 +15,7 @@ from .quantities import amount, interval, percent, words
 VERDICTS = {
     "no_gap": "Machine and model agree. Nothing was found that matters.",
     "explained": "The difference between machine and model has a clear cause.",
+    "partly": "Part of the difference between machine and model has a clear cause.",
     "ambiguous": "This recording alone cannot decide what causes the difference.",
     "unknown": "There is a difference that no known effect explains.",
     "bad_data": "The recording cannot be diagnosed.",
@@ -65,10 +66,9 @@ def render(
         machine=machine,
         names=names,
         found=found,
-        lead=BLIND if found.is_blind else VERDICTS[found.verdict.value],
+        lead=BLIND if found.is_blind else VERDICTS["partly" if found.partly else found.verdict],
         unobservable=by_reason,
         quiet=[CHANNELS[name] for name in found.gap if name not in telling],
-        tolerated=[CHANNELS[name] for name, each in found.gap.items() if each.matters],
         named=sorted(found.effects, key=_weight) if accepted else found.effects[:1],
         shown=shown,
         accepted=accepted,
@@ -78,7 +78,6 @@ def render(
         channels=CHANNELS,
         labels=LABELS,
         floors=FLOORS,
-        learned=any(each.entries and each.name not in found.withheld for each in found.effects),
         describe=lambda name: SHAKEN if name == VIBRATION else get_effect(name).description,
     )
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from edge_service.estimate.interface import PreloadEstimator
-from edge_service.nodes.estimated_axis import UNKNOWN_STOP_S
+from edge_service.nodes.estimated_axis import LONGEST_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
 from ..table import Table, listed, mean_of
@@ -49,7 +49,7 @@ class KeptEstimator:
         if self._state is not None:
             estimator.restore(json.loads(self._state))
             if recorded.blocks[0].time_s <= self._end_s:
-                estimator.resume(UNKNOWN_STOP_S)
+                estimator.resume(LONGEST_STOP_S)
         track = follow(estimator, recorded)
         self._state = json.dumps(estimator.snapshot(), allow_nan=False)
         self._end_s = recorded.blocks[-1].time_s

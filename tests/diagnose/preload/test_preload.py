@@ -9,6 +9,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.preload import (
     PreloadReading,
+    asked_by_torque,
     diagnose_beside_loss,
     fresh_screw,
     known_loss,
@@ -63,6 +64,18 @@ def test_the_course_of_a_loss_is_that_of_the_torque(lost, ends):
     course = known_loss(session, fresh)
     found = lost_percent(course.values, np.array([0.5, SECONDS - 0.5]))
     assert found == pytest.approx(ends, abs=4.0)
+
+
+@pytest.mark.parametrize(("lost", "grows", "asked"), [(0, 0.0, 0), (0, 3e-4, 0), (60, 0.0, 1)])
+def test_a_screw_is_accused_only_by_its_torque(lost, grows, asked):
+    """Friction that grows with acceleration, N m per rad/s2, is no lost preload."""
+    session, fresh = recorded(np.full(SECONDS, lost)), fresh_screw(axis())
+    assert fresh is not None
+    rows = session.channels["torque_nm"]
+    hard = np.abs(rows.variables["motor_acceleration_rad_s2"])
+    rows.gap[:] += grows * hard * np.sign(rows.variables["motor_speed_rad_s"])
+    course = known_loss(session, fresh)
+    assert asked_by_torque(session, axis(), course) == pytest.approx(asked, abs=0.05)
 
 
 @pytest.mark.slow

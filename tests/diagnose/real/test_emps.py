@@ -3,12 +3,11 @@
 Published values: Janot, Gautier and Brunot, Data Set and Reference Models of EMPS, 2019.
 """
 
-import json
 from pathlib import Path
 
 import pytest
 
-from edge_service.cli.entry import main
+from ..conftest import diagnosed, torque_gap
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT.parent / "shared" / "data" / "emps"
@@ -20,10 +19,8 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the EMPS recordings a
 def test_drag_and_asymmetry_are_found_and_help_on_the_validation_record(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    machine, out = str(ROOT / "deploy" / "emps.toml"), tmp_path / "out"
-    trace = str(DATA / "emps_estimation.csv")
-    assert main(["diagnose", "--machine", machine, trace, "--out", str(out)]) == 0
-    document = json.loads((out / "diagnosis.json").read_text())
+    machine = str(ROOT / "deploy" / "emps.toml")
+    document = diagnosed(machine, tmp_path, str(DATA / "emps_estimation.csv"))
     named = {each["name"]: each for each in document["effects"]}
     assert document["verdict"] == "explained"
     assert min(named[name]["probability"] for name in ("drag_error", "load_offset")) > 0.9
@@ -34,10 +31,6 @@ def test_drag_and_asymmetry_are_found_and_help_on_the_validation_record(
     assert sum(offset.values()) == pytest.approx(-3.1648 * RATIO, rel=0.05)
     assert {"backlash", "thermal_growth", "timestamp_skew"} <= set(document["not_judged"])
     assert list(document["gap"]) == ["torque_nm"]
-    capsys.readouterr()
     pulses = str(DATA / "emps_validation_pulses.csv")
-    gaps = []
-    for model in (machine, str(out / "augmented.toml")):
-        assert main(["gap", "--machine", model, pulses, "--json"]) == 0
-        gaps.append(json.loads(capsys.readouterr().out)["torque_nm"])
-    assert gaps[1] < 0.2 * gaps[0]
+    learned = torque_gap(tmp_path / "out" / "augmented.toml", pulses, capsys)
+    assert learned < 0.2 * torque_gap(machine, pulses, capsys)

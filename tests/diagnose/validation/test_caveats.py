@@ -44,7 +44,7 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
 def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
     found = noisy(machine_file, tmp_path, 1e-3)
     assert found["verdict"] == "no_gap"
-    assert found["caveats"] == []
+    assert not any("unnoticed" in each for each in found["caveats"])
 
 
 @pytest.mark.parametrize(
@@ -54,6 +54,7 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
         (Verdict.AMBIGUOUS, 0.05, True),
         (Verdict.EXPLAINED, 0.02, False),
         (Verdict.UNKNOWN, 0.05, False),
+        (Verdict.NO_GAP, 0.02, True),
     ],
 )
 def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
@@ -61,7 +62,8 @@ def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, st
     found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
     assert bool(found) == stated
     if stated:
-        assert found[0].startswith("torque: 0.0466 N m beyond the floor are left")
+        left = "0.199 N m beyond" if verdict is Verdict.NO_GAP else "0.0466 N m beyond"
+        assert found[0].startswith(f"torque: {left} the floor")
 
 
 @pytest.mark.slow

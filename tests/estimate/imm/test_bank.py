@@ -81,12 +81,6 @@ def together(outputs: list[BankOutput]) -> BankOutput:
     return BankOutput(*(np.array([getattr(each, name) for each in outputs]) for name in NAMES))
 
 
-def assert_same(first: BankOutput, second: BankOutput, tolerance: float) -> None:
-    for name in NAMES:
-        one, other = getattr(first, name), getattr(second, name)
-        np.testing.assert_allclose(one, other, rtol=tolerance, atol=tolerance, err_msg=name)
-
-
 def sliding_filter(problem: Problem) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """(4.4.7-12) for one mode, with the squared innovation in units of S."""
     s, x, p = problem.step, problem.start.state, problem.start.covariance

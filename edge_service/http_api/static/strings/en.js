@@ -306,6 +306,11 @@ export const en = {
   "use.no_map": "No map: the stroke is not known, or nothing moved.",
   "use.map.text": "From {from} mm to {to} mm; most at {at} mm. The busiest quarter has {share} % of the distance.",
 
+  "shaken": "Test by shaking",
+  "shaken.why": "With one encoder warmth and other grease look like a lost preload. A test that shakes the axis on a slow feed tells them apart; it is due once a week.",
+  "shaken.run": "After the usual warm-up, without a workpiece, let the control run these setpoints where it ran them at commissioning:",
+  "shaken.seen": "The service sees the test by itself. What it says stands here half a minute after its end.",
+  "shaken.waiting": "Waiting for the test …",
   "step.motion": "1. Choose a motion",
   "step.record": "2. Record it",
   "step.result": "3. See the result",
