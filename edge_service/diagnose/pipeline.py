@@ -112,11 +112,8 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
         "effects": (*named, *rest.effects),
     }
     if rest.misfit is not None:
-        known = dict(rest.misfit.per_channel or {})
-        for each in named:
-            surely = {"p_value": min(1.0 - each.probability, known[each.channel].p_value)}
-            known[each.channel] = known[each.channel].model_copy(update=surely)
-        changes["misfit"] = Misfit.of(known)
+        surely = min([rest.misfit.p_value, *(1.0 - each.probability for each in named)])
+        changes["misfit"] = rest.misfit.model_copy(update={"p_value": surely})
     return rest.model_copy(update=changes)
 
 
@@ -197,18 +194,15 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     partly = is_unknown and known
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     without = problem.fit(()).rms
-    misfit = {
-        name: Misfit(
-            p_value=noise.chance(name, without[name]),
-            p_value_after=noise.chance(name, left_rms[name]),
-        )
-        for name in gap
-    }
+    misfit = Misfit(
+        p_value=min(noise.chance(name, without[name]) for name in gap),
+        p_value_after=min(noise.chance(name, left_rms[name]) for name in gap),
+    )
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
         partly=partly,
-        misfit=Misfit.of(misfit),
+        misfit=misfit,
         gap=gap,
         where=tuple(where(session.channels, floor)),
         where_after=tuple(where(rows_after, floor)),

@@ -139,23 +139,14 @@ class ChannelGap(Frozen):
 
 
 class Misfit(Frozen):
-    """Chance that a healthy axis leaves as much beyond the floor, what it may have taken away.
+    """Chance that a healthy axis leaves as much beyond the floor, in the least likely channel.
 
     Attributes:
         p_value, p_value_after: with the model as it is, and with the named effects in it.
-        per_channel: the same of each channel, where the chance is that of all.
     """
 
     p_value: float
     p_value_after: float
-    per_channel: "dict[str, Misfit] | None" = None
-
-    @classmethod
-    def of(cls, per_channel: Mapping[str, "Misfit"]) -> "Misfit":
-        """Chance of all channels: that of the least likely one."""
-        before = min(each.p_value for each in per_channel.values())
-        after = min(each.p_value_after for each in per_channel.values())
-        return cls(p_value=before, p_value_after=after, per_channel=dict(per_channel))
 
 
 class Unexplained(Frozen):

@@ -35,12 +35,9 @@ TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
-HEALTHY = (
-    *((0.0, 1.0), (0.11, 0.7), (0.3, 0.5), (0.35, 0.3), (0.43, 0.2), (0.59, 0.1)),
-    *((0.62, 0.05), (0.643, 0.02), (0.677, 0.01), (1.0, 1e-3)),
-)
-"""Remainder beyond the floor, over the floor, and the part of healthy axes that leave more: of 320
-simulated ones, three plants and six motions; the last point is an assumption."""
+_MOST_INDEPENDENT = 60.0
+"""Observations for which no p-value up to 0.1 is below the part of healthy axes that left as much:
+of 320 simulated ones, 200 and 120 more, three plants and six motions."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
@@ -114,18 +111,12 @@ class Noise:
         return self.beyond(channel, rms) > self.tolerance[channel]
 
     def chance(self, channel: str, rms: float) -> float:
-        """Chance that a healthy axis leaves at least such a root mean square: a p-value.
+        """Chance that a healthy axis leaves a root mean square, or more: a p-value.
 
-        That of simulated healthy axes, and no less than what so few independent observations
-        show: the ratio of two variances has Snedecor's F distribution.
+        The ratio of the variances of so few independent observations is F distributed.
         """
-        count, ratio = self.effective[channel], rms / max(self.floor[channel], 1e-300)
-        beyond = math.sqrt(max(ratio**2 - 1.0, 0.0))
-        known, levels = zip(*HEALTHY, strict=True)
-        steepness = math.log(levels[-2] / levels[-1]) / (known[-1] - known[-2])
-        healthy = float(np.exp(np.interp(beyond, known, np.log(levels))))
-        healthy *= math.exp(-steepness * max(beyond - known[-1], 0.0))
-        return max(healthy, float(stats.f.sf(ratio**2, count, count)))
+        count, floor = min(self.effective[channel], _MOST_INDEPENDENT), self.floor[channel]
+        return float(stats.f.sf((rms / max(floor, 1e-300)) ** 2, count, count))
 
     def variance(self, channel: str, rms: float) -> float:
         """Variance of an observation by a fit that leaves a root mean square."""
