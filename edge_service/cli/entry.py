@@ -4,6 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 
 import click
 
@@ -13,13 +14,14 @@ from .connect import adopt, convert, doctor, init, record, replay, stub
 from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
 from .options import FLAG
 from .service import backup, check_config, fleet, node, restore, run, token
-from .twin import bench, check_diagnosis, reproduce, simulate
+from .twin import bench, reproduce, simulate
 
+CHECKS = tuple(each.load() for each in entry_points(group="edge_service.commands"))
 GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Run the service": (run, node, check_config, token, backup, restore, fleet),
     "Connect a machine": (init, adopt, doctor, record, replay, convert, stub),
     "Examine an axis": (commission, estimate, fingerprint, motion, gap, diagnose),
-    "Study the twin": (simulate, check_diagnosis, reproduce, bench),
+    "Study the twin": (simulate, *CHECKS, reproduce, bench),
 }
 GONE: dict[str, str] = {
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
@@ -56,7 +58,7 @@ class _Grouped(click.Group):
         for title, commands in GROUPS.items():
             formatter.write(f"\n{title}:\n")
             for each in commands:
-                formatter.write(f"  {each.name:<14}{summary(each)}\n")
+                formatter.write(f"  {each.name:<16}{summary(each)}\n")
         formatter.write("\n`edge-service help COMMAND` shows options and an example.\n")
 
 

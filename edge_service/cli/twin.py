@@ -10,7 +10,7 @@ import click
 
 from ..command_answer import Answer
 from ..exit_status import BadInputError
-from .options import POSITIVE, Effects, MachineFile, Option, Seed, Without, command
+from .options import POSITIVE, Effects, MachineFile, Option, Seed, command
 from .terminal import progress
 
 CHECKOUT = Path(__file__).parents[2]
@@ -57,31 +57,6 @@ def simulate(
     if duration is not None:
         raise BadInputError("--duration: with several motions expected NAME:duration_s=SECONDS")
     return simulate_session(load_machine(machine), settings, motions, out, progress=progress)
-
-
-@command("check-diagnosis --effect stribeck --effect backlash --seed 7", "check-diagnosis")
-def check_diagnosis(
-    machine: Annotated[
-        Path | None, Option("Machine file of the own plant.  [default: the thesis' test bench]")
-    ],
-    effects: Effects,
-    without: Without,
-    plant: Annotated[
-        Literal["own", "foreign"],
-        Option("Simulated axis of this package, or one that shares no code with it."),
-    ] = "foreign",
-    seed: Seed = 1,
-    cases: Annotated[int, Option("Number of recordings.", kind=click.IntRange(1, 10_000))] = 8,
-) -> Answer:
-    """Score the diagnosis on hidden effects, truth beside answer.
-
-    A plant records an axis with effects that are drawn, or given; the diagnosis is told of none.
-    What it names goes into the model, and the gap is measured on another recording. The foreign
-    plant draws the values of its effects itself.
-    """
-    from ..offline.diagnosis.check import check_diagnosis as run
-
-    return run(plant, machine, effects, without, seed or 0, cases, progress)
 
 
 @command("reproduce --out out/reproduce")

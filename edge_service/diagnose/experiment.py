@@ -8,7 +8,6 @@ import numpy as np
 from scipy import optimize
 
 from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
-from ..models.effects.effect import ActiveEffect
 from ..models.effects.learned import learned_effects, model_effects
 from ..models.effects.registry import get_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
@@ -27,7 +26,7 @@ DECISIVE = 5.0
 """Logarithm of the evidence from which on two explanations are told apart."""
 _OBSERVATIONS = 400.0
 _FLOOR_OF_NOISE = 2.0
-_PERCENT = 7.0
+_PRELOAD_PERCENT = 7.0
 _NOTHING = 1e-9
 _LEAST_RUN_S, _SETTLE_S = 0.3, 0.4
 _LONGEST_HEALTHY_S = 300.0
@@ -63,32 +62,16 @@ def rehearsed(
 
     Raises MotionError: the axis does not allow the motion.
     """
-    baseline = rigid_baseline(machine)
-    frame = simulated_axis(machine, motion, duration_s, rate_hz)
-    channels = {name: frame.channels[name] for name in (ANGLE, TORQUE, TABLE_POSITION)}
-    return Session.of_runs(runs_of([SampleFrame(frame.time_s, channels)], baseline), baseline)
-
-
-def simulated_axis(
-    machine: Machine,
-    motion: str,
-    duration_s: float | None = None,
-    rate_hz: float = 1000.0,
-    effects: Sequence[ActiveEffect] = (),
-    seed: int = 1,
-) -> SampleFrame:
-    """All channels of an axis as stiff as its model, with some effects; otherwise as `rehearsed`.
-
-    Raises ValueError: the axis does not allow the motion, or its model not the effects.
-    """
-    limits, random = motion_limits(machine), np.random.default_rng(seed)
+    limits = motion_limits(machine)
     plan = MOTIONS[motion]
     if duration_s is None:
         duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
-    segments = iter(plan(limits, random))
+    segments = iter(plan(limits, np.random.default_rng(1)))
     setpoints = Setpoints(segments, limits.low_m, rate_hz).take(round(duration_s * rate_hz))
-    settings = FeedDriveSettings.of_machine(machine, rate_hz, effects)
-    return _driven(settings, setpoints, seed=seed, percent=machine.fresh_preload_percent)
+    settings = FeedDriveSettings.of_machine(machine, rate_hz)
+    frame = _driven(settings, setpoints, (ANGLE, TORQUE, TABLE_POSITION))
+    baseline = rigid_baseline(machine)
+    return Session.of_runs(runs_of([frame], baseline), baseline)
 
 
 def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
@@ -107,24 +90,19 @@ def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
         names = (ANGLE, *(name for name, is_there in there.items() if is_there))
         known = learned_effects(machine)
         settings = FeedDriveSettings.of_machine(machine, 1.0 / run.period_s, known)
-        frame = _driven(settings, setpoints, round(_SETTLE_S / run.period_s))
-        shown = SampleFrame(frame.time_s, {name: frame.channels[name] for name in names})
-        made += runs_of([shown], baseline, _LEAST_RUN_S)
+        frame = _driven(settings, setpoints, names, round(_SETTLE_S / run.period_s))
+        made += runs_of([frame], baseline, _LEAST_RUN_S)
     return Session.of_runs(made, baseline, model_effects(machine))
 
 
 def _driven(
-    settings: FeedDriveSettings,
-    setpoints: Floats,
-    start: int = 0,
-    seed: int = 1,
-    percent: float | None = None,
+    settings: FeedDriveSettings, setpoints: Floats, names: Sequence[str], start: int = 0
 ) -> SampleFrame:
-    """Samples, from a row on, of a stiff axis that follows setpoints (n, 3)."""
-    settings, percent = replace(settings, plant=rigid_plant(settings.plant)), percent or _PERCENT
-    drive = FeedDrive(settings, float(setpoints[0, 0]), percent, seed)
-    frame = drive.advance(setpoints, np.full(len(setpoints), percent))
-    channels = {name: values[start:] for name, values in frame.channels.items()}
+    """Channels, from a row on, of a healthy, stiff axis that follows setpoints (n, 3)."""
+    settings = replace(settings, plant=rigid_plant(settings.plant))
+    drive = FeedDrive(settings, float(setpoints[0, 0]), _PRELOAD_PERCENT, 1)
+    frame = drive.advance(setpoints, np.full(len(setpoints), _PRELOAD_PERCENT))
+    channels = {name: frame.channels[name][start:] for name in names}
     return SampleFrame(frame.time_s[start:], channels)
 
 

@@ -34,7 +34,7 @@ from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RA
 from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
-from ..recordings.forms import extent_of
+from ..recordings.extent import extent_of
 from .component import Component
 from .context import NodeContext, header
 from .desks import AxisDesk, Scrape, StoreOutputDesk

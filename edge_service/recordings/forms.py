@@ -6,17 +6,15 @@ as file(1) collects them.
 
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ..messages.samples import TIME
 from . import parquet
 from .columns import TraceError
 from .matlab import MAGIC as MAT_5
 from .matlab import MatlabSource
-from .parquet import PARQUET_SUFFIXES, ParquetSource, parquet_extent
+from .parquet import ParquetSource
 from .sinumerik import edge_json
 from .sinumerik.edge_json import EdgeJsonSource
 from .sinumerik.signals import ControllerAxis
@@ -25,9 +23,6 @@ from .sinumerik.tuning import is_tuning
 from .source import BYTE_ORDER_MARK, Source
 from .text import TextSource
 
-_CHUNK_BYTES, _LINE_BYTES = 1 << 20, 1 << 14
-Extent = tuple[int | None, float | None, float | None]
-"""Rows, first and last `time_s` of a recording; None: not known."""
 HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
 _ARCHIVE, _CSV = "unpack it first", "export it as CSV"
 _PARQUET, _UTF_16 = "write it as Parquet or CSV", "UTF-16 text: save it as UTF-8"
@@ -138,26 +133,3 @@ FORMS = (
 
 def _form(head: bytes, path: Path) -> Form | None:
     return next((form for form in FORMS if form.recognises(head, path)), None)
-
-
-def extent_of(path: Path) -> Extent:
-    """Extent of a Parquet or CSV file; of one in another form, or that is none, what is known."""
-    with suppress(OSError, ValueError):
-        return parquet_extent(path, TIME) if path.suffix in PARQUET_SUFFIXES else _of_text(path)
-    return None, None, None
-
-
-def _of_text(path: Path) -> Extent:
-    """Extent of text with a header; times are known where the first column is `time_s`."""
-    with path.open("rb") as file:
-        header, first = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)
-        lines, end = header.count(b"\n") + first.count(b"\n"), first
-        while chunk := file.read(_CHUNK_BYTES):
-            lines += chunk.count(b"\n")
-            end = (end + chunk)[-_LINE_BYTES:]
-    rows = max(lines - 1 + (not end.endswith(b"\n")), 0)
-    if rows and header.split(b",")[0].strip() == TIME.encode():
-        last = end.rstrip().rpartition(b"\n")[2]
-        with suppress(ValueError):
-            return rows, float(first.split(b",")[0]), float(last.split(b",")[0])
-    return rows, None, None

@@ -10,6 +10,7 @@ from edge_service.checks.finding import Verdict as Check
 from edge_service.cli.entry import main
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.result import Verdict
+from edge_service.models.effects.registry import effects
 from edge_service.models.machine import Machine
 from edge_service.offline.diagnosis.witnesses import beside_doubts, doubts
 
@@ -75,6 +76,7 @@ def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: P
     assert [each.name for each in out.iterdir()] == ["notes.txt"]
 
 
+LIBRARY = tuple(effects().values())
 LAG = Finding("encoder_lag", Check.DOUBTFUL, "linear encoder lags rotary by 0.45 ms")
 
 
@@ -85,7 +87,7 @@ def test_an_encoder_that_lags_is_found_by_both(machine: Machine) -> None:
     assert doubted.name == "encoder_lag"
     found = diagnose_session(session_of(machine, frame), machine)
     assert [each.name for each in found.effects] == ["timestamp_skew"]
-    assert beside_doubts(found, [doubted]) is found
+    assert beside_doubts(found, [doubted], LIBRARY) is found
 
 
 @pytest.mark.parametrize("causes", [(), ("drag_error",), ("compliance",)])
@@ -97,9 +99,9 @@ def test_encoders_in_step_are_not_doubted(machine: Machine, causes: tuple[str, .
 def test_a_lag_that_the_causes_lack_is_tied_with_what_it_passes_for(machine: Machine) -> None:
     found = diagnose_session(session_of(machine, frame_of(recorded(("compliance",), 3))), machine)
     assert found.verdict is Verdict.EXPLAINED
-    unsure = beside_doubts(found, [LAG])
+    unsure = beside_doubts(found, [LAG], LIBRARY)
     assert unsure.verdict is Verdict.AMBIGUOUS
     (compliance,) = unsure.effects
     assert compliance.tied == ("compliance", "timestamp_skew")
     assert compliance.probability <= 0.5
-    assert beside_doubts(found, []) is found
+    assert beside_doubts(found, [], LIBRARY) is found

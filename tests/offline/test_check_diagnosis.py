@@ -11,15 +11,9 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.diagnose.result import ChannelGap, Diagnosis, NamedEffect, ReplayStatus, Verdict
-from edge_service.offline.diagnosis.check import (
-    PLANTS,
-    CheckedCase,
-    HiddenCase,
-    foreign_plant,
-    own_plant,
-    plan,
-    totals_of,
-)
+
+from ..hidden_effects.cases import HiddenCase, foreign_plant, own_plant, plan
+from ..hidden_effects.score import CheckedCase, totals_of
 
 
 def answer(
@@ -98,7 +92,7 @@ def test_a_bad_name_is_one_line(
 
 
 def test_the_foreign_plant_is_installed_with_the_command() -> None:
-    (entry,) = entry_points(group=PLANTS)
+    (entry,) = entry_points(group="edge_service.commands")
     assert not entry.value.startswith("tests")
     plant = foreign_plant()
     assert {"backlash", "stribeck"} <= set(plant.known)

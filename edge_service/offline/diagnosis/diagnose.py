@@ -26,7 +26,7 @@ from ...diagnose.result import (
     learnable,
     withheld,
 )
-from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, Session, rigid_baseline
+from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, rigid_baseline
 from ...messages.interval import printed
 from ...models.effects.effect import Effect
 from ...models.effects.learned import model_effects
@@ -64,18 +64,8 @@ def diagnose(
     """
     try:
         machine = load_machine(machine_file, axis_number)
-        text, names = machine_file.read_text("utf-8"), [path.name for path in traces]
-        machine, found, session = examined(machine, traces, progress, reference, without)
-        if session is None:
-            _write(out, found, text, render(machine, names, found))
-            faults = "; ".join(found.reasons)
-            raise BadDataError(f"bad data: {faults} (report: {out / 'report.html'})")
-        try:
-            augmented = augmented_toml(text, learnable(found))
-        except ValueError as error:
-            raise ConfigError(f"{machine_file}: {error}") from error
-        _write(out, found, augmented, render(machine, names, found, session))
-        return Answer(_summary(found, out), found)
+        library = library_without(without)
+        return _diagnosed(machine, machine_file, traces, out, progress, reference, library)
     except BadDataError:
         raise
     except BaseException:
@@ -84,39 +74,37 @@ def diagnose(
         raise
 
 
-def examined(
+def _diagnosed(
     machine: Machine,
+    machine_file: Path,
     traces: Sequence[Path],
-    progress: Progress = silent,
-    reference: Sequence[Path] = (),
-    without: Sequence[str] = (),
-) -> tuple[Machine, Diagnosis, Session | None]:
-    """The machine as its reference shows it, the diagnosis, and its session; bad data have none.
-
-    Raises TraceError, DiagnosisError.
-    """
-    healthy, library = None, library_without(without)
+    out: Path,
+    progress: Progress,
+    reference: Sequence[Path],
+    library: Sequence[Effect],
+) -> Answer:
+    text, healthy = machine_file.read_text("utf-8"), None
     if reference:
         machine, healthy = _healthy(machine, reference, progress)
     runs = read_runs(machine, traces, progress)
+    names = [path.name for path in traces]
     check = _checked(machine, traces, runs)
     if check.faults:
-        return machine, _bad_data(machine, runs, check.faults, check.remarks), None
+        refused = _bad_data(machine, runs, check.faults, check.remarks)
+        _write(out, refused, text, render(machine, names, refused))
+        raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
     session = session_of(machine, runs)
     if healthy is not None:
         session = healthy.beside(session)
     doubted = doubts(machine, runs)
     fresh, reading, lost = fresh_screw(machine), preload_reading(machine, traces), None
-    known = {each.confirmation.check for each in library if each.confirmation}
-    seen = [each for each in doubted if each.name in known]
-    fresh = fresh if fault() in library else None
-    if fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
+    may_lose = fault() in library
+    if may_lose and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         course = known_loss(session, fresh)
         lost = diagnose_beside_loss(session, machine, course, reading, progress, library)
     found = lost or diagnose_session(session, machine, library, progress)
-    found = _with_motion(beside_doubts(found, seen), machine)
-    if not lost and fault() in library:
-        found = with_missing_drag(found, fresh, reading)
+    found = _with_motion(beside_doubts(found, doubted, library), machine)
+    found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
@@ -126,7 +114,13 @@ def examined(
         "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
         "reference": tuple(path.name for path in reference),
     }
-    return machine, found.model_copy(update=stated), session
+    found = found.model_copy(update=stated)
+    try:
+        augmented = augmented_toml(text, learnable(found))
+    except ValueError as error:
+        raise ConfigError(f"{machine_file}: {error}") from error
+    _write(out, found, augmented, render(machine, names, found, session))
+    return Answer(_summary(found, out), found)
 
 
 def library_without(names: Sequence[str]) -> tuple[Effect, ...]:

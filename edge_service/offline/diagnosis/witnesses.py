@@ -10,7 +10,8 @@ from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, Verdict
 from ...estimate.mixture.estimator import MixturePreloadEstimator
 from ...messages.samples import ANGLE, TABLE_POSITION, SampleFrame
-from ...models.effects.registry import effects, get_effect
+from ...models.effects.effect import Effect
+from ...models.effects.registry import get_effect
 from ...models.machine import Machine
 from ...nodes.stages import make_downsampler
 from ...regression.run import Run
@@ -35,7 +36,9 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
     return [each for each in found if each.verdict is Check.DOUBTFUL and each.name != "rate"]
 
 
-def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
+def beside_doubts(
+    found: Diagnosis, doubted: Sequence[Finding], library: Sequence[Effect]
+) -> Diagnosis:
     """Diagnosis that names what `doctor` sees by itself with what it may pass for.
 
     Where `doctor` sees an effect, such as a lag of an encoder, and the causes lack it, effects that
@@ -43,11 +46,12 @@ def beside_doubts(found: Diagnosis, doubted: Sequence[Finding]) -> Diagnosis:
     """
     named, seen = {each.name for each in found.effects}, {each.name for each in doubted}
     changed = list(found.effects)
-    for name, effect in effects().items():
-        if not effect.confirmation or effect.confirmation.check not in seen or name in named:
+    for effect in library:
+        name, confirmed = effect.name, effect.confirmation
+        if not confirmed or confirmed.check not in seen or name in named:
             continue
         for k, each in enumerate(changed):
-            if each.entries and get_effect(each.name).kind in effect.confirmation.resembled_by:
+            if each.entries and get_effect(each.name).kind in confirmed.resembled_by:
                 less = {"probability": _TRUST * each.probability, "tied": (*each.tied, name)}
                 changed[k] = each.model_copy(update=less)
     if changed == list(found.effects):

@@ -3,16 +3,8 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from edge_service.offline.diagnosis.check import (
-    CheckedCase,
-    HiddenCase,
-    checked,
-    foreign_plant,
-    plan,
-    total_lines,
-    totals_of,
-)
-
+from ...hidden_effects.cases import HiddenCase, foreign_plant, plan
+from ...hidden_effects.score import CheckedCase, checked, total_lines, totals_of
 from ..table import Progress, Table, in_processes
 
 

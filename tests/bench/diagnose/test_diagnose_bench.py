@@ -7,9 +7,9 @@ from click.testing import CliRunner
 
 from edge_service.cli.entry import main
 from edge_service.diagnose.result import SURE
-from edge_service.offline.diagnosis.check import HiddenCase
 from tests.bench.commands import bench
 
+from ...hidden_effects.cases import HiddenCase
 from .. import real_machines
 from ..estimator.plants.second_plant import BESIDE
 from ..real_machines import DATA

@@ -1,152 +1,37 @@
-"""`edge-service check-diagnosis`: hidden effects, what the diagnosis says of them, and its score.
+"""Score of the diagnosis: truth beside answer, and what is left of another recording's gap."""
 
-A plant records an axis with effects that nobody tells the diagnosis of. Its answer goes into the
-machine file, and the gap is measured on another recording of the same axis. The truth is written
-beside the answer afterwards.
-"""
-
-import difflib
-import math
 import tempfile
-import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
-from importlib.metadata import entry_points
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
-
-from ...atomic import replaced_file
-from ...command_answer import Answer
-from ...config import DEFAULT_MACHINE, load_machine
-from ...diagnose.experiment import simulated_axis
-from ...diagnose.result import SURE, Diagnosis, Series, Verdict, learnable
-from ...diagnose.session.session import CHANNEL_UNITS, Session
-from ...messages.samples import SampleFrame
-from ...models.effects.effect import ActiveEffect, Role
-from ...models.effects.learned import model_effects
-from ...models.effects.registry import (
-    active_effect,
-    disturbance,
-    effect_names,
-    get_effect,
-    parse_effect,
+from edge_service.command_answer import Answer
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.diagnose.result import SURE, Diagnosis, Verdict
+from edge_service.diagnose.session.session import CHANNEL_UNITS, Session
+from edge_service.messages.samples import SampleFrame
+from edge_service.models.effects.learned import model_effects
+from edge_service.models.effects.registry import active_effect, disturbance, effect_names
+from edge_service.offline.diagnosis.diagnose import diagnose
+from edge_service.offline.diagnosis.gap import (
+    BadDataError,
+    DiagnosisError,
+    read_runs,
+    session_of,
 )
-from ...models.machine import Machine
-from ...recordings.writer import TraceWriter
-from ..recordings import Progress, silent
-from .diagnose import augmented_toml, examined, library_without
-from .gap import DiagnosisError, one_line, read_runs, session_of
+from edge_service.offline.recordings import Progress, silent
+from edge_service.recordings.writer import TraceWriter
 
-PLANTS = "edge_service.plants"
-"""Entry points of plants that share no code with the library."""
+from .cases import FRESH, HiddenCase, Plant, foreign_plant, own_plant, plan
+
 LIKELY = 0.5
-STRENGTHS = (0.5, 1.0, 2.0)
-"""Of a typical fault."""
-FRESH = "production"
-"""Motion of the recording that shows how far the gap really shrinks."""
 _HOLD_OUT = 500_000
 _CLEAR = 1.5
 """Gap over its floor from which on there is something to shrink."""
-_PRODUCTION_S = 60.0
-_KINDS = ("healthy", "single", "single", "single", "pair", "odd", "out", "triple")
-
-
-@dataclass(frozen=True, slots=True)
-class HiddenCase:
-    """Effects of one axis, by name or as NAME:KEY=VALUE,..., and what the library is to lack."""
-
-    causes: tuple[str, ...]
-    strength: float
-    motion: str
-    seed: int
-    withheld: tuple[str, ...] = ()
-
-    @property
-    def names(self) -> set[str]:
-        """Names of the effects."""
-        return {each.partition(":")[0] for each in self.causes}
-
-    @property
-    def label(self) -> str:
-        """Short name of the case."""
-        return f"{'+'.join(self.causes) or 'healthy'} x{self.strength:g} {self.motion} {self.seed}"
-
-
-@dataclass(frozen=True, slots=True)
-class Plant:
-    """Axis that records hidden effects.
-
-    Attributes:
-        machine_toml: its machine file, which knows of none of them.
-        known: names of effects that it can have, and the library too.
-        odd: of those that the library lacks.
-        recorded: recording of the axis of a case, on a motion, with a seed of its own.
-    """
-
-    machine_toml: str
-    known: Sequence[str]
-    odd: Sequence[str]
-    motions: Sequence[str]
-    recorded: Callable[[HiddenCase, str, int], SampleFrame]
-
-
-def own_plant(machine_file: Path) -> Plant:
-    """Simulated axis of a machine file, as stiff as its model, with effects of the library."""
-    known = [name for name in effect_names() if not get_effect(name).is_fault]
-    recorded = partial(_own_recorded, load_machine(machine_file))
-    return Plant(machine_file.read_text("utf-8"), known, (), ("friction", FRESH), recorded)
-
-
-def _own_recorded(machine: Machine, case: HiddenCase, motion: str, seed: int) -> SampleFrame:
-    duration_s = _PRODUCTION_S if motion == FRESH else None
-    with one_line():
-        active = [_drawn(text, case) for text in case.causes]
-        return simulated_axis(machine, motion, duration_s, effects=active, seed=seed)
-
-
-def _drawn(text: str, case: HiddenCase) -> ActiveEffect:
-    """Effect as it is given, or with amounts and phases by chance."""
-    if ":" in text:
-        return parse_effect(text)
-    random, values = np.random.default_rng([case.seed, zlib.crc32(text.encode())]), {}
-    for each in get_effect(text).parameters:
-        if each.role is Role.AMOUNT:
-            drawn = case.strength * random.uniform(0.8, 1.25) * each.faulty
-            values[each.name] = min(max(drawn, each.low), each.high)
-        elif each.role is Role.PHASE:
-            values[each.name] = random.uniform(0.0, 2.0 * math.pi)
-    return active_effect(text, values)
-
-
-def foreign_plant() -> Plant:
-    """Axis that shares no code with the library; its seed draws what its effects are."""
-    plant = _installed()
-    machine_toml, motions = (
-        plant.nominal_machine_toml(plant.DIAGNOSIS),
-        ("full", FRESH, "staircase"),
-    )
-    known = sorted(plant.FAULTS)
-    odd = sorted(name for name, each in plant.ODDITIES.items() if each.channel != plant.NEITHER)
-    return Plant(machine_toml, known, odd, motions, _foreign_recorded)
-
-
-@cache
-def _installed() -> Any:
-    for entry in entry_points(group=PLANTS, name="foreign"):
-        return entry.load()
-    raise DiagnosisError("--plant foreign: not installed; sh deploy/setup.sh sets it up")
-
-
-def _foreign_recorded(case: HiddenCase, motion: str, seed: int) -> SampleFrame:
-    plant, there = _installed(), tuple((name, case.strength) for name in case.causes)
-    made = plant.case(there, motion, seed=seed, axis_seed=case.seed)
-    columns = dict(plant.simulate(made).columns)
-    return SampleFrame(columns.pop("time_s"), columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,39 +110,35 @@ class CheckedCase:
     def words(self) -> str:
         """Truth, answer and gap on one line."""
         named = ", ".join(f"{name} {p:.2f}" for name, p in self.named.items()) or "nothing"
-        lacking = (
-            f" (library without {', '.join(self.case.withheld)})" if self.case.withheld else ""
-        )
+        case = self.case
+        lacking = f" (library without {', '.join(case.withheld)})" if case.withheld else ""
+        hidden = f"{'+'.join(case.causes) or 'healthy'} x{case.strength:g} {case.motion}"
         gaps = ", ".join(
             f"{name} {before:.3g} -> {after:.3g} {CHANNEL_UNITS[name]}"
             for name, (before, after) in self.again.items()
         )
-        said = f"{self.case.label}{lacking}; answer {self.found.verdict.value}: {named}"
+        said = f"{hidden} {case.seed}{lacking}; answer {self.found.verdict.value}: {named}"
         return f"{self.outcome}: {said}; other recording: {gaps}"
 
 
 def checked(plant: Plant, case: HiddenCase) -> CheckedCase:
     """Record a case, diagnose it by files as a user would, and measure on another recording."""
     with tempfile.TemporaryDirectory(prefix="check-") as home:
-        folder = Path(home)
-        machine_file, augmented = folder / "machine.toml", folder / "augmented.toml"
-        trace, fresh = folder / "trace.parquet", folder / "fresh.parquet"
-        _write(machine_file, plant.machine_toml)
+        machine_file, trace, fresh = (
+            Path(home) / name for name in ("machine.toml", "trace.parquet", "fresh.parquet")
+        )
+        machine_file.write_text(plant.machine_toml, "utf-8")
+        machine, out = load_machine(machine_file), Path(home) / "out"
         _record(trace, plant.recorded(case, case.motion, case.seed))
-        machine = load_machine(machine_file)
-        _, found, _ = examined(machine, [trace], without=case.withheld)
-        _write(augmented, augmented_toml(plant.machine_toml, learnable(found)))
+        with suppress(BadDataError):
+            diagnose(machine_file, [trace], out, without=case.withheld)
+        found = Diagnosis.model_validate_json((out / "diagnosis.json").read_text("utf-8"))
         _record(fresh, plant.recorded(case, FRESH, case.seed + _HOLD_OUT))
         before = session_of(machine, read_runs(machine, [fresh]))
-        after = before.with_model(model_effects(load_machine(augmented)))
+        learned = load_machine(out / "augmented.toml")
+        after = before.with_model(model_effects(learned))
     again = {name: (rows.rms, after.channels[name].rms) for name, rows in before.channels.items()}
-    found = found.model_copy(update={"series": Series()})
     return CheckedCase(case, found, _realised(found, before), again)
-
-
-def _write(path: Path, text: str) -> None:
-    with replaced_file(path) as file:
-        file.write(text)
 
 
 def _record(path: Path, frame: SampleFrame) -> None:
@@ -280,59 +161,6 @@ def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
         )
         shrinks[each.name] = 1.0 - after / before
     return shrinks
-
-
-def plan(
-    plant: Plant,
-    count: int,
-    seed: int,
-    given: Sequence[str] = (),
-    withheld: Sequence[str] = (),
-) -> list[HiddenCase]:
-    """Cases of given effects; or healthy ones, singles, pairs, triples and what nobody knows.
-
-    Args:
-        withheld: what the library is to lack; of every eighth case it is the cause itself.
-
-    Raises DiagnosisError: an effect or its values that the plant, or the library, does not know.
-    """
-    library_without(withheld)
-    for text in given:
-        _check_effect(plant, text)
-    random, cases = np.random.default_rng(seed), list[HiddenCase]()
-    for k in range(count):
-        kind, motion = _KINDS[k % len(_KINDS)], plant.motions[k % len(plant.motions)]
-        strength, number = float(random.choice(STRENGTHS)), seed * 10_000 + k
-        name, lacking = plant.known[(k // 2) % len(plant.known)], tuple(withheld)
-        causes: tuple[str, ...] = tuple(given)
-        if given:
-            pass
-        elif kind == "healthy":
-            strength = 1.0
-        elif kind == "odd" and plant.odd:
-            causes = (str(random.choice(plant.odd)),)
-        elif kind in ("odd", "out"):
-            causes, strength, lacking = (name,), max(strength, 1.0), (*lacking, name)
-        else:
-            size = {"single": 1, "pair": 2, "triple": 3}[kind]
-            others = [each for each in random.permutation(plant.known) if each != name][: size - 1]
-            causes = (name, *map(str, others))
-        cases.append(HiddenCase(causes, strength, motion, number, lacking))
-    return cases
-
-
-def _check_effect(plant: Plant, text: str) -> None:
-    name, stated, _ = text.partition(":")
-    there = [*plant.known, *plant.odd]
-    if name not in there:
-        near = difflib.get_close_matches(name, there, 3)
-        hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
-        raise DiagnosisError(f"no effect {name!r}{hint}; the plant has {', '.join(there)}")
-    if stated:
-        if plant.odd:
-            raise DiagnosisError(f"--effect {text}: a foreign plant draws the values; name it only")
-        with one_line():
-            parse_effect(text)
 
 
 def check_diagnosis(

@@ -1,0 +1,1 @@
+"""Hidden effects: what the diagnosis says of them, held against the truth."""
