@@ -96,8 +96,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     as_json = FLAG in given
-    gone = _gone(given)
-    if gone is not None:
+    command, *rest = given or [""]
+    options = [each.partition("=")[0] for each in rest if each.startswith("--")]
+    keys = [command, " ".join(given[:2]), *(f"{command} {each}" for each in options), *options]
+    if gone := next((key for key in keys if key in GONE), None):
         return _complain(f"{gone}: {GONE[gone]}", status=BAD_INPUT, as_json=as_json)
     try:
         status = cli.main(args=given, prog_name="edge-service", standalone_mode=False)
@@ -114,14 +116,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         shown = getattr(error, "mistakes", ()) if given[:1] == ["check-config"] else ()
         return _complain(*(shown or (words,)), status=status, as_json=as_json)
     return status if isinstance(status, int) else DONE
-
-
-def _gone(given: Sequence[str]) -> str | None:
-    """First command, word or option of a call that is gone; None without one."""
-    command, *rest = given or [""]
-    options = [each.partition("=")[0] for each in rest if each.startswith("--")]
-    keys = [command, " ".join(given[:2]), *(f"{command} {each}" for each in options), *options]
-    return next((key for key in keys if key in GONE), None)
 
 
 def _explained(error: Exception) -> tuple[str, int]:

@@ -121,10 +121,8 @@ def fingerprint(
     written = out / "fingerprint.json" if batch is None else out
     if baseline is not None and baseline.resolve().is_relative_to(written.resolve()):
         raise BadInputError(f"--out {out}: would overwrite the baseline; choose another folder")
-    if batch is None:
-        return run(machine, traces, out, baseline, axis_number, by, progress)
     work = partial(run, machine, baseline_file=baseline, axis_number=axis_number, by=by)
-    return batch(work, traces, out)
+    return batch(work, traces, out) if batch else work(traces, out, progress=progress)
 
 
 @command("drift monday.csv friday.csv --machine m.toml", hidden=True)
@@ -221,7 +219,5 @@ def diagnose(
     """
     from ..offline.diagnosis.diagnose import diagnose as run
 
-    if batch is None:
-        return run(machine, traces, out, progress, reference, axis_number, without)
     work = partial(run, machine, reference=reference, axis_number=axis_number, without=without)
-    return batch(work, traces, out)
+    return batch(work, traces, out) if batch else work(traces, out, progress=progress)

@@ -2,12 +2,14 @@
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+import numpy as np
 
 from edge_service.command_answer import Answer
 from edge_service.config import DEFAULT_MACHINE, load_machine
@@ -64,11 +66,6 @@ class CheckedCase:
         return {name for name, p in self.named.items() if p > LIKELY}
 
     @property
-    def is_wrong(self) -> bool:
-        """Something is named with confidence that is not there."""
-        return any(p > SURE and name not in self.there for name, p in self.named.items())
-
-    @property
     def kind(self) -> str:
         """Sort of the case."""
         if not self.there:
@@ -81,7 +78,8 @@ class CheckedCase:
 
         Wrong is to be sure of what is not there; in part, that some causes are likely or tied.
         """
-        if self.is_wrong or (self.named and not self.case.causes):
+        is_sure = any(p > SURE and name not in self.there for name, p in self.named.items())
+        if is_sure or (self.named and not self.case.causes):
             return "wrong"
         is_quiet = self.found.verdict is Verdict.NO_GAP
         if not self.case.causes:
@@ -135,8 +133,8 @@ def checked(plant: Plant, case: HiddenCase) -> CheckedCase:
         found = Diagnosis.model_validate_json((out / "diagnosis.json").read_text("utf-8"))
         _record(fresh, plant.recorded(case, FRESH, case.seed + _HOLD_OUT))
         before = session_of(machine, read_runs(machine, [fresh]))
-        learned = load_machine(out / "augmented.toml")
-        after = before.with_model(model_effects(learned))
+        learned = model_effects(load_machine(out / "augmented.toml"))
+        after = Session.of_runs(before.runs, before.baseline, learned)
     again = {name: (rows.rms, after.channels[name].rms) for name, rows in before.channels.items()}
     return CheckedCase(case, found, _realised(found, before), again)
 
@@ -156,7 +154,9 @@ def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
     for each in found.effects:
         others = [effect for name, mine in active.items() if name != each.name for effect in mine]
         before, after = (
-            again.with_model([*again.modelled, *more]).channels[each.channel].rms
+            Session.of_runs(again.runs, again.baseline, [*again.modelled, *more])
+            .channels[each.channel]
+            .rms
             for more in (others, [*others, *active[each.name]])
         )
         shrinks[each.name] = 1.0 - after / before
@@ -192,22 +192,15 @@ def check_diagnosis(
     return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})
 
 
-def calibration_error(rows: Iterable[CheckedCase]) -> tuple[float, int]:
-    """Mean difference of probability and frequency of being right in each tenth; count of names."""
-    tenths: dict[int, list[float]] = {}
-    for row in rows:
-        for name, p in row.named.items():
-            tenths.setdefault(min(int(10.0 * p), 9), []).append(p - (name in row.there))
-    count = sum(map(len, tenths.values()))
-    return sum(abs(sum(each)) for each in tenths.values()) / max(count, 1), count
-
-
 def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
     """Counts of outcomes by kind of case, realised shrinks beside claimed ones, calibration.
 
     Shrinks are those of right names; a force that nothing foretells does not come again.
     """
-    off, names = calibration_error(rows)
+    said = np.array([(p, name in row.there) for row in rows for name, p in row.named.items()])
+    # difference of probability and frequency of being right in each tenth
+    p, is_right = said.reshape(-1, 2).T
+    off = np.abs(np.bincount((10.0 * p).clip(0, 9).astype(int), p - is_right)).sum()
     pairs = [
         (each.shrink, row.realised[each.name])
         for row in rows
@@ -232,8 +225,8 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         "realised_of_possible_share": median(possible) if possible else None,
         "shrinks": len(pairs),
         "shrinks_in_interval": sum(claimed.low <= got <= claimed.high for claimed, got in pairs),
-        "calibration_error_share": off if names else None,
-        "names": names,
+        "calibration_error_share": float(off) / len(p) if len(p) else None,
+        "names": len(p),
     }
 
 

@@ -3,10 +3,8 @@
 Recordings of a machine become runs, and one session to be compared with its model.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,7 @@ from ...diagnose.session.session import (
     rigid_baseline,
 )
 from ...exit_status import BAD_DATA, BadInputError
-from ...messages.samples import Floats, SampleFrame
+from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...regression.run import Run
@@ -91,49 +89,25 @@ def gap(
     machine = load_machine(machine_file, axis_number)
     require_sound(machine, traces)
     modelled = model_effects(machine)
-    torque, transmission = _Spread(), _Spread()
+    parts: dict[str, list[tuple[int, float, float]]] = {TORQUE_GAP: [], TRANSMISSION_GAP: []}
     with one_line():
         baseline = rigid_baseline(machine)
         for run in unbroken_runs(opened_recordings(machine, traces, progress), baseline):
-            if run.has_torque:
-                torque.add(channel_gap(TORQUE_GAP, run, baseline, modelled))
-            if run.transmission_m is not None:
-                transmission.add(channel_gap(TRANSMISSION_GAP, run, baseline, modelled))
-    found = {TORQUE_GAP: torque.rms, TRANSMISSION_GAP: transmission.deviation}
-    known = {name: value for name, value in found.items() if value is not None}
+            there = {TORQUE_GAP: run.has_torque, TRANSMISSION_GAP: run.transmission_m is not None}
+            for name in (name for name, is_there in there.items() if is_there):
+                values = channel_gap(name, run, baseline, modelled)
+                if len(values):
+                    parts[name].append((len(values), values.mean(), values.var()))
+    means = {TORQUE_GAP: 0.0, TRANSMISSION_GAP: None}
+    known = {name: _deviation(each, means[name]) for name, each in parts.items() if each}
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
     words = "\n".join(f"{name}: {rms:.4g}" for name, rms in known.items())
     return Answer(words, known)
 
 
-@dataclass(slots=True)
-class _Spread:
-    """Root mean square, and standard deviation, of values that come in parts."""
-
-    count: int = 0
-    total: float = 0.0
-    square: float = 0.0
-    _near: float = 0.0
-
-    def add(self, values: Floats) -> None:
-        if not self.count and values.size:
-            self._near = float(values.mean())
-        self.count += values.size
-        self.total += float(np.sum(values - self._near))
-        self.square += float(np.sum((values - self._near) ** 2))
-
-    @property
-    def deviation(self) -> float | None:
-        """About the mean; None of no values."""
-        if not self.count:
-            return None
-        return math.sqrt(max(self.square / self.count - (self.total / self.count) ** 2, 0.0))
-
-    @property
-    def rms(self) -> float | None:
-        """About zero; None of no values."""
-        deviation = self.deviation
-        if deviation is None:
-            return None
-        return math.hypot(deviation, self._near + self.total / self.count)
+def _deviation(parts: Sequence[tuple[int, float, float]], mean: float | None = None) -> float:
+    """Root mean square about a mean, their own unless given, of parts: count, mean and variance."""
+    count, means, variance = np.array(parts).T
+    centre = np.average(means, weights=count) if mean is None else mean
+    return float(np.sqrt(np.average(variance + (means - centre) ** 2, weights=count)))

@@ -97,7 +97,5 @@ def draw_gap(channel: str, session: Session, found: Diagnosis) -> str:
 
 
 def _svg(figure: Figure, axes: Axes, salt: str) -> str:
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, markerscale=5.0)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, markerscale=5.0)
     return as_svg(figure, salt, _DPI)

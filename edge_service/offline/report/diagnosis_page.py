@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 
-from ...diagnose.result import VIBRATION, Diagnosis, NamedEffect, Place, Shrink, Verdict
+from ...diagnose.result import Diagnosis, NamedEffect, Place, Shrink, Verdict
 from ...diagnose.session.session import Session
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
@@ -26,12 +26,6 @@ FLOORS = {
     "recording": "what neither this motion nor a repeat of it can predict, in this recording",
     "reference": "the difference that remains between healthy recordings",
 }
-
-
-SHAKEN = (
-    "The difference repeats itself in time, whatever the axis does: a limit cycle of the drive, "
-    "chatter, or a machine next door."
-)
 
 
 def render(
@@ -78,13 +72,13 @@ def render(
         channels=CHANNELS,
         labels=LABELS,
         floors=FLOORS,
-        describe=lambda name: SHAKEN if name == VIBRATION else get_effect(name).description,
+        describe=lambda name: get_effect(name).description,
     )
 
 
 def _weight(each: NamedEffect) -> tuple[bool, float, float]:
     """A fault comes first, then the surest; of those as sure, what makes most of the difference."""
-    is_fault = each.name != VIBRATION and get_effect(each.name).is_fault
+    is_fault = bool(each.entries) and get_effect(each.name).is_fault
     return not is_fault, -round(each.probability, 1), -each.shrink.estimate
 
 
@@ -98,11 +92,7 @@ def sure(probability: float) -> str:
 
 
 def chance(p_value: float) -> str:
-    """Chance in words.
-
-    >>> chance(3e-9), chance(0.0412)
-    ('less than 0.0001', '0.041')
-    """
+    """Chance in words, such as `0.041`, or `less than 0.0001`."""
     return f"{p_value:.2g}" if p_value >= 1e-4 else "less than 0.0001"
 
 
@@ -112,8 +102,6 @@ def quantity(effect: str, parameter: str) -> str:
     >>> quantity("backlash", "width_m")
     'Clearance'
     """
-    if effect == VIBRATION:
-        return parameter.rpartition("_")[0].capitalize() or parameter.capitalize()
     described = next(p for p in get_effect(effect).parameters if p.name == parameter)
     return described.description.rstrip(".")
 

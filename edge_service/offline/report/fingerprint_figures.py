@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from scipy import signal
 
 from ...fingerprint.compare import Drift
 from ...fingerprint.result import AxisFingerprint, Curve
@@ -155,14 +156,10 @@ def _mark_modes(axes: Axes, known: Mapping[str, IntervalEstimate]) -> None:
 
 def _name_orders(axes: Axes, curve: Curve) -> None:
     """The order at the greatest peaks, as far as they stand out."""
-    floor = _OUT_OF_NOISE * float(np.median(curve.y))
-    inner = curve.y[1:-1]
-    peaks = np.flatnonzero((inner > curve.y[:-2]) & (inner >= curve.y[2:])) + 1
+    peaks, _ = signal.find_peaks(curve.y, height=_OUT_OF_NOISE * float(np.median(curve.y)))
     for k in sorted(peaks.tolist(), key=lambda k: -curve.y[k])[:_NAMED_ORDERS]:
-        if curve.y[k] > floor:
-            place = (float(curve.x[k]), float(curve.y[k]))
-            text = f"{curve.x[k]:g} per turn"
-            axes.annotate(text, place, (4, -2), textcoords="offset points", va="top")
+        place, text = (float(curve.x[k]), float(curve.y[k])), f"{curve.x[k]:g} per turn"
+        axes.annotate(text, place, (4, -2), textcoords="offset points", va="top")
 
 
 def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
