@@ -81,7 +81,7 @@ def diagnose_session(
     if not shaken:
         return found
     forced = any(each.name == disturbance() for each in found.effects)
-    kept = [cause for each, cause in shaken if not forced or each.share > OFTEN]
+    kept = [cause for each, cause in shaken if not forced or each.is_there.mean() > OFTEN]
     named = list({each.channel: each for each in reversed(kept)}.values())  # the greatest
     told = (each.words for each, cause in shaken if cause not in kept)
     found = found.model_copy(update={"caveats": (*found.caveats, *told)})
@@ -92,9 +92,8 @@ def diagnose_session(
         else each
         for each in found.effects
     ]
-    is_unknown = found.verdict is Verdict.UNKNOWN
-    found = found.with_effects(less, verdict_of(less, is_unknown=is_unknown))
-    found = beside(found, named, session)
+    rest = verdict_of(less, is_unknown=found.verdict is Verdict.UNKNOWN)
+    found = beside(found.with_effects(less, rest), named, session)
     verdict = Verdict.EXPLAINED if found.verdict is Verdict.NO_GAP else found.verdict
     return found.with_effects(_ranked(found.effects), verdict)
 
@@ -124,12 +123,12 @@ def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
     """A vibration as a named cause, without an entry: nobody foretells its phase."""
-    channel, (from_s, to_s) = found.channel, found.when_s
+    channel, there_s = found.channel, found.time_s[found.is_there].tolist()
     values = {
         "frequency_hz": (found.frequency_hz, "Hz"),
         "amplitude": (found.amplitude, CHANNEL_UNITS[channel]),
-        "from_s": (from_s, "s"),
-        "to_s": (to_s, "s"),
+        "from_s": (there_s[0], "s"),
+        "to_s": (there_s[-1], "s"),
     }
     there = 1.0 - after.channels[channel].rms / before.channels[channel].rms
     return NamedEffect(

@@ -76,7 +76,9 @@ class Noise:
     def of_gap(cls, session: Session, machine: Machine) -> Self:
         """Noise as the gap itself shows it, before anything is fitted."""
         gaps = {name: rows.gap for name, rows in session.channels.items()}
-        floor = _floor(session, noise_floor(session, gaps, structure_of_gap(session))[0])
+        levels, _ = noise_floor(session, gaps, structure_of_gap(session))
+        # a recording of an ailing machine says nothing of how quiet the healthy one is
+        floor = {name: session.healthy_floor.get(name, each) for name, each in levels.items()}
         return cls(
             floor=floor,
             tolerance=stated_tolerance(machine, floor, session.torque_rms_nm),
@@ -91,8 +93,8 @@ class Noise:
             left: residual by channel, (n,).
         """
         levels, noise = noise_floor(session, left)
-        bounded = _floor(session, levels)
-        floor = {name: min(bounded[name], each) for name, each in self.floor.items()}
+        known = session.healthy_floor
+        floor = {n: min(known.get(n, levels[n]), each) for n, each in self.floor.items()}
         tolerance = stated_tolerance(machine, floor, session.torque_rms_nm)
         effective = {}
         for name, each in noise.items():
@@ -135,14 +137,6 @@ class Noise:
             counts = above > 0.0 and self.matters(name, left)
             found[name] = min((self.beyond(name, left) / above) ** 2, 1.0) if counts else 0.0
         return found
-
-
-def _floor(session: Session, levels: Mapping[str, float]) -> dict[str, float]:
-    """Floor: that by which healthy recordings part from one another, or else the recording's own.
-
-    A recording of an ailing machine says nothing of how quiet the healthy one is.
-    """
-    return {name: session.healthy_floor.get(name, each) for name, each in levels.items()}
 
 
 def stated_tolerance(

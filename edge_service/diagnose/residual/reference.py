@@ -20,7 +20,7 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ...regression.run import Run
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
-from .structure import SmoothFunctions, with_ridge
+from .structure import SmoothFunctions
 
 _RIDGES = (1e-3, 1e-2, 0.1, 1.0)
 """Of the number of rows."""
@@ -88,7 +88,7 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
     session = Session.of_runs(runs, baseline, model_effects(machine))
     columns = np.column_stack([session.column(TORQUE_GAP, curve) for curve in _PARAMETERS.values()])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
-    gram = with_ridge((columns / scale).T @ (columns / scale), _LOOSE * len(columns))
+    gram = (columns / scale).T @ (columns / scale) + _LOOSE * len(columns) * np.eye(len(scale))
     found = np.linalg.solve(gram, (columns / scale).T @ session.channels[TORQUE_GAP].gap) / scale
     change = dict(zip(_PARAMETERS, found.tolist(), strict=True))
     model = machine.model
@@ -154,5 +154,5 @@ def _followed(rows: Rows, channel: str, ridge: float, runs: Sequence[Run]) -> _F
     forms, columns = SmoothFunctions.fitted(
         rows.variables, rows.gap, channel, runs[0].low_pass, timed=False
     )
-    gram = with_ridge(columns.T @ columns, ridge * len(columns))
+    gram = columns.T @ columns + ridge * len(columns) * np.eye(columns.shape[1])
     return _Followed(forms, np.linalg.solve(gram, columns.T @ rows.gap).astype(np.float64))

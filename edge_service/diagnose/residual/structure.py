@@ -125,7 +125,11 @@ def _wave(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floa
 
 def _gain(variables: Mapping[str, Floats], order: int, low_pass: Filter) -> Floats:
     """Part of an order's amplitude that passes at each speed, (n,)."""
-    frequency_hz = order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi)
+    return passed_at(order * np.abs(variables["motor_speed_rad_s"]) / (2.0 * np.pi), low_pass)
+
+
+def passed_at(frequency_hz: Floats, low_pass: Filter) -> Floats:
+    """Part of an amplitude that passes at some frequencies, (n,)."""
     if len(low_pass.taps) == 1:
         return np.ones_like(frequency_hz)
     share = (frequency_hz / low_pass.cutoff_hz) ** 2
@@ -193,7 +197,8 @@ def predicted_structure(
             asked = forms.columns(here)
             gram, cross = known.T @ known, known.T @ values[~mine]
             for ridge in _RIDGES:
-                beta = np.linalg.solve(with_ridge(gram, ridge * len(known)), cross)
+                held = gram + ridge * len(known) * np.eye(len(gram))
+                beta = np.linalg.solve(held, cross)
                 found[ridge][mine] = asked @ beta
         best = min(found.values(), key=lambda each: float(np.sum((values - each) ** 2)))
         helps = np.sum((values - best) ** 2) < np.sum(values**2)
@@ -205,9 +210,3 @@ def predicted_structure(
 def structure_of_gap(session: Session) -> Mapping[str, Floats]:
     """Prediction of the gap itself, see `predicted_structure`; that of the last session is kept."""
     return predicted_structure(session, {name: each.gap for name, each in session.channels.items()})
-
-
-def with_ridge(gram: Floats, ridge: float) -> Floats:
-    """Sums of products (p, p) with a ridge, the same for all columns."""
-    held: Floats = gram + ridge * np.eye(len(gram))
-    return held

@@ -17,10 +17,9 @@ from scipy import ndimage, stats
 
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.machine import Machine
-from ...regression.run import FILTER_ORDER, Filter
-from ..session.session import CHANNEL_UNITS, TORQUE_GAP, Rows, Session, rms
+from ..session.session import CHANNEL_UNITS, Rows, Session, rms
 from .noise import ordinary_rms, stated_tolerance
-from .structure import structure_of_gap
+from .structure import passed_at, structure_of_gap
 
 Complexes = NDArray[np.complex128]
 
@@ -50,37 +49,34 @@ class Vibration:
 
     Attributes:
         p_value: chance of one as prominent in noise.
-        clock_s: times at which it is known, (n,), on the clock of the session.
-        slow: its amplitude and phase at these, in the unit of the channel, complex, (n,).
+        time_s: of the rows of the channel, (n,).
+        slow: its amplitude and phase at the rows, in the unit of the channel, complex, (n,).
+        passed: part of it that the low-pass of the comparison lets pass.
     """
 
     channel: str
     frequency_hz: float
     p_value: float
-    clock_s: Floats
+    time_s: Floats
     slow: Complexes
-
-    def at(self, time_s: Floats) -> Floats:
-        """Its part of the channel at some times, (k,)."""
-        slow = np.interp(time_s, self.clock_s, self.slow)
-        part: Floats = (slow * np.exp(2j * math.pi * self.frequency_hz * time_s)).real
-        return part
+    passed: float
 
     @property
-    def when_s(self) -> tuple[float, float]:
-        """First and last time that it is there."""
-        there = self.clock_s[self._is_there]
-        return float(there[0]), float(there[-1])
+    def part(self) -> Floats:
+        """Its part of the gap, (n,)."""
+        wave: Complexes = self.slow * np.exp(2j * math.pi * self.frequency_hz * self.time_s)
+        return self.passed * wave.real
+
+    @property
+    def is_there(self) -> Booleans:
+        """Rows at which it is about as strong as it gets, (n,)."""
+        size = np.abs(self.slow)
+        return size > _AS_STRONG * float(size.max())
 
     @property
     def amplitude(self) -> float:
         """Amplitude while it is there."""
-        return rms(np.abs(self.slow[self._is_there]))
-
-    @property
-    def share(self) -> float:
-        """Part of the time that it is there."""
-        return float(self._is_there.mean())
+        return rms(np.abs(self.slow[self.is_there]))
 
     @property
     def words(self) -> str:
@@ -89,44 +85,30 @@ class Vibration:
         size = f"{self.frequency_hz:.3g} Hz with {self.amplitude:.3g} {unit}"
         return f"{self.channel}: it oscillates at {size} now and then, as a force of cutting does"
 
-    @property
-    def _is_there(self) -> Booleans:
-        size = np.abs(self.slow)
-        return size > _AS_STRONG * float(size.max())
-
     def taken_from(self, session: Session) -> Session:
         """The session as it would be without it."""
-        runs = []
-        for run in session.runs:
-            motion, part, between = run.motion, self.at(run.motion.time_s), run.transmission_m
-            if self.channel == TORQUE_GAP:
-                motion = replace(motion, torque_nm=motion.torque_nm - part)
-            elif between is not None:
-                between = between - part
-            runs.append(replace(run, motion=motion, transmission_m=between))
-        return session.beside(Session.of_runs(runs, session.baseline, session.modelled))
+
+        def calm(other: Session) -> Session:
+            other = session.beside(other)
+            rows = other.channels[self.channel]
+            channels = {**other.channels, self.channel: replace(rows, gap=rows.gap - self.part)}
+            return replace(other, channels=channels, beside=calm)
+
+        return calm(Session.of_runs(session.runs, session.baseline, session.modelled))
 
 
 def strongest_vibration(session: Session, machine: Machine) -> Vibration | None:
     """The vibration that matters most; None where there is none."""
-    structure, found = structure_of_gap(session), []
+    structure, strongest, most = structure_of_gap(session), None, 1.0
     for channel, rows in session.channels.items():
         rest, motion = rows.gap - structure[channel], _commanded(session, channel)
         each = _strongest(session, channel, rest, motion)
         if each is not None:
-            part = _gain(session.runs[0].low_pass, each.frequency_hz) * each.at(each.clock_s)
-            floor = session.healthy_floor.get(channel, ordinary_rms(rest - part))
+            floor = session.healthy_floor.get(channel, ordinary_rms(rest - each.part))
             tolerated = stated_tolerance(machine, {channel: floor}, session.torque_rms_nm)[channel]
-            found.append((rms(part) / tolerated, each))
-    most, each = max(found, key=lambda pair: pair[0], default=(0.0, None))
-    return each if most > 1.0 else None
-
-
-def _gain(low_pass: Filter, frequency_hz: float) -> float:
-    """Part of an amplitude that the comparison lets pass."""
-    if len(low_pass.taps) == 1:
-        return 1.0
-    return 1.0 / (1.0 + (frequency_hz / low_pass.cutoff_hz) ** (2 * FILTER_ORDER))
+            if rms(each.part) / tolerated > most:
+                strongest, most = each, rms(each.part) / tolerated
+    return strongest
 
 
 def _commanded(session: Session, channel: str) -> Floats:
@@ -177,7 +159,8 @@ def _strongest(session: Session, channel: str, rest: Floats, motion: Floats) -> 
             for each in grids
         )
         slow = 2.0 * (real + 1j * imaginary) / there
-    return Vibration(channel, frequency_hz, p_value, time_s, slow / _gain(low_pass, frequency_hz))
+    passed = float(passed_at(np.array([frequency_hz]), low_pass)[0])
+    return Vibration(channel, frequency_hz, p_value, time_s, slow / passed, passed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -85,7 +85,7 @@ class PrescribedMotionAxis:
         Raises ValueError: a plant leaves the finite numbers.
         """
         motion, ratio = run.motion, self.plant.ratio_m_per_rad
-        misread = _chosen(number, [_misread_rad(each, motion.angle_rad) for each in variants])
+        misread = np.choose(number, [_misread_rad(each, motion.angle_rad) for each in variants])
         travel = ratio * (motion.angle_rad - misread)
         speed = motion.speed_rad_s - central_difference(misread, _period_s(motion))
         shaft_nm, ahead_m = self._moved(motion, travel, ratio * speed, variants, number)
@@ -148,7 +148,7 @@ class PrescribedMotionAxis:
         base = self.baseline
         inertia_nm = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
         known_n = -(motion.load_torque_nm - inertia_nm) / base.ratio_m_per_rad
-        by_time = Loads(*(_chosen(number, each) for each in zip(*loads, strict=True)))
+        by_time = Loads(*(np.choose(number, each) for each in zip(*loads, strict=True)))
         by_time = by_time._replace(force_n=by_time.force_n + known_n)
         return Way(_extended(speed), _extended(motion.position_m), Loads(*map(_extended, by_time)))
 
@@ -183,12 +183,6 @@ def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
 
 
 _TURN = np.linspace(0.0, 2.0 * math.pi, 4097)
-
-
-def _chosen(number: Integers, each: Sequence[Floats]) -> Floats:
-    """Value at each sample of the one of several series (n,) that holds there."""
-    found: Floats = np.choose(number, each)
-    return found
 
 
 def _extended(series: Floats) -> Floats:

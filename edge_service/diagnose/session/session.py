@@ -111,10 +111,6 @@ class Session:
             rows[name] = tuple(kept)
         return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
 
-    def with_model(self, modelled: Sequence[ActiveEffect]) -> Self:
-        """The same runs beside a model with other effects."""
-        return self.of_runs(self.runs, self.baseline, modelled)
-
     def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
         """Column of a channel from a function of the motion, (n,).
 
