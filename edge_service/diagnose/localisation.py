@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, stats
 
 from ..messages.samples import Booleans, Floats, Integers
 from .result import Place
@@ -115,11 +115,6 @@ class _Found:
             return None
         return cls(channel, name, rows, share, cells[best].p_value(rows.gap))
 
-    @property
-    def standing(self) -> float:
-        """Share by which it is ranked."""
-        return self.share / _SIMPLER if self.variable == "direction" else self.share
-
     def places(self) -> list[Place]:
         """Intervals of the variable in which the gap lives."""
         values, square = self.rows.variables[self.variable], self.rows.gap**2
@@ -162,16 +157,13 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     for channel, rows in channels.items():
         if rows.rms > _OVER_FLOOR * (floors or {}).get(channel, 0.0):
             tried += [_Found.tried(channel, name, rows) for name in UNITS]
-    found = sorted((each for each in tried if each is not None), key=lambda each: each.p_value)
-    passed = [
-        number
-        for number, each in enumerate(found, start=1)
-        if each.p_value <= FALSE_DISCOVERIES * number / len(found)
-    ]
-    found = sorted(found[: max(passed, default=0)], key=lambda each: -each.standing)
+    found = [each for each in tried if each is not None]
+    chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
+    known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]
+    known.sort(key=lambda each: -each.share / (_SIMPLER if each.variable == "direction" else 1.0))
     places: list[Place] = []
     named: Counter[str] = Counter()
-    for each in found:
+    for each in known:
         named[each.channel] += 1
         if named[each.channel] <= _MOST_VARIABLES:
             places += each.places()

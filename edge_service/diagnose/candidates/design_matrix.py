@@ -38,11 +38,6 @@ class HealthyPrior:
     mean: float
     sigma: float
 
-    @property
-    def is_parameter(self) -> bool:
-        """Effect that has nothing but its amount."""
-        return not self.regressor.shape and len(self.regressor.effect.parameters) == 1
-
 
 def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequence[HealthyPrior]:
     """Parameters within their tolerance, and traces of what no axis is free of."""
@@ -186,17 +181,6 @@ class DesignMatrix:
     def of_effects(self, names: Collection[str]) -> list[int]:
         """Candidates that bear one of some names."""
         return [k for k in self.candidates if self.regressors[k].name in names]
-
-    def by_name(self) -> dict[str, list[int]]:
-        """Candidates of each name."""
-        found: dict[str, list[int]] = {}
-        for k in self.candidates:
-            found.setdefault(self.regressors[k].name, []).append(k)
-        return found
-
-    def modelled(self, channel: str, regressors: Sequence[int], coefficients: Floats) -> Floats:
-        """Gap in a channel as regressors model it, (n,)."""
-        return self.columns[channel][:, self.indices(regressors)].astype(np.float64) @ coefficients
 
 
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:

@@ -41,7 +41,11 @@ class NormalEquations:
         shown = np.flatnonzero([np.any(column) for column in columns.T])
         gram = np.zeros((columns.shape[1], columns.shape[1]))
         cross = np.zeros(columns.shape[1])
-        gram[np.ix_(shown, shown)], cross[shown] = _products(columns, shown, gap, chosen)
+        for start in range(0, len(chosen), _CHUNK):
+            some = chosen[start : start + _CHUNK]
+            part = columns[np.ix_(some, shown)].astype(np.float64)
+            gram[np.ix_(shown, shown)] += part.T @ part
+            cross[shown] += part.T @ gap[some]
         return cls(gram, cross, float(gap[chosen] @ gap[chosen]), len(chosen))
 
     def of_sets(self, index: Integers) -> "NormalEquations":
@@ -55,19 +59,6 @@ class NormalEquations:
         square = self.square + np.sum(beta * (modelled - 2.0 * self.cross), axis=1)
         left: Floats = np.maximum(square, 1e-12 * self.square) / self.rows
         return left
-
-
-def _products(
-    columns: Columns, shown: Integers, gap: Floats, rows: Integers
-) -> tuple[Floats, Floats]:
-    """Sums of products of the shown columns, (p, p), and of theirs with the gap, (p,)."""
-    gram, cross = np.zeros((len(shown), len(shown))), np.zeros(len(shown))
-    for start in range(0, len(rows), _CHUNK):
-        some = rows[start : start + _CHUNK]
-        part = columns[np.ix_(some, shown)].astype(np.float64)
-        gram += part.T @ part
-        cross += part.T @ gap[some]
-    return gram, cross
 
 
 def solved(normal: Floats, target: Floats) -> Floats:

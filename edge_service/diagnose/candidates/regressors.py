@@ -359,17 +359,13 @@ def unobservable(session: Session) -> dict[str, str]:
     free = {form.name for form in empirical_shapes(session, ranges)}
     for name, effect in effects().items():
         is_open = not (effect.is_fault or name in found or name in free)
-        if is_open and not _shows(effect, session, ranges):
+        tried = list(regressors_of(effect, ranges)) if is_open else []
+        shown = (
+            bool(np.any(regressor.columns(session, channel)))
+            for regressor in tried[:1] + tried[-1:]
+            for channel in session.channels
+        )
+        if is_open and not any(shown):
             lacks_torque = effect.kind not in _BETWEEN and TORQUE_GAP not in session.channels
             found[name] = "no torque recorded" if lacks_torque else "not visible in this motion"
     return found
-
-
-def _shows(effect: Effect, session: Session, ranges: Ranges) -> bool:
-    """Presence of a signature in the first regressor, or the last."""
-    regressors = list(regressors_of(effect, ranges))
-    return any(
-        bool(np.any(regressor.columns(session, channel)))
-        for regressor in regressors[:1] + regressors[-1:]
-        for channel in session.channels
-    )

@@ -88,7 +88,8 @@ class Posterior:
     def force_nm(self) -> Floats:
         """Forces of the best set in the torque, N m, (n,)."""
         pulses, coefficients = self.problem.coefficients(self.best.fit, FORCE)
-        return self.problem.design.modelled(TORQUE_GAP, pulses, coefficients)
+        columns = self.problem.design.columns[TORQUE_GAP]
+        return columns[:, self.problem.design.indices(pulses)].astype(np.float64) @ coefficients
 
     @property
     def exceeding(self) -> set[str]:
@@ -100,8 +101,9 @@ class Posterior:
 def select_model(problem: SelectionProblem) -> Posterior:
     """Select effects twice: the residual of the first selection shows the noise of the second."""
     first = select_effects(problem).best.fit
-    quieter = problem.with_noise_of(first)
-    posterior = select_effects(quieter, first.chosen)
+    left = problem.residuals(first)
+    noise = problem.noise.of_residual(problem.session, problem.machine, left)
+    posterior = select_effects(replace(problem, noise=noise), first.chosen)
     return _beside_force(posterior) if FORCE in posterior.best.material else posterior
 
 
@@ -131,7 +133,8 @@ def _beside_force(posterior: Posterior) -> Posterior:
     if min(float(each.mean()) for each in free.values()) < LEAST_FREE_SHARE:
         return posterior
     first = next(k for k, each in enumerate(regressors) if isinstance(each, ForcePulse))
-    calm = select_effects(problem.restricted(first, free))
+    design = problem.design.restricted(first, problem.session, free)
+    calm = select_effects(replace(problem, design=design))
     beside = calm.best.fit
     both = problem.pinned_to(beside).fit([*beside.chosen, *pulses])
     return replace(

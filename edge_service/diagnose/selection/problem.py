@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats, Integers
+from ...messages.samples import Floats, Integers
 from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind
 from ...models.effects.registry import effects, effects_where
 from ...models.machine import Machine
@@ -115,17 +115,9 @@ class SelectionProblem:
             healthy = cls(session, machine, bare, noise, {}, tolerances)
             more += force_pulses(session, healthy.residuals(healthy.fit(()))[TORQUE_GAP])
         design = DesignMatrix.of_session(session, prior, entries, more)
-        priors = {p.regressor.name: (p.mean, p.sigma) for p in prior if p.is_parameter}
+        alone = (p for p in prior if len(p.regressor.effect.parameters) == 1)
+        priors = {p.regressor.name: (p.mean, p.sigma) for p in alone if not p.regressor.shape}
         return cls(session, machine, design, noise, priors, tolerances)
-
-    def with_noise_of(self, fit: Fit) -> Self:
-        """Problem with the noise that the residual of a fit shows."""
-        left = self.residuals(fit)
-        return replace(self, noise=self.noise.of_residual(self.session, self.machine, left))
-
-    def restricted(self, count: int, kept: Mapping[str, Booleans]) -> Self:
-        """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
-        return replace(self, design=self.design.restricted(count, self.session, kept))
 
     def pinned_to(self, whole: Fit) -> Self:
         """Pin the nuisances to those of a fit: they must not stretch to hide a cause."""
@@ -339,7 +331,8 @@ class SelectionProblem:
             known: fits found so far, the best of all first.
         """
         shapes: dict[str, set[tuple[int, ...]]] = {}
-        for name, allowed in self.design.by_name().items():
+        for name in dict.fromkeys(self.design.regressors[k].name for k in self.design.candidates):
+            allowed = self.design.of_effects({name})
             alone = tuple(sorted(self.stepwise(allowed).chosen))
             beside = (allowed[int(self.reductions(known[0], allowed).argmax())],)
             mine = (tuple(sorted(set(each.chosen) & set(allowed))) for each in known)

@@ -54,11 +54,8 @@ class CrossValidation:
         """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""
         found = np.zeros(len(self.folds[0].rows[channel]))
         for fold in self.folds:
-            rows, values = fold.rows[channel], fold.values
-            for k, each in enumerate(values.fitted.regressors):
-                if each.name == name:
-                    columns = values.fitted.columns[k][channel][rows]
-                    found[rows] += columns @ values.coefficients(k)
+            rows = fold.rows[channel]
+            found[rows] = fold.values.contribution(name, channel)[rows]
         return found
 
     def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
@@ -67,16 +64,13 @@ class CrossValidation:
         None for an effect without a time constant.
         """
         values, session = self.values, self.values.fitted.system.session
-        regressors = enumerate(values.fitted.regressors)
-        entries = {k: each for k, each in regressors if each.name == name}
+        entries = {k: values.fitted.regressors[k] for k in values.of_effect(name)}
         if not any(_TIME_CONSTANT in dict(each.shape) for each in entries.values()):
             return None
         found = np.zeros(len(session.channels[channel].gap))
         for k, entry in entries.items():
-            constant_s = dict(entry.shape).get(_TIME_CONSTANT)
-            paced = entry
-            if constant_s is not None:
-                paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace)
+            constant_s = dict(entry.shape).get(_TIME_CONSTANT, 0.0)
+            paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace) if constant_s else entry
             found += paced.columns(session, channel) @ values.coefficients(k)
         return found
 
