@@ -82,7 +82,7 @@ def test_the_list_has_whole_summaries() -> None:
     for title, rows in table().items():
         assert f"\n{title}:\n" in said
         for name, _, words, _ in rows:
-            assert f"  {name:<14}{words}\n" in said
+            assert f"  {name:<16}{words}\n" in said
     assert said.endswith("`edge-service help COMMAND` shows options and an example.\n")
 
 

@@ -268,5 +268,5 @@ def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
     return tuple(
         each
         for each in found.effects
-        if each.name not in kept_out and (each.is_known or not found.partly)
+        if each.entries and each.name not in kept_out and (each.is_known or not found.partly)
     )
