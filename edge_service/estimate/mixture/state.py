@@ -115,8 +115,8 @@ class MixtureSettings(NamedTuple):
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.3  # of ln(preload) at the start
-    half: float = 0.1  # probability that half of it is lost then
-    none: float = 0.03  # that all is
+    half: float = 0.2  # probability that half of it is lost then
+    none: float = 0.1  # that all is
     loaded: float = 0.2  # that the load is another
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
@@ -142,7 +142,7 @@ class MixtureSettings(NamedTuple):
     force_stay: float = 0.88  # probability that it lasts for another phase
     floor: float = -14.0  # least log-weight of a hypothesis: none dies
     spawn_s: float = 3.0  # motion after which challengers begin anew
-    learn_s: float = 10.0  # motion until the likeliest initial hypothesis is accepted
+    learn_s: float = 20.0  # motion until the likeliest initial hypothesis is accepted
     confirm_s: float = 8.0  # motion for which a challenger must have been seen
     margin: float = 2.0  # by which it must lead
 
