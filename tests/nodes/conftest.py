@@ -137,7 +137,7 @@ async def once(
     probe: Callable[[Any], Any],
     patience_s: float = PATIENCE_S,
 ) -> Any:
-    """What a probe finds in the first answer of the interface that has it."""
+    """Result of a probe on the first answer of the interface that holds it."""
 
     async def answer() -> Any:
         response = await client.get(f"api/v1/{path}")

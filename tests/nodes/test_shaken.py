@@ -59,7 +59,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 async def told(client: httpx.AsyncClient) -> Any:
-    """What was told of the first test, once that is read."""
+    """Event of the first test, once that is read."""
     (event,) = await once(client, "log?axis=X&kind=tested", lambda log: log["items"])
     return event
 

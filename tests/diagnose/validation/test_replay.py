@@ -32,7 +32,7 @@ BRISTLES = active_effect("presliding", {"reach_m": 2e-5})
 HELD = active_effect("delay", {"lag_s": 0.5 / RATE_HZ})
 """A command that is held for a period acts half a period late."""
 NOT_REPLAYED = {"saturation", "preload_loss"}
-"""What a controller asks for beyond the limit is its own doing; a loss of preload needs a machine
+"""A controller decides itself how far it asks beyond the limit; a loss of preload needs a machine
 file that knows it: `tests/diagnose/preload` replays that."""
 BETWEEN = {"backlash", "compliance", "lead_error", "thermal_growth", "timestamp_skew"}
 BETWEEN |= {"encoder_eccentricity"}
