@@ -62,15 +62,13 @@ def rehearsed(
 
     Raises MotionError: the axis does not allow the motion.
     """
-    limits = motion_limits(machine)
-    plan = MOTIONS[motion]
+    limits, plan = motion_limits(machine), MOTIONS[motion]
     if duration_s is None:
         duration_s = min(plan.duration_s(limits) or LONGEST_S, LONGEST_S)
     segments = iter(plan(limits, np.random.default_rng(1)))
     setpoints = Setpoints(segments, limits.low_m, rate_hz).take(round(duration_s * rate_hz))
-    settings = FeedDriveSettings.of_machine(machine, rate_hz)
+    settings, baseline = FeedDriveSettings.of_machine(machine, rate_hz), rigid_baseline(machine)
     frame = _driven(settings, setpoints, (ANGLE, TORQUE, TABLE_POSITION))
-    baseline = rigid_baseline(machine)
     return Session.of_runs(runs_of([frame], baseline), baseline)
 
 
@@ -128,16 +126,17 @@ def separations(
     noise = Noise(floor, floor, dict.fromkeys(floor, _OBSERVATIONS), floor)
     found = []
     for name in names:
-        added = _faulty(session, name, (values or {}).get(name, {}))
-        if not any(np.any(gap) for gap in added.values()):
-            added = _faulty(session, name, {})
+        effect = get_effect(name)
+        for given in ((values or {}).get(name, {}), {}):
+            full = effect.complete(given)
+            added = {c: session.signature(c, effect, full) for c in session.channels}
+            if any(np.any(gap) for gap in added.values()):
+                break
         problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {}, {})
         alone = problem.fit(())
         fits: dict[str | None, Fit] = {None: alone}
-        for rival in names:
-            if rival != name:
-                allowed = problem.design.of_effects({rival})
-                fits[rival] = problem.stepwise(allowed) if allowed else alone
+        for rival in (each for each in names if each != name):
+            fits[rival] = problem.stepwise(problem.design.of_effects({rival}))
         count = design.nuisance_columns
         for other, fit in fits.items():
             ratios = tuple(fit.rms[channel] / floor[channel] for channel in floor)
@@ -159,13 +158,6 @@ def least_strength(separation: Separation) -> float:
     return float(optimize.brentq(short_of, 0.0, 1e12))
 
 
-def _faulty(session: Session, name: str, given: Mapping[str, float]) -> dict[str, Floats]:
-    """Gap that a fault makes in each channel, (n,)."""
-    effect = get_effect(name)
-    values = effect.complete(given)
-    return {channel: session.signature(channel, effect, values) for channel in session.channels}
-
-
 def _aimed(
     design: DesignMatrix, gaps: Mapping[str, Floats], floor: Mapping[str, float]
 ) -> DesignMatrix:
@@ -174,10 +166,7 @@ def _aimed(
         name: replace(
             each,
             cross=design.columns[name].T @ gaps[name],
-            square=max(
-                float(gaps[name] @ gaps[name]),
-                each.rows * (_NOTHING * floor[name]) ** 2,
-            ),
+            square=max(float(gaps[name] @ gaps[name]), each.rows * (_NOTHING * floor[name]) ** 2),
         )
         for name, each in design.equations.items()
     }

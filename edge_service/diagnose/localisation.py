@@ -1,6 +1,5 @@
 """Location of the gap: over which variables it is a function, and in which intervals."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -57,25 +56,22 @@ class _Cells:
 
     def explained(self, gap: Floats) -> float:
         """Share of the energy of either half that the cell means of the other explain."""
-        joint = self.bins + self.count * self.half
-        rows = np.bincount(joint, minlength=2 * self.count).reshape(2, -1)
-        sums = np.bincount(joint, gap * self.sign, minlength=2 * self.count).reshape(2, -1)
+        joint, size = self.bins + self.count * self.half, 2 * self.count
+        rows = np.bincount(joint, minlength=size).reshape(2, -1)
+        sums = np.bincount(joint, gap * self.sign, minlength=size).reshape(2, -1)
         other = (sums / np.maximum(rows, 1))[::-1]
         gained = float(np.sum(2.0 * other * sums - rows * other**2))
         return gained / (float(gap @ gap) or 1.0)
 
     def p_value(self, gap: Floats) -> float:
         """Chance that the gap, its blocks of time in another order, is explained as well."""
-        step = -(-len(gap) // _SHUFFLED_ROWS)
+        step, random = -(-len(gap) // _SHUFFLED_ROWS), np.random.default_rng(11)
         few = _Cells(self.bins[::step], self.count, self.sign[::step], self.half[::step])
-        thin = gap[::step]
-        reached = few.explained(thin)
-        blocks = np.array_split(np.arange(len(thin)), _SHUFFLED_BLOCKS)
-        random = np.random.default_rng(11)
-        beaten = 0
+        blocks = np.array_split(gap[::step], _SHUFFLED_BLOCKS)
+        reached, beaten = few.explained(gap[::step]), 0
         for _ in range(_SHUFFLES):
-            order = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
-            beaten += few.explained(thin[order]) >= reached
+            other = np.concatenate([blocks[k] for k in random.permutation(len(blocks))])
+            beaten += few.explained(other) >= reached
         return (1.0 + beaten) / (1.0 + _SHUFFLES)
 
 
@@ -99,13 +95,11 @@ class _Found:
         values = rows.variables.get(name)
         if values is None:
             return None
-        signs = [np.ones(len(values))]
+        signs = [np.ones(len(values)), np.sign(rows.variables["direction"])]
+        edges, bins = _cells(values, _BINS // 2 if name in _CLOCKS else _BINS)
+        count = len(edges) - 1
         if name == "direction":
-            bins, count = (values > 0.0).astype(np.int64), 2
-        else:
-            signs.append(np.sign(rows.variables["direction"]))
-            edges = _edges(values, _BINS // 2 if name in _CLOCKS else _BINS)
-            bins, count = _bins(values, edges), len(edges) - 1
+            signs, bins, count = signs[:1], (values > 0.0).astype(np.int64), 2
         if count < 2:
             return None
         half = np.arange(len(bins)) // _CHUNK % 2 == 0
@@ -123,10 +117,9 @@ class _Found:
             forth = float(square[values > 0.0].sum()) / total
             spans = [(-1.0 if forth < _ONE_WAY else 0.0, 1.0 if forth > 1.0 - _ONE_WAY else 0.0)]
         else:
-            edges = _edges(values, _FINE_BINS)
-            bins, count = _bins(values, edges), len(edges) - 1
-            weight = np.bincount(bins, minlength=count).astype(np.float64)
-            level = np.bincount(bins, square, minlength=count) / np.maximum(weight, 1.0)
+            edges, bins = _cells(values, _FINE_BINS)
+            weight = np.bincount(bins, minlength=len(edges) - 1).astype(np.float64)
+            level = np.bincount(bins, square, minlength=len(weight)) / np.maximum(weight, 1.0)
             raised = raised_intervals(level, weight)
             spans = [(float(edges[low]), float(edges[high])) for low, high in raised]
         return [
@@ -161,23 +154,18 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
     known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]
     known.sort(key=lambda each: -each.share / (_SIMPLER if each.variable == "direction" else 1.0))
-    places: list[Place] = []
-    named: Counter[str] = Counter()
-    for each in known:
-        named[each.channel] += 1
-        if named[each.channel] <= _MOST_VARIABLES:
-            places += each.places()
-    return places
+    named = {
+        channel: [each for each in known if each.channel == channel][:_MOST_VARIABLES]
+        for channel in channels
+    }
+    return [place for each in known if each in named[each.channel] for place in each.places()]
 
 
-def _edges(values: Floats, count: int) -> Floats:
+def _cells(values: Floats, count: int) -> tuple[Floats, Integers]:
+    """Edges of at most `count` cells that hold as many values (n,), and the cell of each, (n,)."""
     edges: Floats = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
-    return edges
-
-
-def _bins(values: Floats, edges: Floats) -> Integers:
     bins = np.searchsorted(edges, values, side="right").astype(np.int64) - 1
-    return np.clip(bins, 0, max(len(edges) - 2, 0))
+    return edges, np.clip(bins, 0, max(len(edges) - 2, 0))
 
 
 def raised_intervals(level: Floats, weight: Floats) -> list[tuple[int, int]]:

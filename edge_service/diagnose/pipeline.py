@@ -1,7 +1,4 @@
-"""Pipeline of a diagnosis: from a session to what causes its gap, and how far that shrinks it.
-
-The verdict is the word for what was found, how sure its effects are, and what it leaves open.
-"""
+"""Pipeline of a diagnosis: from a session to what causes its gap, and how far that shrinks it."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -78,13 +75,28 @@ def diagnose_session(
     progress("values and held-out motion")
     assessment = assess_causes(posterior)  # estimation and cross validation of what is material
     found = conclude(assessment, loss)
-    if not shaken:
-        return found
+    return _shaking(found, shaken, session, others) if shaken else found
+
+
+def _shaking(
+    found: Diagnosis,
+    shaken: Sequence[tuple[Vibration, NamedEffect]],
+    session: Session,
+    others: Session,
+) -> Diagnosis:
+    """Diagnosis of a session from that of what its vibrations leave.
+
+    One that comes and goes beside a force that is named is the force's own, and is only told.
+    """
     forced = any(each.name == disturbance() for each in found.effects)
     kept = [cause for each, cause in shaken if not forced or each.is_there.mean() > OFTEN]
     named = list({each.channel: each for each in reversed(kept)}.values())  # the greatest
-    told = (each.words for each, cause in shaken if cause not in kept)
-    found = found.model_copy(update={"caveats": (*found.caveats, *told)})
+    told = (
+        f"{each.channel}: it oscillates at {each.frequency_hz:.3g} Hz with {each.amplitude:.3g} "
+        f"{CHANNEL_UNITS[each.channel]} now and then, as a force of cutting does"
+        for each, cause in shaken
+        if cause not in kept
+    )
     calm = {name: rows.rms / session.channels[name].rms for name, rows in others.channels.items()}
     less = [
         each.model_copy(update={"probability": BLIND_TRUST * each.probability})
@@ -95,7 +107,7 @@ def diagnose_session(
     rest = verdict_of(less, is_unknown=found.verdict is Verdict.UNKNOWN)
     found = beside(found.with_effects(less, rest), named, session)
     verdict = Verdict.EXPLAINED if found.verdict is Verdict.NO_GAP else found.verdict
-    return found.with_effects(_ranked(found.effects), verdict)
+    return found.with_effects(_ranked(found.effects), verdict, *told)
 
 
 def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> Diagnosis:
@@ -104,16 +116,13 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
         name: each.model_copy(update={"before": session.channels[name].rms})
         for name, each in rest.gap.items()
     }
-    floors = {name: each.floor for name, each in gap.items()}
-    changes: dict[str, object] = {
-        "gap": gap,
-        "where": tuple(where(session.channels, floors)),
-        "effects": (*named, *rest.effects),
-    }
-    if rest.misfit is not None:
-        surely = min([rest.misfit.p_value, *(1.0 - each.probability for each in named)])
-        changes["misfit"] = rest.misfit.model_copy(update={"p_value": surely})
-    return rest.model_copy(update=changes)
+    places = where(session.channels, {name: each.floor for name, each in gap.items()})
+    misfit = rest.misfit
+    if misfit is not None:
+        surely = min([misfit.p_value, *(1.0 - each.probability for each in named)])
+        misfit = misfit.model_copy(update={"p_value": surely})
+    changes = {"gap": gap, "where": tuple(places), "misfit": misfit}
+    return rest.model_copy(update=changes | {"effects": (*named, *rest.effects)})
 
 
 def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
@@ -123,20 +132,21 @@ def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
     """A vibration as a named cause, without an entry: nobody foretells its phase."""
-    channel, there_s = found.channel, found.time_s[found.is_there].tolist()
+    channel, rows = found.channel, before.channels[found.channel]
+    there_s = rows.variables["time_s"][found.is_there].tolist()
     values = {
         "frequency_hz": (found.frequency_hz, "Hz"),
         "amplitude": (found.amplitude, CHANNEL_UNITS[channel]),
         "from_s": (there_s[0], "s"),
         "to_s": (there_s[-1], "s"),
     }
-    there = 1.0 - after.channels[channel].rms / before.channels[channel].rms
+    here = 1.0 - after.channels[channel].rms / rows.rms
     return NamedEffect(
         name=VIBRATION,
         channel=channel,
         probability=min(1.0 - found.p_value, SUREST),
         tied=(VIBRATION,),
-        shrink=Shrink(estimate=0.0, low=0.0, high=max(there, 0.0)),
+        shrink=Shrink(estimate=0.0, low=0.0, high=max(here, 0.0)),
         parameters={
             name: ParameterValue(value=value, low=None, high=None, unit=unit)
             for name, (value, unit) in values.items()
@@ -158,18 +168,14 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
         floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
     blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
-    channel_of = dict(contributions.channel_of)
-    if loss is not None:
-        channel_of = {loss.effect.name: TORQUE_GAP, **channel_of}
+    known = {} if loss is None else {loss.effect.name: TORQUE_GAP}
+    channel_of = {**known, **contributions.channel_of}
     replayed = replay(problem.machine, assessment.validation, channel_of, floor, loss)
     found = []
     for each in assessment.effects:
         trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
-        changes = {
-            "probability": trust * each.probability,
-            "replay": replayed.effects.get(each.name),
-        }
-        found.append(each.model_copy(update=changes))
+        changes = {"replay": replayed.effects.get(each.name)}
+        found.append(each.model_copy(update=changes | {"probability": trust * each.probability}))
     found = _ranked(found)
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
     gap, left_rms = {}, {}
@@ -189,8 +195,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     is_unknown |= not found and any(_exceeds(each, left_rms[name]) for name, each in gap.items())
     nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
     doubted = assessment.misattributed
-    known = any(each.is_known and each.channel not in doubted for each in found)
-    partly = is_unknown and known
+    partly = is_unknown and any(e.is_known and e.channel not in doubted for e in found)
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     without = problem.fit(()).rms
     misfit = Misfit(

@@ -1,9 +1,8 @@
 """Preload that is lost: what the estimator knows of it, and what it does to a gap.
 
-A loss beyond doubt is taken off first, and what else there is is sought beside it, if the torque
-asks for it: play, a spring or a lead may give between the encoders as a worn screw does. Lower
-friction that nothing else explains may be a lost preload or a lubricant that rubs less: both are
-named.
+A loss beyond doubt is taken off first, if the torque asks for it, and the rest is sought beside it.
+Lower friction that nothing else explains may be a lost preload or a lubricant that rubs less: both
+are named.
 """
 
 import math
@@ -57,20 +56,15 @@ def fresh_screw(machine: Machine) -> Mapping[str, float] | None:
     percent, drag = machine.fresh_preload_percent, machine.model.preload_drag_nm
     if percent is None or drag is None or drag.value <= 0.0:
         return None
-    stated = machine.model.nut_stiffness_n_per_m
+    nut_m_per_n, stated = 0.0, machine.model.nut_stiffness_n_per_m
     learned = None if machine.commissioned is None else machine.commissioned.transmission
     if stated is not None:
         nut_m_per_n = 1.0 / stated.value
     elif learned is not None:
         stretch_s2 = learned.nut_share * learned.stretch_per_acceleration_s2
         nut_m_per_n = stretch_s2 / table_mass(machine)
-    else:
-        nut_m_per_n = 0.0
-    return {
-        "fresh_drag_nm": drag.value,
-        "fresh_percent": percent,
-        "fresh_nut_m_per_n": nut_m_per_n,
-    }
+    fresh = {"fresh_drag_nm": drag.value, "fresh_percent": percent}
+    return fresh | {"fresh_nut_m_per_n": nut_m_per_n}
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +185,7 @@ def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
     drag = fresh["fresh_drag_nm"] / 100.0
     even = _fitted([-drag * way, *beside], rows.gap)
     best, values = _LEAST_GAIN * even.residual_std**2, {"lost_percent": float(even.coefficients[0])}
-    for end_s in np.linspace(float(time_s.min()), float(time_s.max()), _ENDS + 1)[1:]:
+    for end_s in np.linspace(time_s.min(), time_s.max(), _ENDS + 1)[1:].tolist():
         falling = drag * way * np.maximum(end_s - time_s, 0.0)
         fit = _fitted([-drag * way, falling, *beside], rows.gap)
         lost, rate = fit.coefficients[:2].tolist()
@@ -199,8 +193,7 @@ def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
             best = fit.residual_std**2
             values = {"lost_percent": lost, "percent_per_s": rate, "until_s": end_s}
     values["lost_percent"] = float(np.clip(values["lost_percent"], 0.0, 100.0))
-    known = {name: float(each) for name, each in values.items()}
-    return ActiveEffect(effect, effect.complete({**known, **fresh}))
+    return ActiveEffect(effect, effect.complete({**values, **fresh}))
 
 
 def with_missing_drag(
@@ -222,8 +215,7 @@ def with_missing_drag(
         return found.with_effects(found.effects, found.verdict, NOT_STATED)
     per_nm = -100.0 / fresh["fresh_drag_nm"]
     value, low, high = (per_nm * each for each in (change.value, change.high or 0.0, change.low))
-    more_than_the_screw_has = low > 100.0
-    if more_than_the_screw_has or (reading is not None and reading.is_there):
+    if low > 100.0 or (reading is not None and reading.is_there):  # or more than the screw has
         return found
     name, value = fault().name, min(value, 100.0)
     lost = ParameterValue(value=value, low=min(low, 100.0), high=min(high, 100.0), unit="%")

@@ -37,11 +37,7 @@ class Shrink(Frozen):
 
 
 class ParameterValue(Frozen):
-    """Value of a parameter with its 90 % interval, in `unit`.
-
-    Attributes:
-        low, high: None where the data sets no bound.
-    """
+    """Value of a parameter in `unit`, with its 90 % interval; None where the data set no bound."""
 
     value: float
     low: float | None
@@ -93,11 +89,7 @@ class NamedEffect(Frozen):
 
 
 class ReplayedGap(Frozen):
-    """Root mean squares of measured less simulated, held-out blocks.
-
-    Attributes:
-        unexplained: beyond the floor.
-    """
+    """Root mean squares of measured less simulated, held out; `unexplained` exceeds the floor."""
 
     before: float
     after: float
@@ -141,8 +133,7 @@ class ChannelGap(Frozen):
 class Misfit(Frozen):
     """Chance that a healthy axis leaves as much beyond the floor, in the least likely channel.
 
-    Attributes:
-        p_value, p_value_after: with the model as it is, and with the named effects in it.
+    First with the model as it is, then with the named effects in it.
     """
 
     p_value: float

@@ -120,9 +120,9 @@ class DesignMatrix:
         mean[:count] = [each.mean for each in prior]
         precision[:count] = [each.sigma**-2 for each in prior]
         strict = {name for name, effect in effects().items() if effect.follows_own_torque}
-        for k, regressor in enumerate(regressors[count:], start=count):
+        for regressor, k in zip(regressors[count:], first[count:], strict=False):
             if regressor.name in strict:
-                mean[first[k]], precision[first[k]] = 1.0, _STRICT_SIGMA**-2
+                mean[k], precision[k] = 1.0, _STRICT_SIGMA**-2
         shapes = Counter((each.name, each.form) for each in entries)
         forms = Counter(each.name for each in more)
         alternatives = (
@@ -167,16 +167,13 @@ class DesignMatrix:
     def candidates(self) -> list[int]:
         """Regressors that are no nuisances, and that show."""
         energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.equations.values())
-        energy_of = np.add.reduceat(energy, self.first[:-1])
+        energy_of = np.add.reduceat(energy, self.first[:-1]).tolist()
+        families = [(each.name, each.form) for each in self.regressors]
         strongest: dict[tuple[str, str], float] = {}
-        for regressor, each in zip(self.regressors, energy_of.tolist(), strict=True):
-            family = regressor.name, regressor.form
+        for family, each in zip(families, energy_of, strict=True):
             strongest[family] = max(strongest.get(family, 0.0), each)
-        found = []
-        for k, regressor in enumerate(self.regressors[self.nuisances :], start=self.nuisances):
-            if energy_of[k] > _LEAST_OF_FAMILY * strongest[regressor.name, regressor.form]:
-                found.append(k)
-        return found
+        every = range(self.nuisances, len(families))
+        return [k for k in every if energy_of[k] > _LEAST_OF_FAMILY * strongest[families[k]]]
 
     def of_effects(self, names: Collection[str]) -> list[int]:
         """Candidates that bear one of some names."""
@@ -220,7 +217,7 @@ def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
             (*_strongest_span(np.bincount(cells, values).astype(np.float64), count), against)
             for against, values in remaining.items()
         ]
-        first, last, _, against = max(spans, key=lambda span: span[2])
+        _, first, last, against = max(spans)
         inside = (cells >= first) & (cells < last)
         if not inside.any():
             return
@@ -231,17 +228,16 @@ def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
         remaining[True][inside] -= taken * direction[inside]
 
 
-def _strongest_span(sums: Floats, count: Floats) -> tuple[int, int, float]:
-    """Cells [i, j) of at most 20 s that hold the most energy in their mean."""
+def _strongest_span(sums: Floats, count: Floats) -> tuple[float, int, int]:
+    """Energy in the mean of the cells [i, j) of at most 20 s that hold most, and these."""
     total = np.concatenate(([0.0], np.cumsum(sums)))
     rows = np.concatenate(([0.0], np.cumsum(count)))
-    best = (0, 0, 0.0)
+    best = (0.0, 0, 0)
     for length in np.unique(np.geomspace(3, 200, 30).astype(int)):
         if length >= len(total):
             break
         energy = (total[length:] - total[:-length]) ** 2
         energy /= np.maximum(rows[length:] - rows[:-length], 5.0)
         k = int(np.argmax(energy))
-        if energy[k] > best[2]:
-            best = (k, k + int(length), float(energy[k]))
+        best = max(best, (float(energy[k]), k, k + int(length)))
     return best

@@ -62,21 +62,12 @@ class NormalEquations:
 
 
 def solved(normal: Floats, target: Floats) -> Floats:
-    """Solutions of positive systems whose rows may differ by many orders of magnitude, (s, p)."""
-    diagonal = np.diagonal(normal, axis1=1, axis2=2)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = normal / (scale[:, :, None] * scale[:, None, :]) + _RIDGE * np.eye(scale.shape[1])
-    found: Floats = np.linalg.solve(scaled, (target / scale)[..., None])[..., 0] / scale
+    """Solutions of positive systems whose rows differ by orders of magnitude, (..., p, k)."""
+    diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))[..., None]
+    scaled = normal / (scale * scale.swapaxes(-2, -1)) + _RIDGE * np.eye(scale.shape[-2])
+    found: Floats = np.linalg.solve(scaled, target / scale) / scale
     return found
-
-
-def inverted(normal: Floats) -> Floats:
-    """Inverse of a positive matrix whose rows may differ by many orders of magnitude, (p, p)."""
-    diagonal = np.diag(normal)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = normal / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    inverse: Floats = np.linalg.inv(scaled) / np.outer(scale, scale)
-    return inverse
 
 
 def square_falls(own: Floats, schur: Floats, rest: Floats) -> Floats:
@@ -86,8 +77,7 @@ def square_falls(own: Floats, schur: Floats, rest: Floats) -> Floats:
         own, schur: squares of their columns, and of what the base leaves of them, (n, k, k).
         rest: their products with what the base leaves of the gap, (n, k).
     """
-    diagonal = np.diagonal(own, axis1=1, axis2=2)
-    left = np.diagonal(schur, axis1=1, axis2=2)
+    diagonal, left = (np.diagonal(each, axis1=1, axis2=2) for each in (own, schur))
     fit_for = np.all((diagonal > 0.0) & (left >= 1e-6 * diagonal), axis=1)
     ridge = 1e-9 * diagonal[fit_for, :, None] * np.eye(rest.shape[1])
     unit = np.linalg.solve(schur[fit_for] + ridge, rest[fit_for, :, None])[..., 0]

@@ -1,10 +1,9 @@
 """Candidate regressors: what may explain a gap, each linear in its strength.
 
-Entries of the library over a grid of their shapes come with empirical shapes of the same name: a
-real screw does not warm up by an exponential of time alone, and a cut is no rectangle; what an
-entry cannot follow would be blamed on another effect. Null shapes bear no name and are the rivals
-of all: a cause that the library lacks is taken for its nearest relation, unless something plainer
-explains the gap as well.
+Entries of the library over a grid of their shapes come with empirical shapes of the same name, for
+a real screw does not warm up by an exponential of time alone. Null shapes bear no name and are the
+rivals of all: a cause that the library lacks is taken for its nearest relation, unless something
+plainer explains the gap as well.
 """
 
 import itertools
@@ -19,7 +18,7 @@ from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
 from ...models.effects.registry import disturbance, effects, get_effect
-from ...regression.run import Run, is_below
+from ...regression.run import is_below
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"
@@ -53,13 +52,13 @@ class EntryRegressor:
     """Entry of the library at one shape.
 
     Attributes:
-        amount: name of the amount; empty where the effect has none, and its shape is its strength.
+        form: name of the amount; empty where the effect has none, and its shape is its strength.
         shape: the values of its shapes.
         at: complete values of each column: at unit amount, for a harmonic at phases 0 and pi/2.
     """
 
     effect: Effect
-    amount: str
+    form: str
     shape: tuple[tuple[str, float], ...]
     at: tuple[Mapping[str, float], ...]
 
@@ -67,11 +66,6 @@ class EntryRegressor:
     def name(self) -> str:
         """Name of the effect."""
         return self.effect.name
-
-    @property
-    def form(self) -> str:
-        """Name of its amount."""
-        return self.amount
 
     @property
     def size(self) -> int:
@@ -87,21 +81,21 @@ class EntryRegressor:
     @property
     def bound(self) -> Parameter | None:
         """Amount as the library bounds it; None where the effect has none."""
-        return next((p for p in self.effect.parameters if p.name == self.amount), None)
+        return next((p for p in self.effect.parameters if p.name == self.form), None)
 
     def with_shape(self, name: str, value: float) -> "EntryRegressor":
         """Regressor of the same amount with another value of one shape."""
-        return entry_regressor(self.effect, self.amount, dict(self.shape) | {name: value})
+        return entry_regressor(self.effect, self.form, dict(self.shape) | {name: value})
 
     def values(self, coefficients: Sequence[float] | Floats) -> dict[str, float]:
         """Values of the effect for the coefficients of the columns."""
         values = dict(self.at[0])
-        if self.amount and self.size == 2:
-            phase = _phase_of(self.effect, self.amount)
-            values[self.amount] = float(np.hypot(*coefficients))
-            values[phase] = float(np.arctan2(coefficients[1], coefficients[0]))
-        elif self.amount:
-            values[self.amount] = float(coefficients[0])
+        if self.form and self.size == 2:
+            cosine, sine = coefficients
+            values[_phase_of(self.effect, self.form)] = math.atan2(sine, cosine)
+            values[self.form] = math.hypot(cosine, sine)
+        elif self.form:
+            values[self.form] = float(coefficients[0])
         return values
 
 
@@ -120,8 +114,7 @@ def entry_regressor(effect: Effect, amount: str, shape: Mapping[str, float]) -> 
 
 def _phase_of(effect: Effect, amount: str) -> str:
     """Name of the phase of an amount; empty where it has none."""
-    phases = [p.name for p in _belonging(effect, amount) if p.role is Role.PHASE]
-    return phases[0] if phases else ""
+    return next((p.name for p in _belonging(effect, amount) if p.role is Role.PHASE), "")
 
 
 def _belonging(effect: Effect, amount: str) -> list[Parameter]:
@@ -294,28 +287,28 @@ class Ranges:
     @classmethod
     def of_session(cls, session: Session) -> "Ranges":
         """Ranges over all runs."""
-
-        def moved_nm(run: Run) -> Floats:
-            moved = np.abs(run.motion.torque_nm[run.moving]) if run.has_torque else np.zeros(1)
-            return moved if len(moved) else np.zeros(1)
-
-        def strongest_nm(run: Run) -> float:
-            peak = float(np.nan_to_num(np.abs(run.motion.torque_nm)).max())
-            return peak - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
-
-        motions = [run.motion for run in session.runs]
-        temperature_c = np.concatenate([m.temperature_c for m in motions])
-        known = temperature_c[np.isfinite(temperature_c)]
+        time_s, position_m, speed_rad_s, temperature_c, torque_nm = (
+            np.concatenate([getattr(run.motion, name) for run in session.runs])
+            for name in ("time_s", "position_m", "speed_rad_s", "temperature_c", "torque_nm")
+        )
+        known_c = temperature_c[np.isfinite(temperature_c)]
+        moving = np.concatenate([run.moving for run in session.runs])
+        moved_nm = np.abs(torque_nm[moving & np.isfinite(torque_nm)])
+        strongest_nm = max(
+            float(np.nan_to_num(np.abs(run.motion.torque_nm)).max())
+            - _NOISE_SIGMAS * run.noise.get(TORQUE, 0.0)
+            for run in session.runs
+        )
         return cls(
-            max(float(np.abs(m.speed_rad_s).max()) for m in motions),
-            max(float(m.time_s[-1]) for m in motions) - min(float(m.time_s[0]) for m in motions),
-            min(float(m.position_m.min()) for m in motions),
-            max(float(m.position_m.max()) for m in motions),
-            max(strongest_nm(run) for run in session.runs),
-            float(np.quantile(np.concatenate([moved_nm(run) for run in session.runs]), _OFTEN)),
-            float(known.min()) if len(known) else math.nan,
-            float(known.max()) if len(known) else math.nan,
-            2.0 * math.pi * session.baseline.ratio_m_per_rad,
+            fastest_rad_s=float(np.abs(speed_rad_s).max()),
+            duration_s=float(np.ptp(time_s)),
+            low_m=float(position_m.min()),
+            high_m=float(position_m.max()),
+            strongest_nm=strongest_nm,
+            often_nm=float(np.quantile(moved_nm, _OFTEN)) if len(moved_nm) else 0.0,
+            coldest_c=float(known_c.min()) if len(known_c) else math.nan,
+            warmest_c=float(known_c.max()) if len(known_c) else math.nan,
+            lead_m=2.0 * math.pi * session.baseline.ratio_m_per_rad,
         )
 
 

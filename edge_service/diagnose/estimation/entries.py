@@ -14,7 +14,7 @@ from scipy import optimize
 from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import Kind, Parameter, Role
 from ...models.effects.registry import get_effect
-from ..candidates.normal_equations import inverted
+from ..candidates.normal_equations import solved
 from ..candidates.regressors import EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
 from ..session.session import Session
@@ -126,19 +126,18 @@ class Entries:
 
     def solve(
         self,
-        slopes: Mapping[str, Floats] | None = None,
+        slopes: Sequence[Mapping[str, Floats]] = (),
         rows: Mapping[str, Booleans] | None = None,
     ) -> Solution:
         """Solve for the nuisances and the entries; one without an amount keeps its strength of 1.
 
         Args:
-            slopes: columns of the relative changes of shapes that may change too, by channel.
+            slopes: of the relative changes of shapes that may change too, by channel, (n, 1).
             rows: mask of the rows of each channel, (n,); all of them unless given.
         """
         system = self.system
-        moved = 0 if slopes is None else next(iter(slopes.values())).shape[1]
-        columns = self.columns if slopes is None else (*self.columns, slopes)
-        strict = [not each.amount for each in self.regressors for _ in range(each.size)]
+        columns, moved = (*self.columns, *slopes), len(slopes)
+        strict = [not each.form for each in self.regressors for _ in range(each.size)]
         ones = np.array(strict + [False] * moved, dtype=np.bool_)
         known = np.array([0.0] * len(strict) + [CHANGE_SIGMA**-2] * moved)
         mean = np.concatenate((system.mean, np.where(ones, 1.0, 0.0)))
@@ -153,7 +152,7 @@ class Entries:
             normal = normal + weight * (x.T @ x)
             target = target + weight * (x.T @ gap)
             square += weight * float(gap @ gap)
-        inverse = inverted(normal)
+        inverse = solved(normal, np.eye(len(normal)))
         beta = inverse @ target
         left = square - 2.0 * float(beta @ target) + float(beta @ normal @ beta)
         return Solution(beta, inverse, left)
@@ -222,11 +221,11 @@ def _refined(entries: Entries) -> Entries:
 
 def _started(entries: Entries, entry: EntryRegressor) -> EntryRegressor:
     """Start an effect without an amount where its strength would be 1."""
-    if entry.amount or entry.effect.follows_own_torque:
+    if entry.form or entry.effect.follows_own_torque:
         return entry
     strength = entry.effect.parameters[0].name
     others = [each for each in entries.regressors if each is not entry]
-    free = Entries.of(entries.system, [*others, replace(entry, amount=strength)])
+    free = Entries.of(entries.system, [*others, replace(entry, form=strength)])
     factor = float(np.clip(free.solve().beta[-1], 0.2, 3.0))
     return entry.with_shape(strength, dict(entry.shape)[strength] * factor)
 

@@ -55,10 +55,10 @@ class Estimates:
 
     def contribution(self, name: str, channel: str) -> Floats:
         """Contribution of an effect to a channel's gap, (n,)."""
-        found = np.zeros(len(self.fitted.system.session.channels[channel].gap))
-        for k in self.of_effect(name):
-            found += self.fitted.columns[k][channel] @ self.coefficients(k)
-        return found
+        mine = (
+            self.fitted.columns[k][channel] @ self.coefficients(k) for k in self.of_effect(name)
+        )
+        return sum(mine, np.zeros(len(self.fitted.system.session.channels[channel].gap)))
 
     def shown(self, name: str) -> set[str]:
         """Channels that an effect shows in."""
@@ -104,10 +104,10 @@ class Estimates:
         sigma, changes = self._sigmas(k, slopes)
         shown = {}
         for parameter in regressor.effect.parameters:
-            if parameter.amounts and regressor.amount not in parameter.amounts:
+            if parameter.amounts and regressor.form not in parameter.amounts:
                 continue
             value = values[parameter.name]
-            if parameter.name == regressor.amount:
+            if parameter.name == regressor.form:
                 low, high = self._amount_interval(k, value, sigma)
             elif parameter.name in changes:
                 reach = Z_90 * changes[parameter.name] * abs(value)
@@ -115,7 +115,7 @@ class Estimates:
             elif parameter.whole and parameter.name in dict(regressor.shape):
                 low, high = _whole_interval(self.fitted, k, parameter)
             elif parameter.role is Role.PHASE and regressor.size == 2:
-                reach = min(Z_90 * sigma / max(abs(values[regressor.amount]), 1e-300), math.pi)
+                reach = min(Z_90 * sigma / max(abs(values[regressor.form]), 1e-300), math.pi)
                 low, high = value - reach, value + reach
             elif value != 0.0:
                 low, high = parameter.low, parameter.high
@@ -127,11 +127,8 @@ class Estimates:
 
     def _weight(self, k: int) -> float:
         """Contribution of an entry to the gap, in the channel where it is greatest."""
-        weights = self.fitted.system.weights
-        return max(
-            float(np.mean((column @ self.coefficients(k)) ** 2)) * weights[name] ** 2
-            for name, column in self.fitted.columns[k].items()
-        )
+        made = {name: each @ self.coefficients(k) for name, each in self.fitted.columns[k].items()}
+        return max(rms(each) * self.fitted.system.weights[name] for name, each in made.items())
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
         """90 % interval of an amount."""
@@ -143,11 +140,7 @@ class Estimates:
     def _sigmas(self, k: int, slopes: Slopes) -> tuple[float, dict[str, float]]:
         """Standard deviation of the amount of a regressor, and relative ones of its shapes."""
         system = self.fitted.system
-        columns = {}
-        for name, rows in system.session.channels.items():
-            parts = [each[name] for each in slopes.values()]
-            columns[name] = np.hstack([np.empty((len(rows.gap), 0)), *parts])
-        variance = np.diag(self.fitted.solve(columns).covariance)
+        variance = np.diag(self.fitted.solve(list(slopes.values())).covariance)
         sigma = np.sqrt(system.misfit(self.square) * np.maximum(variance, 0.0))
         moved = sigma[len(sigma) - len(slopes) :].tolist()
         return float(sigma[self.fitted.place(k)].max()), dict(zip(slopes, moved, strict=True))

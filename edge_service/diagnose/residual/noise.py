@@ -1,10 +1,8 @@
 """Noise of a session: what no fit can explain, and how much of a residual matters.
 
-Its floor is the part that neither the motion nor a repeat of it predicts. Two passes of the same
-motion differ by noise, and by nothing that any model could know. What smooth functions of the
-motion say of the gap in another block of time is therefore no noise, nor is what comes again at the
-same place at the same speed. Bursts, such as those of a force, are not ordinary and do not raise
-the floor.
+What smooth functions of the motion say of the gap in another block of time is no noise, nor is what
+comes again at the same place at the same speed: two passes of a motion differ by noise, and by
+nothing that any model could know. Bursts, such as those of a force, do not raise the floor.
 """
 
 import math
@@ -41,8 +39,6 @@ of 320 simulated ones, 200 and 120 more, three plants and six motions."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
-_QUARTILES_APART = 1.349
-"""Distance of the quartiles of a normal distribution, in standard deviations."""
 _SAME_RAD, _SAME_SPEED, _SAME_ACCELERATION = 0.05, 0.1, 0.3
 """Rows are repeats within so much of the motor's angle, and so much in log(1 + .) of the others."""
 _SLOW_RAD_S, _SOFT_RAD_S2 = 1.0, 50.0
@@ -51,8 +47,6 @@ _REPEATS_MAY_MISS = 1.3
 """Repeats are few and lie where the axis goes most: by so much they may be too quiet."""
 _MORE_THAN_NOISE = 1.5
 """Root mean square over the floor from which on a rest shows nothing of its noise."""
-_QUARTILE = 0.6745
-"""Median of the size of a standard normal variable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +176,8 @@ def noise_floor(
     levels, noise = {}, {}
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
-        ratio_m_per_rad, fold = session.baseline.ratio_m_per_rad, session.fold[name]
-        again = _repeated_rms(rows, rest, ratio_m_per_rad, fold)
-        level = ordinary_rms(rest)
-        levels[name] = level if again is None else min(level, _REPEATS_MAY_MISS * again)
+        again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, session.fold[name])
+        levels[name] = min(ordinary_rms(rest), _REPEATS_MAY_MISS * again)
         noise[name] = rest
     return levels, noise
 
@@ -204,33 +196,25 @@ def ordinary_rms(values: Floats) -> float:
     pieces = values[: count * _PIECE_ROWS].reshape(count, _PIECE_ROWS)
     logarithm = 0.5 * np.log(np.maximum(np.mean(pieces**2, axis=1), 1e-300))
     low, high = np.quantile(logarithm, (0.25, 0.75))
-    spread = min((high - low) / _QUARTILES_APART, _MOST_SPREAD)
+    spread = min(float(stats.iqr(logarithm, scale="normal")), _MOST_SPREAD)
     return min(float(np.exp(0.5 * (low + high) + spread**2)), whole)
 
 
-def _repeated_rms(
-    rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Integers
-) -> float | None:
-    """Root mean square of a series (n,) as its repeats differ; None where there are too few."""
+def _repeated_rms(rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Integers) -> float:
+    """Root mean square of a series (n,) as its repeats differ; infinite where they are too few."""
     known = rows.variables
     speed, acceleration = known["motor_speed_rad_s"], known["motor_acceleration_rad_s2"]
-    state = np.column_stack(
-        (
-            known["table_position_m"] / ratio_m_per_rad / _SAME_RAD,
-            np.sign(speed) * np.log1p(np.abs(speed) / _SLOW_RAD_S) / _SAME_SPEED,
-            np.sign(acceleration)
-            * np.log1p(np.abs(acceleration) / _SOFT_RAD_S2)
-            / _SAME_ACCELERATION,
-        )
-    )
-    even = np.flatnonzero(fold % 2 == 0)
-    odd = np.flatnonzero(fold % 2 == 1)
+    speed = np.sign(speed) * np.log1p(np.abs(speed) / _SLOW_RAD_S)
+    acceleration = np.sign(acceleration) * np.log1p(np.abs(acceleration) / _SOFT_RAD_S2)
+    place = known["table_position_m"] / ratio_m_per_rad / _SAME_RAD
+    state = np.column_stack((place, speed / _SAME_SPEED, acceleration / _SAME_ACCELERATION))
+    even, odd = np.flatnonzero(fold % 2 == 0), np.flatnonzero(fold % 2 == 1)
     if min(len(even), len(odd)) < _LEAST_REPEATS:
-        return None
+        return math.inf
     apart, nearest = KDTree(state[odd]).query(state[even], distance_upper_bound=1.0)
     order = np.argsort(apart)[:_MOST_REPEATS]
     order = order[np.isfinite(apart[order])]
     if len(order) < _LEAST_REPEATS:
-        return None
+        return math.inf
     differ = values[even[order]] - values[odd[nearest[order]]]
-    return float(np.median(np.abs(differ)) / _QUARTILE / np.sqrt(2.0))
+    return float(np.median(np.abs(differ)) / stats.norm.ppf(0.75) / np.sqrt(2.0))

@@ -5,7 +5,6 @@ a smooth function of the motion takes up what they have beyond that. How far the
 the others of them predict, noise and all, is the floor for any further recording.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,17 +12,15 @@ import numpy as np
 from scipy import stats
 
 from ...checks.same_axis import by_recording
-from ...messages.samples import Floats, Integers
+from ...messages.samples import Floats
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.effect import ActiveEffect
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ...regression.run import Run
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
-from .structure import SmoothFunctions
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
+from .structure import SmoothFunctions, predicted_groups, ridge_fits
 
-_RIDGES = (1e-3, 1e-2, 0.1, 1.0)
-"""Of the number of rows."""
 _LOOSE = 1e-4
 """Ridge of the parameters, of the number of rows: what the motion does not show stays as it was."""
 _PARAMETERS: Mapping[str, Callable[[Motion], Floats]] = {
@@ -38,34 +35,23 @@ _LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Followed:
-    """One channel: forms, and their coefficients (p,)."""
-
-    forms: SmoothFunctions
-    beta: Floats
-
-    def at(self, variables: Mapping[str, Floats]) -> Floats:
-        found: Floats = self.forms.columns(variables) @ self.beta
-        return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """Gap of the healthy machine.
 
     Attributes:
-        followed: channel -> what it follows.
+        followed: channel -> smooth functions that it follows, and their coefficients, (p,).
         floor: channel -> root mean square by which a further healthy recording may part from it.
     """
 
-    followed: Mapping[str, _Followed]
+    followed: Mapping[str, tuple[SmoothFunctions, Floats]]
     floor: Mapping[str, float]
 
     def gap(self, channel: str, rows: Rows) -> Floats:
         """Gap of the healthy machine at the rows of a session, (n,); 0 in a channel not known."""
         if channel not in self.followed:
             return np.zeros(len(rows.gap))
-        found = self.followed[channel].at(rows.variables)
+        forms, beta = self.followed[channel]
+        found: Floats = forms.columns(rows.variables) @ beta
         return found - found.mean() if channel == TRANSMISSION_GAP else found
 
     def beside(self, session: Session) -> Session:
@@ -88,8 +74,7 @@ def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> 
     session = Session.of_runs(runs, baseline, model_effects(machine))
     columns = np.column_stack([session.column(TORQUE_GAP, curve) for curve in _PARAMETERS.values()])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
-    gram = (columns / scale).T @ (columns / scale) + _LOOSE * len(columns) * np.eye(len(scale))
-    found = np.linalg.solve(gram, (columns / scale).T @ session.channels[TORQUE_GAP].gap) / scale
+    found = ridge_fits(columns / scale, session.channels[TORQUE_GAP].gap, [_LOOSE])[0] / scale
     change = dict(zip(_PARAMETERS, found.tolist(), strict=True))
     model = machine.model
     dry = "preload_drag_nm" if model.preload_n is None else "bearing_drag_nm"
@@ -123,36 +108,10 @@ def healthy_machine(
             np.concatenate([getattr(rows, name) for rows in parts]) for name in ("gap", "block")
         )
         rows = Rows(gap, variables, block)
-        followed[channel], floor[channel] = _learned(rows, channel, group, runs)
+        ridge, found = predicted_groups(rows, group, channel, runs[0].low_pass, timed=False)
+        forms, columns = SmoothFunctions.fitted(rows, channel, runs[0].low_pass, timed=False)
+        followed[channel] = forms, ridge_fits(columns, gap, [ridge])[0]
+        freedom = max(len(np.unique(group)) - 1, _LEAST_FREEDOM)
+        wider = float(stats.t.ppf(_LEVEL, freedom) / stats.norm.ppf(_LEVEL))
+        floor[channel] = wider * rms(gap - found)
     return Reference(followed, floor)
-
-
-def _learned(
-    rows: Rows, channel: str, group: Integers, runs: Sequence[Run]
-) -> tuple[_Followed, float]:
-    """Learn a gap with the ridge that predicts each group best from the others, and its error."""
-    best = math.inf, _RIDGES[-1]
-    for ridge in _RIDGES:
-        squares = []
-        for number in np.unique(group).tolist():
-            mine = group == number
-            if mine.all():
-                continue
-            learned = _followed(rows.at(~mine), channel, ridge, runs)
-            left = rows.gap[mine] - learned.at(rows.at(mine).variables)
-            squares.append(float(np.mean(left**2)))
-        if squares and np.mean(squares) < best[0]:
-            best = float(np.mean(squares)), ridge
-    if not math.isfinite(best[0]):
-        best = rows.rms**2, _RIDGES[-1]
-    freedom = max(len(np.unique(group)) - 1, _LEAST_FREEDOM)
-    wider = float(stats.t.ppf(_LEVEL, freedom) / stats.norm.ppf(_LEVEL))
-    return _followed(rows, channel, best[1], runs), wider * math.sqrt(best[0])
-
-
-def _followed(rows: Rows, channel: str, ridge: float, runs: Sequence[Run]) -> _Followed:
-    forms, columns = SmoothFunctions.fitted(
-        rows.variables, rows.gap, channel, runs[0].low_pass, timed=False
-    )
-    gram = columns.T @ columns + ridge * len(columns) * np.eye(columns.shape[1])
-    return _Followed(forms, np.linalg.solve(gram, columns.T @ rows.gap).astype(np.float64))

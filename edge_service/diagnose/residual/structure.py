@@ -1,21 +1,20 @@
 """Structure of a gap: what smooth functions of the motion predict, whatever the name of its cause.
 
-What a library leaves may be noise, or structure that no entry has: what smooth functions say of
-held-out blocks is structure. Hats over speed, position, acceleration and time, each also turned
-with the direction, and the strongest waves over the angle claim nothing but that the same motion
-gives the same gap.
+What they say of held-out blocks is no noise. Hats over speed, position, acceleration and time, each
+also turned with the direction, and the strongest waves over the angle claim nothing but that the
+same motion gives the same gap.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Self
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ...messages.samples import Floats, Integers
 from ...regression.run import FILTER_ORDER, Filter
-from ..session.session import FOLDS, TORQUE_GAP, TRANSMISSION_GAP, Session
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session
 
 _HIGHEST_ORDER = {TORQUE_GAP: 96, TRANSMISSION_GAP: 12}
 _MOST_WAVES = 4
@@ -27,7 +26,7 @@ _WAVE_ROWS = 20_000
 _SLOW_RAD_S, _SOFT_RAD_S2 = 0.5, 20.0
 """Below these the hats over speed and acceleration lie evenly, above them by octaves."""
 _RIDGES = (3e-4, 1e-2, 0.3)
-"""Of the number of rows: columns have a mean square of 1, the plainest ones a greater one."""
+"""Columns have a mean square of 1, the plainest ones a greater one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,62 +37,42 @@ class SmoothFunctions:
         spans: coordinate -> range in the rows that they were made for; beyond it they stay level.
         orders: of the waves over the angle, (even, turned).
         scale: of each column, (p,): its root mean square where they were made, or less.
-        timed: forms over time are among them.
     """
 
     spans: Mapping[str, tuple[float, float]]
     orders: tuple[tuple[int, ...], tuple[int, ...]]
     scale: Floats
     low_pass: Filter
-    timed: bool
 
     @classmethod
     def fitted(
-        cls,
-        variables: Mapping[str, Floats],
-        values: Floats,
-        channel: str,
-        low_pass: Filter,
-        *,
-        timed: bool = True,
+        cls, rows: Rows, channel: str, low_pass: Filter, *, timed: bool
     ) -> tuple[Self, Floats]:
-        """Basis for rows of some variables, (n,) each, and its columns at these, (n, p).
-
-        Args:
-            values: what is to be followed, (n,).
-        """
-        spans = {
-            name: (float(each.min()), float(each.max()))
-            for name, each in _coordinates(variables).items()
-        }
-        orders = _strongest(variables, values, _HIGHEST_ORDER[channel], low_pass)
-        columns = cls(spans, orders, np.ones(1), low_pass, timed).columns(variables)
+        """Basis that is to follow the gap of some rows, and its columns at these, (n, p)."""
+        at = _coordinates(rows.variables)
+        names = [name for name in at if timed or name != "time"]
+        spans = {name: (float(at[name].min()), float(at[name].max())) for name in names}
+        orders = _strongest(rows, _HIGHEST_ORDER[channel], low_pass)
+        columns = cls(spans, orders, np.ones(1), low_pass).columns(rows.variables)
         scale = np.sqrt(np.mean(columns**2, axis=0))
         scale[:_PLAIN_COLUMNS] /= _PLAIN
         scale = np.where(scale > 0.0, scale, 1.0)
-        return cls(spans, orders, scale, low_pass, timed), columns / scale
+        return cls(spans, orders, scale, low_pass), columns / scale
 
     def columns(self, variables: Mapping[str, Floats]) -> Floats:
         """Columns of the basis at some rows, (n, p)."""
-        at = {
-            name: np.clip(each, *self.spans[name]) for name, each in _coordinates(variables).items()
-        }
-        way = _way(variables)[:, None]
-        smooth = [
-            _hats(at[name], *self.spans[name], count)
-            for name, count in _COUNTS.items()
-            if self.timed or name != "time"
-        ]
+        known, way = _coordinates(variables), _way(variables)[:, None]
+        at = {name: np.clip(known[name], *span) for name, span in self.spans.items()}
+        smooth = [_hats(at[name], *span, _COUNTS[name]) for name, span in self.spans.items()]
         fastest = _SLOW_RAD_S * np.expm1(max(map(abs, self.spans["speed"])))
         hardest = _SOFT_RAD_S2 * np.expm1(max(map(abs, self.spans["hard"])))
         speed = np.clip(variables["motor_speed_rad_s"], -fastest, fastest)
         acceleration = np.clip(variables["motor_acceleration_rad_s2"], -hardest, hardest)
         plain = np.column_stack((np.ones_like(speed), way, speed, acceleration))
         products = [speed * at["place"], acceleration * at["place"]]
-        if self.timed:
+        if "time" in at:
             products += [at["time"] * x for x in (speed, at["place"], at["time"] * at["place"])]
-        parts = [plain, *smooth, *(way * each for each in smooth)]
-        parts += [x[:, None] for x in products]
+        parts = [plain, *smooth, *(way * each for each in smooth), *(x[:, None] for x in products)]
         even, turned = self.orders
         parts += [_wave(variables, order, self.low_pass) for order in even]
         parts += [way * _wave(variables, order, self.low_pass) for order in turned]
@@ -138,28 +117,22 @@ def passed_at(frequency_hz: Floats, low_pass: Filter) -> Floats:
 
 
 def _strongest(
-    variables: Mapping[str, Floats], values: Floats, highest: int, low_pass: Filter
+    rows: Rows, highest: int, low_pass: Filter
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Orders of the waves that follow the values best, each alone: even ones, and turned ones."""
-    step = max(len(values) // _WAVE_ROWS, 1)
-    few = {name: each[::step] for name, each in variables.items()}
-    rest = values[::step] - float(np.mean(values))
-    way = _way(few)
-    wave, turn = np.ones(len(rest), np.complex128), np.exp(1j * few["motor_angle_rad"])
-    even, turned = [], []
+    """Orders of the waves that follow the gap best, each alone: even ones, and turned ones."""
+    few = rows.at(slice(None, None, max(len(rows.gap) // _WAVE_ROWS, 1)))
+    rest = few.gap - float(np.mean(rows.gap))
+    wave, turn = np.ones(len(rest), np.complex128), np.exp(1j * few.variables["motor_angle_rad"])
+    strength = []
     for order in range(1, highest + 1):
         wave *= turn
-        passed = _gain(few, order, low_pass) * wave
+        passed = _gain(few.variables, order, low_pass) * wave
         energy = max(float(np.sum(np.abs(passed) ** 2)), 1e-300)
-        even.append(abs(complex(passed @ rest)) ** 2 / energy)
-        turned.append(abs(complex(passed @ (way * rest))) ** 2 / energy)
-    return _leading(even), _leading(turned)
-
-
-def _leading(strength: Sequence[float]) -> tuple[int, ...]:
-    """Orders of the strongest of waves that begin with order 1."""
-    ranked = np.argsort(-np.array(strength), kind="stable")[:_MOST_WAVES]
-    return tuple(sorted(int(k) + 1 for k in ranked))
+        sums = passed @ np.column_stack((rest, _way(few.variables) * rest))
+        strength.append(np.abs(sums) ** 2 / energy)
+    ranked = np.argsort(-np.array(strength), axis=0, kind="stable")[:_MOST_WAVES] + 1
+    even, turned = np.sort(ranked, axis=0).T.tolist()
+    return tuple(even), tuple(turned)
 
 
 def _hats(values: Floats, low: float, high: float, count: int) -> Floats:
@@ -168,6 +141,32 @@ def _hats(values: Floats, low: float, high: float, count: int) -> Floats:
     reach = knots[1] - knots[0]
     hats: Floats = np.maximum(1.0 - np.abs(values[:, None] - knots) / reach, 0.0)
     return hats
+
+
+def ridge_fits(columns: Floats, values: Floats, ridges: Sequence[float]) -> Floats:
+    """Coefficients of columns (n, p) that follow values (n,), held by each of some ridges, (r, p).
+
+    Args:
+        ridges: of the number of rows.
+    """
+    held = np.array(ridges)[:, None, None] * len(columns) * np.eye(columns.shape[1])
+    normal, target = columns.T @ columns + held, (columns.T @ values)[:, None]
+    return np.linalg.solve(normal, target)[..., 0].astype(np.float64)
+
+
+def predicted_groups(
+    rows: Rows, group: Integers, channel: str, low_pass: Filter, *, timed: bool
+) -> tuple[float, Floats]:
+    """Ridge that predicts each group of rows best from the others, and the prediction, (n,)."""
+    found = np.zeros((len(_RIDGES), len(rows.gap)))
+    for number in np.unique(group).tolist():
+        mine = group == number
+        if not mine.all():
+            forms, known = SmoothFunctions.fitted(rows.at(~mine), channel, low_pass, timed=timed)
+            asked = forms.columns(rows.at(mine).variables)
+            found[:, mine] = ridge_fits(known, rows.gap[~mine], _RIDGES) @ asked.T
+    best = int(np.argmin(np.sum((rows.gap - found) ** 2, axis=1)))
+    return _RIDGES[best], found[best]
 
 
 def predicted_structure(
@@ -183,24 +182,8 @@ def predicted_structure(
     """
     low_pass, folds, predicted = session.runs[0].low_pass, session.fold, {}
     for channel, values in left.items():
-        rows = session.channels[channel]
-        fold = folds[channel]
-        found = {ridge: np.zeros(len(values)) for ridge in _RIDGES}
-        for k in range(FOLDS):
-            mine = fold == k
-            if not mine.any() or mine.all():
-                continue
-            here, there = rows.at(mine).variables, rows.at(~mine).variables
-            forms, known = SmoothFunctions.fitted(
-                there, values[~mine], channel, low_pass, timed=timed
-            )
-            asked = forms.columns(here)
-            gram, cross = known.T @ known, known.T @ values[~mine]
-            for ridge in _RIDGES:
-                held = gram + ridge * len(known) * np.eye(len(gram))
-                beta = np.linalg.solve(held, cross)
-                found[ridge][mine] = asked @ beta
-        best = min(found.values(), key=lambda each: float(np.sum((values - each) ** 2)))
+        rows = replace(session.channels[channel], gap=values)
+        _, best = predicted_groups(rows, folds[channel], channel, low_pass, timed=timed)
         helps = np.sum((values - best) ** 2) < np.sum(values**2)
         predicted[channel] = best if helps else np.zeros(len(values))
     return predicted

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from ...messages.samples import Floats
 from ...models.effects.effect import Term
@@ -51,33 +52,26 @@ class Posterior:
         cls, problem: SelectionProblem, scored: Sequence[tuple[EffectSet, float]]
     ) -> "Posterior":
         """Weigh sets by the logarithm of their evidence, the best first."""
-        ranked = [each for each, _ in scored]
-        top = scored[0][1]
-        weights = [math.exp(max(score - top, -700.0)) for _, score in scored]
-        total = sum(weights)
-        candidates = [(each, weight / total) for each, weight in zip(ranked, weights, strict=True)]
-        names = {name for each in ranked for name in each.material}
+        ranked, scores = zip(*scored, strict=True)
+        candidates = list(zip(ranked, special.softmax(scores).tolist(), strict=True))
         probability = {
             name: sum(p for each, p in candidates if name in each.material)
-            for name in sorted(names)
+            for name in sorted(frozenset().union(*(each.material for each in ranked)))
         }
         best = ranked[0]
-        close = [each for each, score in scored if score >= top - TIED and each.material]
+        close = [each.material for each, score in scored if score >= scores[0] - TIED]
         classes = {}
         for name in sorted(best.material):
-            rivals = {
-                other for each in close if name not in each.material for other in each.material
-            }
+            rivals = frozenset().union(*(each for each in close if name not in each))
             classes[name] = (name, *sorted(rivals - best.material - {UNKNOWN}))
         return cls(problem, best, probability, classes, candidates, best.fit.rms)
 
     def without(self, name: str) -> "Posterior | None":
         """Posterior over the sets that lack an effect; None where there is none with a cause."""
-        others = [each for each, _ in self.candidates if name not in each.material]
-        others.sort(key=lambda each: -each.fit.score)
-        if not others or not others[0].material:
-            return None
-        return Posterior.of_scored(self.problem, [(each, each.fit.score) for each in others])
+        others = [(e, e.fit.score) for e, _ in self.candidates if name not in e.material]
+        others.sort(key=lambda pair: -pair[1])
+        is_cause = bool(others) and bool(others[0][0].material)
+        return Posterior.of_scored(self.problem, others) if is_cause else None
 
     @property
     def unexplained(self) -> dict[str, float]:
@@ -119,14 +113,13 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
 def _beside_force(posterior: Posterior) -> Posterior:
     """Posterior on other causes from the motion that no force disturbs."""
     problem, regressors = posterior.problem, posterior.problem.design.regressors
-    pulses, free = [], {}
-    for channel, rows in problem.session.channels.items():
-        free[channel] = np.ones(len(rows.gap), np.bool_)
+    channels, pulses = problem.session.channels, []
+    free = {channel: np.ones(len(rows.gap), np.bool_) for channel, rows in channels.items()}
     for a in posterior.best.fit.regressors:
         pulse = regressors[a]
         if isinstance(pulse, ForcePulse):
             pulses.append(a)
-            for channel, rows in problem.session.channels.items():
+            for channel, rows in channels.items():
                 time_s = rows.variables["time_s"]
                 before = time_s < pulse.start_s - _DISTURBED_S
                 free[channel] &= before | (time_s >= pulse.end_s + _DISTURBED_S)
@@ -159,8 +152,7 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
     best = ranked[0]
     scored = []
     for each in ranked:
-        is_part = bool(each.material) and each.material < best.material
-        gains = is_part and _leaves_as_little(each, best, noise)
+        gains = set() < each.material < best.material and _leaves_as_little(each, best, noise)
         scored.append((each, each.fit.score + (math.log(_SIMPLER) if gains else 0.0)))
     scored.sort(key=lambda pair: -pair[1])
     (best, top), parameters = scored[0], set(PARAMETERS)
@@ -169,9 +161,8 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
     simple = [
         each
         for each, _ in scored
-        if 0 < len(each.material) <= len(best.material)
-        and each.material <= parameters
-        and _leaves_as_little(each, best, noise)
+        if set() < each.material <= parameters and len(each.material) <= len(best.material)
+        if _leaves_as_little(each, best, noise)
     ]
     simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
     level = top + math.log(_SIMPLER / max(len(simple), 1))
@@ -180,7 +171,7 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
         wandering = []
         for each, score in rest:
             matters = any(noise.matters(name, rms) for name, rms in each.fit.rms.items())
-            alone = bool(each.material) and each.material <= parameters and not matters
+            alone = set() < each.material <= parameters and not matters
             wandering.append((each, max(score, top - math.log(_SIMPLER)) if alone else score))
         rest = sorted(wandering, key=lambda pair: -pair[1])
     return [(each, level) for each in simple] + rest

@@ -1,11 +1,9 @@
 """Selection problem: which sets of regressors explain the gap, scored on equal terms for all."""
 
-import functools
 import itertools
 import math
-import operator
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -16,7 +14,7 @@ from ...models.effects.effect import MATERIAL_TOLERANCES, Effect, Kind
 from ...models.effects.registry import effects, effects_where
 from ...models.machine import Machine
 from ..candidates.design_matrix import DesignMatrix, force_pulses, healthy_priors
-from ..candidates.normal_equations import inverted, solved, square_falls
+from ..candidates.normal_equations import solved, square_falls
 from ..candidates.regressors import FORCE, UNKNOWN, CandidateRegressor, candidates_of, null_shapes
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, parameter_tolerances
@@ -155,27 +153,20 @@ class SelectionProblem:
         if self.pinned is not None:
             mean[:, : len(self.pinned)] = self.pinned
             prior[:, : len(self.pinned)] *= _PINNED
-        one = np.ones(len(sets))
-        variance = {
-            name: max(each.square / each.rows, 1e-300) * one for name, each in equations.items()
-        }
-        diagonal = np.eye(index.shape[1]) * prior[:, None, :]
+        left = {n: np.full(len(sets), each.square / each.rows) for n, each in equations.items()}
+        variance = {name: np.maximum(each, 1e-300) for name, each in left.items()}
         for _ in range(_ROUNDS):
-            weights = {
-                name: noise.effective[name] / each.rows / variance[name]
-                for name, each in equations.items()
-            }
-            normal = diagonal + _total(
-                weights[n][:, None, None] * each.gram for n, each in equations.items()
-            )
-            target = prior * mean + _total(
-                weights[n][:, None] * each.cross for n, each in equations.items()
-            )
-            beta = solved(normal, target)
+            normal, target = np.eye(index.shape[1]) * prior[:, None, :], prior * mean
+            for name, each in equations.items():
+                weight = noise.effective[name] / each.rows / variance[name]
+                normal += weight[:, None, None] * each.gram
+                target += weight[:, None] * each.cross
+            beta = solved(normal, target[..., None])[..., 0]
             left = {name: each.mean_square(beta) for name, each in equations.items()}
             variance = {name: left[name] + noise.discrepancy[name] ** 2 for name in equations}
-        score = -0.5 * _total(noise.effective[name] * np.log(variance[name]) for name in equations)
-        score -= 0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
+        score = -0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
+        for name, each in variance.items():
+            score -= 0.5 * noise.effective[name] * np.log(each)
         names = [frozenset(design.regressors[a].name for a in chosen) for chosen in sets]
         each_cost = 0.5 * math.log(sum(noise.effective.values()))
         for k, chosen in enumerate(sets):
@@ -204,30 +195,28 @@ class SelectionProblem:
 
     def names_by_weight(self, whole: Fit) -> list[str]:
         """Names of a fit, the one that it can spare least first."""
-        loss = {name: whole.score - self.without(whole, name).score for name in whole.names}
-        return sorted(loss, key=lambda name: -loss[name])
+        return sorted(whole.names, key=lambda name: self.without(whole, name).score)
 
     def reductions(self, base: Fit, candidates: Sequence[int]) -> Floats:
         """Fall of the weighted square by each candidate added to a fit, to first order, (n,)."""
         design, noise = self.design, self.noise
         index = design.indices(base.regressors)
-        weights = {
-            name: noise.effective[name] / each.rows / noise.variance(name, base.rms[name])
+        weighted = [
+            (noise.effective[name] / each.rows / noise.variance(name, base.rms[name]), each)
             for name, each in design.equations.items()
-        }
-        across = _total(weights[n] * s.gram[:, index] for n, s in design.equations.items())
-        cross = _total(weights[n] * s.cross for n, s in design.equations.items())
+        ]
+        across = np.sum([weight * each.gram[:, index] for weight, each in weighted], axis=0)
+        cross = np.sum([weight * each.cross for weight, each in weighted], axis=0)
         prior, mean = design.precision[index], design.mean[index]
-        covariance = inverted(np.diag(prior) + across[index])
-        rest = cross - across @ (covariance @ (prior * mean + cross[index]))
-        carried = across @ covariance
+        carried = solved(np.diag(prior) + across[index], across.T).T
+        rest = cross - carried @ (prior * mean + cross[index])
         found = np.zeros(len(candidates))
         sizes = np.array([design.regressors[a].size for a in candidates])
         for size in np.unique(sizes).tolist():
             which = np.flatnonzero(sizes == size)
             mine = design.first[np.array(candidates)[which]][:, None] + np.arange(size)
             square = mine[:, :, None], mine[:, None, :]
-            own = _total(weights[n] * s.gram[square] for n, s in design.equations.items())
+            own = np.sum([weight * each.gram[square] for weight, each in weighted], axis=0)
             schur = own - carried[mine] @ across[mine].swapaxes(1, 2)
             found[which] = square_falls(own, schur, rest[mine])
         return found
@@ -247,17 +236,13 @@ class SelectionProblem:
             most_of: effect -> number of its regressors that a set may hold.
             known: regressors to begin with as well: of two that help only together, none is first.
         """
-        begun = [self.fit(())]
-        if known:
-            begun.append(self._pruned(self.fit(known)))
+        begun = [self.fit(()), *([self._pruned(self.fit(known))] if known else [])]
         grown = [self._grown(candidates, most_of, each) for each in begun]
         return max(grown, key=lambda each: each.score)
 
     def _grown(self, candidates: Sequence[int], most_of: Callable[[str], int], best: Fit) -> Fit:
         while len(best.chosen) < _MOST_REGRESSORS:
             open_ = self._open(best, candidates, most_of)
-            if not open_:
-                return best
             # the best regressor of each effect and form, the best of all first
             falls: dict[tuple[str, str], tuple[float, int]] = {}
             for a, fall in zip(open_, self.reductions(best, open_).tolist(), strict=True):
@@ -265,10 +250,8 @@ class SelectionProblem:
                 if fall > falls.get(family, (0.0, 0))[0]:
                     falls[family] = fall, a
             leaders = sorted(falls.values(), reverse=True)[:_MOST_LEADERS]
-            if not leaders:
-                return best
             larger = self.fits([(*best.chosen, a) for _, a in leaders])
-            grown = max(larger, key=lambda each: each.score)
+            grown = max(larger, key=lambda each: each.score, default=best)
             if grown.score < best.score + _LEAST_GAIN:
                 return best
             best = self._pruned(grown)
@@ -280,17 +263,15 @@ class SelectionProblem:
         """Candidates that may come to a set: only one may state what loads a spring."""
         regressors = self.design.regressors
         chosen = [regressors[a] for a in base.chosen]
-        used = Counter(regressor.name for regressor in chosen)
-        loads = {regressor.form for regressor in chosen if _is_load(regressor)}
+        used = Counter(each.name for each in chosen)
+        loads = {each.form for each in chosen if _is_load(each)}
         loaded = most_of is most_shapes and bool(loads)
-        found = []
-        for a in candidates:
-            name, form = regressors[a].name, regressors[a].form
-            if a in base.regressors or used[name] >= most_of(name):
-                continue
-            if not ((loaded or form in loads) and _is_load(regressors[a])):
-                found.append(a)
-        return found
+        return [
+            a
+            for a in candidates
+            if a not in base.regressors and used[regressors[a].name] < most_of(regressors[a].name)
+            if not ((loaded or regressors[a].form in loads) and _is_load(regressors[a]))
+        ]
 
     def _pruned(self, best: Fit) -> Fit:
         while len(best.chosen) > 1:
@@ -389,10 +370,9 @@ class SelectionProblem:
         found = set()
         for name, mine in rises.items():
             regressors, coefficients = self.coefficients(whole, name)
-            if name in self.priors:
-                healthy, sigma = self.priors[name]
-                if abs(float(coefficients.sum()) - healthy) / sigma <= MATERIAL_TOLERANCES:
-                    continue
+            healthy, sigma = self.priors.get(name, (math.inf, 1.0))
+            if abs(float(coefficients.sum()) - healthy) <= MATERIAL_TOLERANCES * sigma:
+                continue
             effect = effects().get(name)
             alike = effect.imitates & whole.names if effect else frozenset()
             is_one = sum(a in whole.chosen for a in regressors) == 1
@@ -428,7 +408,3 @@ def _is_load(regressor: CandidateRegressor) -> bool:
     """Flag of what loads a spring: the difference of two could be any."""
     effect = effects().get(regressor.name)
     return effect is not None and effect.has_one_load and regressor.form != "late"
-
-
-def _total(parts: Iterable[Floats]) -> Floats:
-    return functools.reduce(operator.add, parts)

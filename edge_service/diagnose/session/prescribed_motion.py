@@ -143,7 +143,6 @@ class PrescribedMotionAxis:
 
     def _way(self, motion: Motion, speed: Floats, loads: Sequence[Loads], number: Integers) -> Way:
         """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""
-
         # the recorded external force on the table is part of the model's load torque
         base = self.baseline
         inertia_nm = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
@@ -172,11 +171,10 @@ def _command(
 
 def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
     """Error of the rotary encoder where it reads these angles: r = a + e(a), solved for e."""
-    tables = forward.plant.tables
+    tables, error = forward.plant.tables, np.zeros_like(reading_rad)
     if tables.angle_points == 0:
-        return np.zeros_like(reading_rad)
+        return error
     errors = np.array([misreading(tables, angle)[0] for angle in _TURN])
-    error = np.zeros_like(reading_rad)
     for _ in range(_INVERSIONS):
         error = np.interp(np.mod(reading_rad - error, _TURN[-1]), _TURN, errors)
     return error

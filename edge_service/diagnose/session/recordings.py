@@ -119,20 +119,20 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)
-    temperature_c = None
+    given = {name: values[inside] for name, values in {**raw, **smooth}.items()}
     if TEMPERATURE in raw:
         reach = max(round(TEMPERATURE_MEAN_S / run.period_s), 1)
-        temperature_c = ndimage.uniform_filter1d(raw[TEMPERATURE][inside], reach, mode="nearest")
+        given[TEMPERATURE] = ndimage.uniform_filter1d(given[TEMPERATURE], reach, mode="nearest")
     motion = Motion.of_samples(
         baseline,
         run.time_s[inside],
-        smooth[ANGLE][inside],
+        given[ANGLE],
         speed[inside],
         acceleration[inside],
-        position_m=smooth[TABLE_POSITION][inside] if TABLE_POSITION in raw else None,
-        torque_nm=smooth[TORQUE][inside] if TORQUE in raw else None,
-        external_force_n=smooth[EXTERNAL_FORCE][inside] if EXTERNAL_FORCE in raw else None,
-        temperature_c=temperature_c,
+        position_m=given.get(TABLE_POSITION),
+        torque_nm=given.get(TORQUE),
+        external_force_n=given.get(EXTERNAL_FORCE),
+        temperature_c=given.get(TEMPERATURE),
     )
     motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
     resolved = resolved[inside]
@@ -148,16 +148,15 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         clipped = ndimage.binary_dilation(clipped, np.ones(len(low_pass_of.taps), np.bool_))
     stretch = None
     if TABLE_POSITION in raw:
-        stretch = raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE]
-        stretch = stretch[inside]
+        stretch = (raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE])[inside]
     return Run(
         motion=motion,
         moving=moving,
         resolved=resolved,
         clipped=clipped,
         transmission_m=stretch,
-        temperature_c=temperature_c,
-        setpoint_m=raw[SETPOINT][inside] if SETPOINT in raw else None,
+        temperature_c=given.get(TEMPERATURE),
+        setpoint_m=given.get(SETPOINT),
         recording=number,
         low_pass=low_pass_of,
         noise=noise,
@@ -176,10 +175,8 @@ def _second_difference(
     angle_rad: Floats, period_s: float, noise_rad: float
 ) -> tuple[Floats, Booleans]:
     """Acceleration (n,), 0 where it may be noise, and which samples see it last (n,)."""
-    bend = np.zeros_like(angle_rad)
-    bend[1:-1] = np.diff(angle_rad, 2) / period_s**2
-    noise = noise_rad / period_s**2
-    change = np.abs(np.diff(bend))
+    bend = np.pad(np.diff(angle_rad, 2), 1) / period_s**2
+    noise, change = noise_rad / period_s**2, np.abs(np.diff(bend))
     change = np.maximum(np.append(change, 0.0), np.insert(change, 0, 0.0))
     strong = float(np.quantile(np.abs(bend), 0.99))
     lasting = change <= max(_LASTING_SHARE * strong, _CERTAIN_SIGMAS * math.sqrt(20.0) * noise)
@@ -212,55 +209,46 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
     Recordings whose clocks overlap (each may begin at 0) follow one another, the coldest first:
     an axis warms up in a session.
     """
-    recordings = list(by_recording(thinned(runs)).values())
-    spans = sorted((_start_s(each), _end_s(each)) for each in recordings)
-    if all(before[1] < after[0] for before, after in itertools.pairwise(spans)):
-        return [run for each in sorted(recordings, key=_start_s) for run in each]
+    recordings = sorted(by_recording(thinned(runs)).values(), key=_span_s)
+    spans = itertools.pairwise(map(_span_s, recordings))
+    if all(before[1] < after[0] for before, after in spans):
+        return [run for each in recordings for run in each]
     placed: list[Run] = []
-    clock_s = 0.0
-    for number, each in enumerate(sorted(recordings, key=_coldness)):
-        shift_s = clock_s - _start_s(each) if number else 0.0
+    for each in sorted(recordings, key=_coldness):
+        shift_s = _span_s(placed[-1:])[1] + PAUSE_S - _span_s(each)[0] if placed else 0.0
         for run in each:
             motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
             placed.append(replace(run, motion=motion))
-        clock_s = _end_s(placed[-1:]) + PAUSE_S
     return placed
 
 
 def thinned(runs: Iterable[Run]) -> list[Run]:
     """Runs of at most about `LONGEST_S` in all, evenly spread over what was recorded."""
     kept: list[tuple[int, Run]] = []
-    stride, number, held_s = 1, 0, 0.0
+    stride, number = 1, 0
     for run in runs:
-        parts = [run] if stride == 1 else _pieces(run)
-        for part in parts:
+        for part in [run] if stride == 1 else _pieces(run):
             if number % stride == 0:
                 kept.append((number, part))
-                held_s += part.duration_s
             number += 1
-        while held_s > LONGEST_S:
+        while sum(each.duration_s for _, each in kept) > LONGEST_S:
             if stride == 1:
                 cut = [piece for _, each in kept for piece in _pieces(each)]
                 kept, number = list(enumerate(cut)), len(cut)
             stride *= 2
             kept = [(k, each) for k, each in kept if k % stride == 0]
-            held_s = sum(each.duration_s for _, each in kept)
     return [run for _, run in kept]
 
 
-def _start_s(runs: Sequence[Run]) -> float:
-    return min(float(run.motion.time_s[0]) for run in runs)
-
-
-def _end_s(runs: Sequence[Run]) -> float:
-    return max(float(run.motion.time_s[-1]) for run in runs)
+def _span_s(runs: Sequence[Run]) -> tuple[float, float]:
+    times_s = [run.motion.time_s[k] for run in runs for k in (0, -1)]
+    return float(min(times_s)), float(max(times_s))
 
 
 def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
     """Temperature, then whatever else distinguishes recordings without regard to their order."""
-    first = runs[0]
     warmth = [float(run.temperature_c.mean()) for run in runs if run.temperature_c is not None]
-    motion = first.motion
+    motion = runs[0].motion
     return (
         min(warmth, default=0.0),
         float(motion.time_s[0]),

@@ -170,16 +170,12 @@ def channel_gap(
     channel: str, run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]
 ) -> Floats:
     """Measured less modelled at the rows of a run, N m or m, (n,): x - R theta at all of them."""
+    known = [_signature(channel, e.effect, e.values, run.motion, baseline) for e in modelled]
     if channel == TORQUE_GAP:
-        model = run.motion.model_torque_nm.copy()
-        for each in modelled:
-            model += _signature(channel, each.effect, each.values, run.motion, baseline)
-        return run.resting_zero(run.motion.torque_nm - model)[run.compared_rows]
+        left = run.motion.torque_nm - (run.motion.model_torque_nm + sum(known))
+        return run.resting_zero(left)[run.compared_rows]
     assert run.transmission_m is not None
-    gap = run.transmission_m.copy()
-    for each in modelled:
-        gap -= _signature(channel, each.effect, each.values, run.motion, baseline)
-    return run.low_pass(gap)
+    return run.low_pass(run.transmission_m - sum(known))
 
 
 def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:

@@ -40,10 +40,9 @@ LEAST_PROBABILITY = 0.02
 _EVEN = 0.08
 """With this much structure left, over what it explains, an effect is as likely a misattribution.
 
-Of 168 true causes 1 left more: of 90 on recordings of real machines with errors added (`bench
-diagnose --real-machines`) one, of 78 on the benchmark beside the checkout (seed 7108) none. So a
-further true cause is refused with a chance of 2 in 169 (split conformal prediction, Vovk et al.,
-2005). Of 38 effects that were not there, 32 left more.
+Of 168 true causes (90 on recordings of real machines with errors added, 78 on the benchmark beside
+the checkout, seed 7108) one left more: a further one is refused with a chance of 2 in 169 (split
+conformal prediction, Vovk et al., 2005). Of 38 effects that were not there, 32 left more.
 """
 _STEEP = 3.0
 BY_CHANCE = 0.5
@@ -148,8 +147,8 @@ def _missed(
     """Energy of what is left that smooth functions predict, beyond the tolerance, by channel."""
     found = {}
     for name, rest in left.items():
-        predicted = float(np.sum(rest**2) - np.sum((rest - structure[name]) ** 2))
-        found[name] = max(predicted - len(rest) * tolerance[name] ** 2, 0.0)
+        predicted = np.sum(rest**2 - (rest - structure[name]) ** 2 - tolerance[name] ** 2)
+        found[name] = max(float(predicted), 0.0)
     return found
 
 
@@ -178,8 +177,8 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
             name = design.regressors[k].name
             if problem.tolerances.get(name, 0.0) > 0.0 and name not in contributions.named:
                 place = int(design.first[k])
-                off = abs(float(best.coefficients[place] - design.mean[place]))
-                if off * float(np.sqrt(design.precision[place])) > MOST_STRETCH:
+                off = float(best.coefficients[place] - design.mean[place])
+                if off**2 * float(design.precision[place]) > MOST_STRETCH**2:
                     found[TORQUE_GAP] = 0.5
     return found
 
@@ -249,12 +248,9 @@ class Assessment:
     @property
     def misattributed(self) -> set[str]:
         """Channels whose greatest cause is more likely a misattribution than not."""
-        leaders: dict[str, Attribution] = {}
-        for effect, attribution in self.attributions.items():
-            channel = self.contributions.channel_of[effect]
-            if channel not in leaders or attribution.gain > leaders[channel].gain:
-                leaders[channel] = attribution
-        return {channel for channel, attribution in leaders.items() if attribution.trust < 0.5}
+        by_gain = sorted(self.attributions.items(), key=lambda item: item[1].gain)
+        leaders = {self.contributions.channel_of[effect]: each for effect, each in by_gain}
+        return {channel for channel, each in leaders.items() if each.trust < 0.5}
 
     @property
     def is_unknown(self) -> bool:
@@ -276,10 +272,10 @@ class Assessment:
             return FORCE  # no entry can say how it acts
         idle = []
         for each in self.effects:
-            # nobody foresees a force
-            helps = each.shrink.high if each.name == FORCE else each.shrink.estimate
-            told = each.name == FORCE or is_told(each)
-            if each.probability < LEAST_PROBABILITY or helps < LEAST_SHRINK or not told:
+            is_force = each.name == FORCE  # which nobody foresees
+            helps = each.shrink.high if is_force else each.shrink.estimate
+            told = helps >= LEAST_SHRINK and (is_force or is_told(each))
+            if each.probability < LEAST_PROBABILITY or not told:
                 idle.append(each)
         worst = min(idle, key=lambda each: (each.shrink.estimate, each.probability), default=None)
         return worst.name if worst else ""
@@ -288,10 +284,9 @@ class Assessment:
 def is_agreed(contributions: Contributions, name: str, tolerance: Mapping[str, float]) -> bool:
     """Flag of an effect that makes no half of the recording worse by more than the tolerance."""
     channel = contributions.channel_of[name]
-    rows, left = contributions.session.channels[channel], contributions.left[channel]
+    time_s = contributions.session.channels[channel].variables["time_s"]
+    left, early = contributions.left[channel], time_s <= np.median(time_s)
     raised = left**2 - (left + contributions.by_effect[name][channel]) ** 2
-    time_s = rows.variables["time_s"]
-    early = time_s <= np.median(time_s)
     halves = (float(raised[half].mean()) for half in (early, ~early) if half.any())
     return max(halves) <= tolerance[channel] ** 2
 
@@ -314,13 +309,10 @@ def assess_causes(posterior: Posterior) -> Assessment:
     suspects: dict[str, float] = {}
     while True:
         assessment = Assessment.of_effects(posterior, named)
-        for name, structure in assessment.suspects.items():
-            suspects.setdefault(name, structure)
+        suspects = {**assessment.suspects, **suspects}
         idle = assessment.idlest()
         if not idle:
             return replace(assessment, suspects=suspects)
         calmer = posterior.without(FORCE) if idle == FORCE else None
-        if calmer is None:
-            named = named - {idle}
-        else:
-            posterior, named = calmer, calmer.best.material - {UNKNOWN}
+        posterior = calmer or posterior
+        named = calmer.best.material - {UNKNOWN} if calmer else named - {idle}

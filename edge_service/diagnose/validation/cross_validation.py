@@ -1,11 +1,11 @@
 """Cross validation: how far effects shrink the gap on motion that was not used for fitting."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...messages.samples import Booleans, Floats, Integers
+from ...messages.samples import Floats, Integers
 from ..candidates.regressors import FORCE
 from ..estimation.estimates import Estimates
 from ..result import Shrink
@@ -25,37 +25,25 @@ _TIME_CONSTANT = "time_constant_s"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fold:
-    """Fold of the blocks: by channel its rows (n,), and values fitted on all others."""
-
-    rows: Mapping[str, Booleans]
-    values: Estimates
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class CrossValidation:
     """Values fitted on all blocks of time, and without each fold of them, in their order."""
 
     values: Estimates
-    folds: tuple[Fold, ...]
+    folds: tuple[Estimates, ...]
 
     @classmethod
     def of_estimates(cls, values: Estimates) -> "CrossValidation":
         """Fit the values once more without each fold."""
-        session = values.fitted.system.session
-        number, folds = session.fold, []
+        number, folds = values.fitted.system.session.fold, []
         for k in range(FOLDS):
-            rows = {name: each == k for name, each in number.items()}
-            kept = {name: ~each for name, each in rows.items()}
-            folds.append(Fold(rows, replace(values, beta=values.fitted.solve(rows=kept).beta)))
+            kept = {name: each != k for name, each in number.items()}
+            folds.append(replace(values, beta=values.fitted.solve(rows=kept).beta))
         return cls(values, tuple(folds))
 
     def held_out(self, name: str, channel: str) -> Floats:
         """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""
-        found = np.zeros(len(self.folds[0].rows[channel]))
-        for fold in self.folds:
-            rows = fold.rows[channel]
-            found[rows] = fold.values.contribution(name, channel)[rows]
+        number = self.values.fitted.system.session.fold[channel]
+        found: Floats = np.choose(number, [x.contribution(name, channel) for x in self.folds])
         return found
 
     def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
@@ -101,9 +89,7 @@ def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
     last = np.bincount(block, after**2, minlength=count)
     used = first > 0.0
     blocks, random = int(used.sum()), np.random.default_rng(7)
-    weights = random.multinomial(blocks, np.full(blocks, 1.0 / blocks), _RESAMPLES).astype(
-        np.float64
-    )
+    weights = random.multinomial(blocks, [1.0 / blocks] * blocks, _RESAMPLES).astype(np.float64)
     estimate = _shrink(first.sum(), last.sum())
     return _of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
 

@@ -59,7 +59,7 @@ def replay(
             known = [loss] if loss is not None and loss.effect.name in names else []
             variants = []
             for fold in validation.folds:
-                named = [active_effect(n, each) for n in names for each in fold.values.entries(n)]
+                named = [active_effect(n, each) for n in names for each in fold.entries(n)]
                 variants.append(axis.with_effects(known + named))
             runs = [
                 axis.simulated(run, variants, session.folds(run.motion.time_s))
