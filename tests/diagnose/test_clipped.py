@@ -25,19 +25,22 @@ def limited(machine_file: Path, tmp_path: Path) -> tuple[Path, str]:
     """A machine file that states the limit, and a healthy recording that stays at it."""
     columns = dict(recorded((), seed=3).columns)
     limit_nm, columns["torque_command_nm"] = clipped(columns["torque_command_nm"])
-    stated = tmp_path / "machine.toml"
-    text = machine_file.read_text()
+    return stated(machine_file, tmp_path, limit_nm), written(tmp_path / "a.csv", columns)
+
+
+def stated(machine_file: Path, folder: Path, limit_nm: float) -> Path:
+    text, path = machine_file.read_text(), folder / "machine.toml"
     assert "max_torque_nm" not in text
-    stated.write_text(text.replace("[axis]", f"[axis]\nmax_torque_nm = {limit_nm}", 1))
-    return stated, written(tmp_path / "a.csv", columns)
+    path.write_text(text.replace("[axis]", f"[axis]\nmax_torque_nm = {limit_nm:.4f}", 1))
+    return path
 
 
 @pytest.mark.slow
 def test_a_healthy_axis_at_the_limit_has_no_gap(
     limited: tuple[Path, str], machine_file: Path, tmp_path: Path
 ) -> None:
-    stated, trace = limited
-    found = diagnosed(stated, tmp_path, trace)
+    machine, trace = limited
+    found = diagnosed(machine, tmp_path, trace)
     assert found["verdict"] == "no_gap"
     assert any("than the drive's torque limit" in line for line in found["remarks"])
     # where nobody says that it is a limit, the same reading is a gap
@@ -52,15 +55,13 @@ def test_a_drive_that_gives_less_than_it_reads_is_compared(
 ) -> None:
     recording = recorded(("saturation",), seed=3)
     greatest_nm = float(np.abs(recording.columns["torque_command_nm"]).max())
-    text = machine_file.read_text()
-    stated = tmp_path / "machine.toml"
-    stated.write_text(text.replace("[axis]", f"[axis]\nmax_torque_nm = {greatest_nm:.4f}", 1))
-    (run,) = runs(load_machine(stated), frame_of(recording))
+    machine = load_machine(stated(machine_file, tmp_path, greatest_nm))
+    (run,) = runs(machine, frame_of(recording))
     assert not run.clipped.any()
 
 
 def test_gap_leaves_out_the_same_rows(
     limited: tuple[Path, str], machine_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stated, trace = limited
-    assert torque_gap(stated, trace, capsys) < torque_gap(machine_file, trace, capsys) / 2.0
+    machine, trace = limited
+    assert torque_gap(machine, trace, capsys) < torque_gap(machine_file, trace, capsys) / 2.0

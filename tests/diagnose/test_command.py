@@ -14,7 +14,7 @@ from edge_service.models.effects.registry import effects
 from edge_service.models.machine import Machine
 from edge_service.offline.diagnosis.witnesses import beside_doubts, doubts
 
-from .conftest import frame_of, recorded, runs, session_of
+from .conftest import diagnosed, frame_of, recorded, runs, session_of
 
 
 @pytest.mark.slow
@@ -22,9 +22,7 @@ def test_three_files_and_a_loop_that_closes(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trace = str(recorded(("drag_error", "backlash"), 3).write_csv(tmp_path / "a.csv"))
-    out = tmp_path / "out"
-    assert main(["diagnose", "--machine", str(machine_file), trace, "--out", str(out)]) == 0
-    document = json.loads((out / "diagnosis.json").read_text())
+    document, out = diagnosed(machine_file, tmp_path, trace), tmp_path / "out"
     assert document["schema"] == "diagnosis/1"
     assert document["verdict"] == "explained"
     assert {each["name"] for each in document["effects"]} == {"drag_error", "backlash"}
@@ -54,14 +52,12 @@ def test_bad_data_is_a_verdict_with_a_status_of_its_own(
         "time_s,torque_command_nm,motor_angle_rad\n"
         + "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
     )
-    out = tmp_path / "out"
-    assert main(["diagnose", "--machine", str(machine_file), str(trace), "--out", str(out)]) == 3
+    document = diagnosed(machine_file, tmp_path, str(trace))
     assert capsys.readouterr().err.count("\n") == 1
-    document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] == "bad_data"
     assert document["reasons"]
-    assert (out / "augmented.toml").exists()
-    assert (out / "report.html").exists()
+    written = {each.name for each in (tmp_path / "out").iterdir()}
+    assert written == {"diagnosis.json", "augmented.toml", "report.html"}
 
 
 def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: Path) -> None:
@@ -74,6 +70,8 @@ def test_a_run_that_fails_leaves_no_older_answer(machine_file: Path, tmp_path: P
     (tmp_path / "b.csv").write_text("nothing")
     assert main([*given, str(tmp_path / "b.csv")]) == 2
     assert [each.name for each in out.iterdir()] == ["notes.txt"]
+    assert main(["diagnose", str(tmp_path / "b.csv"), "--out", str(tmp_path / "new")]) == 2
+    assert not (tmp_path / "new").exists()
 
 
 LIBRARY = tuple(effects().values())

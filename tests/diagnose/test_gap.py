@@ -3,9 +3,7 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy import signal
 
 from edge_service.cli.entry import main
 from edge_service.diagnose.experiment import healthy_session
@@ -14,9 +12,8 @@ from edge_service.diagnose.result import Verdict
 from edge_service.diagnose.session.session import TORQUE_GAP, TRANSMISSION_GAP
 from edge_service.models.machine import EffectConfig, Machine
 
+from .. import foreign_plant
 from .conftest import frame_of, recorded, runs, session_of
-
-RATIO = 0.02 / (2.0 * np.pi)
 
 
 @pytest.mark.parametrize("causes", [(), ("viscous_error",), ("drag_error", "backlash")])
@@ -24,23 +21,10 @@ def test_the_gap_is_that_of_an_independent_computation(
     machine: Machine, causes: tuple[str, ...]
 ) -> None:
     recording = recorded(causes, seed=3)
-    session = session_of(machine, frame_of(recording))
-    c = recording.columns
-    low = signal.butter(4, 40.0, fs=1000.0, output="sos")
-    stretch = signal.sosfiltfilt(low, c["table_position_m"] - RATIO * c["motor_angle_rad"])
-    assert session.channels[TRANSMISSION_GAP].rms == pytest.approx(stretch.std(), rel=0.03)
-    smooth = signal.butter(4, 100.0, fs=1000.0, output="sos")
-    angle = signal.sosfiltfilt(smooth, c["motor_angle_rad"] - c["motor_angle_rad"][0])
-    speed = np.gradient(angle, 1e-3)
-    model = machine.model
-    assert model.preload_drag_nm is not None
-    need = model.inertia_kg_m2.value * np.gradient(speed, 1e-3)
-    need += model.viscous_nm_s_per_rad.value * speed
-    need += model.preload_drag_nm.value * np.sign(speed)
-    moving = np.abs(speed) > 0.1
-    gap = signal.sosfiltfilt(low, np.where(moving, c["torque_command_nm"] - need, 0.0))
-    expected = float(np.sqrt(np.mean(gap[moving] ** 2)))
-    assert session.channels[TORQUE_GAP].rms == pytest.approx(expected, rel=0.1)
+    expected = foreign_plant.gap(recording, foreign_plant.DIAGNOSIS)
+    channels = session_of(machine, frame_of(recording)).channels
+    for name, tolerance in ((TRANSMISSION_GAP, 0.03), (TORQUE_GAP, 0.1)):
+        assert channels[name].rms == pytest.approx(expected[name], rel=tolerance)
 
 
 def test_the_command_prints_one_json_object(

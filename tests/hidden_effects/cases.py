@@ -15,12 +15,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.session.session import rigid_plant
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.effect import ActiveEffect, Role
-from edge_service.models.effects.registry import (
-    active_effect,
-    effect_names,
-    get_effect,
-    parse_effect,
-)
+from edge_service.models.effects.registry import effect_names, get_effect, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import motion_limits
@@ -94,16 +89,18 @@ def _own_recorded(machine: Machine, case: HiddenCase, motion: str, seed: int) ->
 
 def _drawn(text: str, case: HiddenCase) -> ActiveEffect:
     """Effect as it is given, or with amounts and phases by chance."""
-    if ":" in text:
-        return parse_effect(text)
-    random, values = np.random.default_rng([case.seed, zlib.crc32(text.encode())]), {}
-    for each in get_effect(text).parameters:
+    active, random = (
+        parse_effect(text),
+        np.random.default_rng([case.seed, zlib.crc32(text.encode())]),
+    )
+    values = dict(active.values)
+    for each in () if ":" in text else active.effect.parameters:
         if each.role is Role.AMOUNT:
             drawn = case.strength * random.uniform(0.8, 1.25) * each.faulty
             values[each.name] = min(max(drawn, each.low), each.high)
         elif each.role is Role.PHASE:
             values[each.name] = random.uniform(0.0, 2.0 * math.pi)
-    return active_effect(text, values)
+    return replace(active, values=values)
 
 
 def foreign_plant() -> Plant:

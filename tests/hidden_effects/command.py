@@ -8,6 +8,8 @@ import click
 from edge_service.cli.options import Effects, Option, Seed, Without, command
 from edge_service.cli.terminal import progress
 from edge_service.command_answer import Answer
+from edge_service.config import DEFAULT_MACHINE
+from edge_service.exit_status import BadInputError
 
 
 @command("check-diagnosis --effect stribeck --effect backlash --seed 7", "check-diagnosis")
@@ -30,6 +32,15 @@ def check_diagnosis(
     What it names goes into the model, and the gap is measured on another recording. The foreign
     plant draws the values of its effects itself.
     """
-    from .score import check_diagnosis as run
+    from .cases import foreign_plant, own_plant, plan
+    from .score import checked, total_lines, totals_of
 
-    return run(plant, machine, effects, without, seed or 0, cases, progress)
+    if plant != "own" and machine is not None:
+        raise BadInputError("--machine: the foreign plant has a machine file of its own")
+    axis, rows = foreign_plant() if plant != "own" else own_plant(machine or DEFAULT_MACHINE), []
+    for number, case in enumerate(plan(axis, cases, seed or 0, effects, without), 1):
+        progress(f"case {number} of {cases}: {100 * (number - 1) // cases} %")
+        rows.append(checked(axis, case))
+    totals = totals_of(rows)
+    lines = [*(row.words for row in rows), *total_lines(totals)]
+    return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})

@@ -11,24 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.command_answer import Answer
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.config import load_machine
 from edge_service.diagnose.result import SURE, Diagnosis, Verdict
-from edge_service.diagnose.session.session import CHANNEL_UNITS, Session
+from edge_service.diagnose.session.session import CHANNEL_UNITS, Session, rms
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.learned import model_effects
-from edge_service.models.effects.registry import active_effect, disturbance, effect_names
+from edge_service.models.effects.registry import disturbance, effect_names, get_effect
 from edge_service.offline.diagnosis.diagnose import diagnose
-from edge_service.offline.diagnosis.gap import (
-    BadDataError,
-    DiagnosisError,
-    read_runs,
-    session_of,
-)
-from edge_service.offline.recordings import Progress, silent
+from edge_service.offline.diagnosis.gap import BadDataError, read_runs, session_of
 from edge_service.recordings.writer import TraceWriter
 
-from .cases import FRESH, HiddenCase, Plant, foreign_plant, own_plant, plan
+from .cases import FRESH, HiddenCase, Plant
 
 LIKELY = 0.5
 _HOLD_OUT = 500_000
@@ -122,11 +115,10 @@ class CheckedCase:
 def checked(plant: Plant, case: HiddenCase) -> CheckedCase:
     """Record a case, diagnose it by files as a user would, and measure on another recording."""
     with tempfile.TemporaryDirectory(prefix="check-") as home:
-        machine_file, trace, fresh = (
-            Path(home) / name for name in ("machine.toml", "trace.parquet", "fresh.parquet")
-        )
+        names = ("machine.toml", "trace.parquet", "fresh.parquet", "out")
+        machine_file, trace, fresh, out = (Path(home) / name for name in names)
         machine_file.write_text(plant.machine_toml, "utf-8")
-        machine, out = load_machine(machine_file), Path(home) / "out"
+        machine = load_machine(machine_file)
         _record(trace, plant.recorded(case, case.motion, case.seed))
         with suppress(BadDataError):
             diagnose(machine_file, [trace], out, without=case.withheld)
@@ -146,50 +138,18 @@ def _record(path: Path, frame: SampleFrame) -> None:
 
 def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
     """Shrink of another recording's gap by each named effect beside the others, in its channel."""
-    active = {
-        each.name: [active_effect(each.name, values) for values in each.entries]
-        for each in found.effects
-    }
     shrinks = {}
     for each in found.effects:
-        others = [effect for name, mine in active.items() if name != each.name for effect in mine]
-        before, after = (
-            Session.of_runs(again.runs, again.baseline, [*again.modelled, *more])
-            .channels[each.channel]
-            .rms
-            for more in (others, [*others, *active[each.name]])
-        )
-        shrinks[each.name] = 1.0 - after / before
+        parts = {
+            other.name: sum(
+                again.signature(each.channel, get_effect(other.name), values)
+                for values in other.entries
+            )
+            for other in found.effects
+        }
+        left = again.channels[each.channel].gap - sum(parts.values())
+        shrinks[each.name] = 1.0 - rms(left) / rms(left + parts[each.name])
     return shrinks
-
-
-def check_diagnosis(
-    plant: str,
-    machine_file: Path | None,
-    given: Sequence[str],
-    withheld: Sequence[str],
-    seed: int,
-    count: int,
-    progress: Progress = silent,
-) -> Answer:
-    """A line for each case, truth beside answer, and what they come to.
-
-    Args:
-        plant: `own` or `foreign`.
-        machine_file: of the own plant; the thesis' bench unless given.
-
-    Raises DiagnosisError: an effect that is not known, or a machine file for the foreign plant.
-    """
-    if plant != "own" and machine_file is not None:
-        raise DiagnosisError("--machine: the foreign plant has a machine file of its own")
-    axis = foreign_plant() if plant != "own" else own_plant(machine_file or DEFAULT_MACHINE)
-    rows = []
-    for number, case in enumerate(plan(axis, count, seed, given, withheld), 1):
-        progress(f"case {number} of {count}: {100 * (number - 1) // count} %")
-        rows.append(checked(axis, case))
-    totals = totals_of(rows)
-    lines = [*(row.words for row in rows), *total_lines(totals)]
-    return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})
 
 
 def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
@@ -215,9 +175,7 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         if before > _CLEAR * row.found.gap[name].floor
         and name in {each.channel for each in row.found.effects}
     ]
-    kinds = {row.kind: Counter[str]() for row in rows}
-    for row in rows:
-        kinds[row.kind][row.outcome] += 1
+    kinds = {row.kind: Counter(x.outcome for x in rows if x.kind == row.kind) for row in rows}
     return {
         "outcomes": {kind: dict(each.most_common()) for kind, each in kinds.items()},
         "claimed_shrink_share": median(each.estimate for each, _ in pairs) if pairs else None,
@@ -242,11 +200,9 @@ def total_lines(totals: Mapping[str, Any]) -> list[str]:
             f"shrink by each right name, median: claimed {claimed:.0f} %, realised {got:.0f} %; "
             f"the 90 % interval holds {totals['shrinks_in_interval']} of {totals['shrinks']}"
         )
-    if totals["realised_of_possible_share"] is not None:
-        share = 100.0 * totals["realised_of_possible_share"]
-        lines.append(
-            f"of what any model could take off the other recordings, median: {share:.0f} %"
-        )
+    if (share := totals["realised_of_possible_share"]) is not None:
+        took = f"{100.0 * share:.0f} %"
+        lines.append(f"of what any model could take off the other recordings, median: {took}")
     if totals["names"]:
         off = totals["calibration_error_share"]
         lines.append(f"calibration error of the probabilities: {off:.3f}, {totals['names']} names")

@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from edge_service.checks.examination import check_plausibility
@@ -15,6 +14,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.features import Fault
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE, SampleFrame
 
+from ..bench.real_machines import written
 from ..fingerprint.test_examination import recorded
 
 MACHINE = load_machine(DEFAULT_MACHINE)
@@ -49,10 +49,7 @@ def test_commands_say_what_doctor_says(
     frame = spoil(healthy)
     found = {each.name: each for each in check_plausibility(MACHINE, [frame])}
     assert found[name].forbids
-    trace = tmp_path / "trace.csv"
-    head = ",".join([TIME, *frame.channels])
-    table = np.column_stack([frame.time_s, *frame.channels.values()])
-    np.savetxt(trace, table, fmt="%.12g", delimiter=",", header=head, comments="")
+    trace = written(tmp_path / "trace.csv", {TIME: frame.time_s, **frame.channels})
     model = ["--machine", str(DEFAULT_MACHINE), str(trace)]
     told = found[name].sentence.partition(":")[0]
     for command, status in {"doctor": 1, "commission": 2, "fingerprint": 2, "diagnose": 3}.items():

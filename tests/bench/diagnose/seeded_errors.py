@@ -4,10 +4,10 @@ What lies beneath the error is a machine that nobody simulated: friction that wa
 encoders of its own. The error is a formula over the recorded position, not an entry of the library.
 """
 
-import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
+from edge_service.diagnose.result import Diagnosis
 from edge_service.messages.samples import Floats
 from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.gap import BadDataError
@@ -156,15 +157,10 @@ OPEN: Mapping[str, Shape] = {
 
 
 def recordings(folder: Path) -> list[Recording]:
-    """All recordings that are there.
-
-    Raises:
-        BenchError: there are none.
-    """
-    found = [*_of_emps(folder), *_of_cranfield(folder)]
-    if not found:
-        raise BenchError(f"no recording of emps or cranfield in {folder}")
-    return found
+    """All recordings that are there. Raises BenchError: there are none."""
+    if found := [*_of_emps(folder), *_of_cranfield(folder)]:
+        return found
+    raise BenchError(f"no recording of emps or cranfield in {folder}")
 
 
 def _of_emps(folder: Path) -> Iterator[Recording]:
@@ -261,15 +257,14 @@ def _dry_friction_nm(motion: Motion) -> float:
 
 def plan(found: Sequence[Recording]) -> list[SeededCase]:
     """All cases: each recording as it is, and with each error that it can show in three sizes."""
-    cases = [SeededCase(each.name, "", "") for each in found]
-    cases += [
+    seeded = [
         SeededCase(each.name, error, magnitude)
         for each in found
         for error in (*KNOWN, *OPEN)
         if error in each.shown
         for magnitude in MAGNITUDES
     ]
-    return cases
+    return [*(SeededCase(each.name, "", "") for each in found), *seeded]
 
 
 def run_case(recording: Recording, case: SeededCase, seed: int) -> SeededRow:
@@ -280,28 +275,14 @@ def run_case(recording: Recording, case: SeededCase, seed: int) -> SeededRow:
         healthy = enumerate(recording.reference)
         reference = [Path(written(folder / f"healthy{k}.csv", each)) for k, each in healthy]
         trace = Path(written(folder / "trace.csv", with_error(recording, case, seed)))
-        try:
+        with suppress(BadDataError):
             diagnose(folder / "machine.toml", [trace], folder / "out", reference=reference)
-        except BadDataError:
-            return SeededRow(case, "bad_data", (), right=False)
-        found = json.loads((folder / "out" / "diagnosis.json").read_text("utf-8"))
-    effects = tuple((each["name"], each["probability"]) for each in found["effects"])
-    ties = [set(each["class"]) for each in found["effects"]]
-    right = _is_right(recording, case, effects, ties)
-    return SeededRow(case, found["verdict"], effects, right)
-
-
-def _is_right(
-    recording: Recording,
-    case: SeededCase,
-    effects: Sequence[tuple[str, float]],
-    ties: Sequence[set[str]],
-) -> bool:
-    """Return whether the first name is that of the error, or cannot be told from it."""
-    if not effects:
-        return not case.error
+        text = (folder / "out" / "diagnosis.json").read_text("utf-8")
+    found = Diagnosis.model_validate_json(text)
+    effects = tuple((each.name, each.probability) for each in found.effects)
     alike = recording.alike if case.error in recording.alike else frozenset()
-    return bool({case.error, *alike} & {effects[0][0], *ties[0]})
+    first = found.effects[0].tied if effects else ("",)
+    return SeededRow(case, found.verdict, effects, bool({case.error, *alike} & {*first}))
 
 
 def run_seeded_errors(folder: Path, seed: int, say: Progress) -> Table:

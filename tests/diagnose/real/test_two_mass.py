@@ -1,20 +1,16 @@
 """Causes are named on a second plant that shares no code with the library or with the first."""
 
-import ast
 import math
-import sys
-from pathlib import Path
 
 import pytest
 
 from edge_service.config import load_machine
 from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.result import VIBRATION, Diagnosis, Verdict
-from edge_service.diagnose.session.session import Session, rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-from ..conftest import runs
+from ..conftest import session_of
 from . import two_mass
 from .two_mass import Axis
 
@@ -37,19 +33,7 @@ def machine_of_plant(tmp_path_factory: pytest.TempPathFactory) -> Machine:
 def diagnosed(machine: Machine, axis: Axis, seed: int) -> Diagnosis:
     columns = two_mass.recording(axis, seed)
     frame = SampleFrame(columns.pop("time_s"), columns)
-    motion = runs(machine, frame)
-    session = Session.of_runs(motion, rigid_baseline(machine))
-    return diagnose_session(session, machine)
-
-
-def test_it_knows_neither_the_library_nor_the_other_plant() -> None:
-    allowed = {"numpy", "numba"} | sys.stdlib_module_names
-    for node in ast.walk(ast.parse(Path(two_mass.__file__).read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            assert {each.name.split(".")[0] for each in node.names} <= allowed
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0
-            assert str(node.module).split(".")[0] in allowed - {"importlib"}
+    return diagnose_session(session_of(machine, frame), machine)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ It knows neither the library nor the other plant of these tests, and differs fro
 (semi-implicit Euler), controller, friction law, noise and motion.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -149,25 +148,16 @@ def recording(axis: Axis, seed: int) -> dict[str, Floats]:
     )
     wanted = setpoints()
     rows = _moved(axis, wanted)[1:-1]
-    noisy = [
-        _read(values, noise, quantum, random)
-        for values, (noise, quantum) in zip(rows.T, SENSORS, strict=True)
-    ]
-    return {
-        "time_s": 1e-3 * np.arange(len(rows)),
-        "torque_command_nm": noisy[0],
-        "motor_angle_rad": noisy[1],
-        "table_position_m": noisy[2],
-        "position_setpoint_m": wanted[1:-1],
-    }
+    columns = {"time_s": 1e-3 * np.arange(len(rows)), "position_setpoint_m": wanted[1:-1]}
+    for values, (name, (noise, quantum)) in zip(rows.T, SENSORS.items(), strict=True):
+        noisy = values + noise * random.standard_normal(len(values))
+        columns[name] = quantum * np.round(noisy / quantum)
+    return columns
 
 
-SENSORS: Sequence[tuple[float, float]] = ((0.012, 1e-3), (2e-6, 3e-6), (5e-8, 5e-8))
-"""Noise and quantum of torque, angle and table position."""
-
-
-def _read(values: Floats, noise: float, quantum: float, random: np.random.Generator) -> Floats:
-    return (
-        np.asarray(np.round((values + noise * random.standard_normal(len(values))) / quantum))
-        * quantum
-    )
+SENSORS = {
+    "torque_command_nm": (0.012, 1e-3),
+    "motor_angle_rad": (2e-6, 3e-6),
+    "table_position_m": (5e-8, 5e-8),
+}
+"""Noise and quantum."""

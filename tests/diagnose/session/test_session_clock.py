@@ -1,20 +1,18 @@
 """Recordings with clocks of their own, and at several temperatures, become one session."""
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from edge_service.checks.session import check_data
-from edge_service.cli.entry import main
 from edge_service.diagnose.session.recordings import LONGEST_S, PAUSE_S, runs_of
 from edge_service.diagnose.session.session import TORQUE_GAP, Session, rigid_baseline
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.machine import Machine
 
-from ..conftest import recorded
+from ...bench.real_machines import written
+from ..conftest import diagnosed, recorded, torque_gap
 
 PERIOD_S = 4e-3
 RATIO = 0.02 / (2.0 * np.pi)
@@ -44,17 +42,12 @@ def test_clocks_that_overlap_follow_one_another_in_any_order(machine: Machine) -
     )
     starts = [float(run.motion.time_s[0]) for run in first.runs]
     ends = [float(run.motion.time_s[-1]) for run in first.runs]
-    assert [float(run.temperature_c[0]) for run in first.runs if run.temperature_c is not None] == [
-        21.0,
-        23.0,
-        25.0,
-    ]
+    warmth_c = [run.temperature_c[0] for run in first.runs if run.temperature_c is not None]
+    assert warmth_c == [21.0, 23.0, 25.0]
     assert np.array(starts[1:]) - np.array(ends[:-1]) == pytest.approx(PAUSE_S)
-    assert np.array_equal(first.channels[TORQUE_GAP].gap, second.channels[TORQUE_GAP].gap)
-    assert np.array_equal(
-        first.channels[TORQUE_GAP].variables["time_s"],
-        second.channels[TORQUE_GAP].variables["time_s"],
-    )
+    one, other = (each.channels[TORQUE_GAP] for each in (first, second))
+    assert np.array_equal(one.gap, other.gap)
+    assert np.array_equal(one.variables["time_s"], other.variables["time_s"])
 
 
 def test_clocks_that_do_not_overlap_are_kept(machine: Machine) -> None:
@@ -96,12 +89,7 @@ def trace(folder: Path, seed: int, temperature_c: float) -> str:
     rubbed = DRY_NM * np.sign(speed) * moving + VISCOUS_NM_S_PER_RAD * speed
     columns["torque_command_nm"] = columns["torque_command_nm"] + thinner * rubbed
     columns["temperature_c"] = warmth_c + 0.05 * random.standard_normal(len(time_s))
-    path = folder / f"at_{temperature_c:g}.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
-    return str(path)
+    return written(folder / f"at_{temperature_c:g}.csv", columns)
 
 
 @pytest.mark.slow
@@ -109,15 +97,9 @@ def test_friction_that_falls_with_the_temperature_is_foretold_at_another_one(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     traces = [trace(tmp_path, 3 + k, each) for k, each in enumerate(RECORDED_C)]
-    out = tmp_path / "out"
-    assert main(["diagnose", "--machine", str(machine_file), *traces, "--out", str(out)]) == 0
-    found = json.loads((out / "diagnosis.json").read_text())
+    found = diagnosed(machine_file, tmp_path, *traces)
     assert found["verdict"] in ("explained", "ambiguous")
     assert "warmup" in [each["name"] for each in found["effects"]]
     later = trace(tmp_path, 9, LATER_C)
-    gaps = []
-    for file in (machine_file, out / "augmented.toml"):
-        capsys.readouterr()
-        assert main(["gap", "--machine", str(file), later, "--json"]) == 0
-        gaps.append(json.loads(capsys.readouterr().out)["torque_nm"])
-    assert gaps[1] < 0.3 * gaps[0]
+    learned = torque_gap(tmp_path / "out" / "augmented.toml", later, capsys)
+    assert learned < 0.3 * torque_gap(machine_file, later, capsys)
