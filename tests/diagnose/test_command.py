@@ -48,10 +48,8 @@ def test_bad_data_is_a_verdict_with_a_status_of_its_own(
     machine_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     trace = tmp_path / "a.csv"
-    trace.write_text(
-        "time_s,torque_command_nm,motor_angle_rad\n"
-        + "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
-    )
+    rows = "".join(f"{k / 1000},0.1,1.0\n" for k in range(3000))
+    trace.write_text("time_s,torque_command_nm,motor_angle_rad\n" + rows)
     document = diagnosed(machine_file, tmp_path, str(trace))
     assert capsys.readouterr().err.count("\n") == 1
     assert document["verdict"] == "bad_data"

@@ -131,12 +131,10 @@ def test_what_is_hidden_is_named_and_shrinks_another_recording(
 
 @pytest.mark.slow
 def test_a_library_that_lacks_the_cause_never_names_it(tmp_path: Path) -> None:
-    plant = own_plant(DEFAULT_MACHINE)
     trace, out = tmp_path / "trace.csv", tmp_path / "out"
     effect = ["--effect", "warmup", "--motion", "friction"]
     assert main(["simulate", *effect, "--out", str(trace)]) == 0
-    line = ["diagnose", "--without", "warmup", str(trace), "--out", str(out)]
-    assert main(line) == 0
+    assert main(["diagnose", "--without", "warmup", str(trace), "--out", str(out)]) == 0
     found = json.loads((out / "diagnosis.json").read_text())
-    assert "warmup" in plant.known
+    assert "warmup" in own_plant(DEFAULT_MACHINE).known
     assert not any("warmup" in {each["name"], *each["class"]} for each in found["effects"])

@@ -1,16 +1,15 @@
 """Figures of the benches of the diagnosis: counts of cases beside their aims."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from typing import Any
 
 from ..table import Table
 
-Case = TypeVar("Case")
 Row = tuple[str, str, str]
 """Figure, aim, and what was reached of how many."""
 
 
-def share(name: str, aim: str, cases: Iterable[Case], holds: Callable[[Case], bool] = bool) -> Row:
+def share(name: str, aim: str, cases: Iterable[Any], holds: Callable[[Any], bool] = bool) -> Row:
     """Count of the cases for which something holds."""
     found = [holds(case) for case in cases]
     return name, aim, f"{sum(found)} of {len(found)}" if found else "-"

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import signal
 
 from edge_service.diagnose.result import Diagnosis
+from edge_service.diagnose.session.session import rms
 from edge_service.messages.samples import Floats
 from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.gap import BadDataError
@@ -235,8 +236,7 @@ def with_error(recording: Recording, case: SeededCase, seed: int) -> dict[str, F
     if not case.error:
         return dict(recording.columns)
     motion = motion_of(recording)
-    moved = motion.torque_nm[motion.way != 0.0]
-    level_nm = MAGNITUDES[case.magnitude] * float(np.sqrt(np.mean(moved**2)))
+    level_nm = MAGNITUDES[case.magnitude] * rms(motion.torque_nm[motion.way != 0.0])
     shape = {**KNOWN, **OPEN}[case.error]
     sign = np.random.default_rng([seed, 1]).choice((-1.0, 1.0))
     if case.error in OPEN or case.error == "stribeck":
@@ -251,8 +251,8 @@ def _dry_friction_nm(motion: Motion) -> float:
     """Dry friction that the machine has itself, by least squares."""
     terms = (motion.way, motion.speed, motion.acceleration, np.ones_like(motion.way))
     moving = motion.way != 0.0
-    design = np.column_stack(terms)[moving]
-    return float(np.linalg.lstsq(design, motion.torque_nm[moving], rcond=None)[0][0])
+    fit = np.linalg.lstsq(np.column_stack(terms)[moving], motion.torque_nm[moving], rcond=None)
+    return float(fit[0][0])
 
 
 def plan(found: Sequence[Recording]) -> list[SeededCase]:
