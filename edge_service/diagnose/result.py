@@ -141,11 +141,9 @@ class Misfit(Frozen):
 
 
 class Unexplained(Frozen):
-    """Remainder of the gap.
+    """Greatest share of a channel's energy above the floor that is left.
 
-    Attributes:
-        share: greatest share of a channel's energy above the floor that is left.
-        nearest: effect that comes nearest to a cause that nobody knows; None where all are known.
+    The nearest effect comes nearest to a cause that nobody knows; None where all are known.
     """
 
     share: float | None
@@ -200,8 +198,7 @@ class Diagnosis(Frozen):
             it cannot be told.
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
-        caveats: what bounds the verdict, one line each: a floor that hides what matters, a
-            remainder beside the causes.
+        caveats: what bounds the verdict, one line each.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
         partly: what is left beside the known causes has a cause that is not known.
         augmented: effects that the augmented machine file has learned.

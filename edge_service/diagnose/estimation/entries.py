@@ -4,6 +4,7 @@ Entries come and go, and their shapes are refined between the points of their gr
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -170,7 +171,9 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
         entry = each.as_entry() if isinstance(each, ForcePulse) else each
         if isinstance(entry, EntryRegressor):
             entries[k] = entry
-    known = sorted(set(best.regressors) & entries.keys())
+    there = sorted(set(best.regressors) & entries.keys())
+    shapes = Counter(entries[k].name for k in there)  # more than the entries it may have: anew
+    known = [k for k in there if shapes[entries[k].name] <= entries[k].effect.most_entries]
     whole = problem.pinned_to(best).stepwise(
         list(entries), lambda name: get_effect(name).most_entries, known
     )

@@ -35,11 +35,13 @@ class Estimates:
     Attributes:
         healthy: parameter effect -> mean and spread of its amount on a healthy axis, in the order
             of the fixed columns.
+        traces: effect and form -> the negative of what is there beside the entries, and its spread.
         beta: of the nuisances and the entries, (p,).
         square: weighted square that the fit leaves.
     """
 
     healthy: Mapping[str, tuple[float, float]]
+    traces: Mapping[tuple[str, str], tuple[float, float]]
     fitted: Entries
     beta: Floats
     square: float
@@ -131,11 +133,16 @@ class Estimates:
         return max(rms(each) * self.fitted.system.weights[name] for name, each in made.items())
 
     def _amount_interval(self, k: int, value: float, sigma: float) -> tuple[float, float]:
-        """90 % interval of an amount."""
-        mean, spread = self.healthy.get(self.fitted.regressors[k].name, (0.0, 0.0))
+        """90 % interval of an amount, with and without a named gain that acts on it as well."""
+        regressor = self.fitted.regressors[k]
+        trace = self.traces.get((regressor.name, regressor.form), (0.0, 0.0))
+        mean, spread = self.healthy.get(regressor.name, trace)
         gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
-        return value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
+        low, high = value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
+        named = self.of_effect(_GAIN) if gain and regressor.name != _GAIN else []
+        share = 1.0 + sum(float(self.coefficients(j)[0]) for j in named)
+        return min(low, low / share), max(high, high / share)
 
     def _sigmas(self, k: int, slopes: Slopes) -> tuple[float, dict[str, float]]:
         """Standard deviation of the amount of a regressor, and relative ones of its shapes."""
@@ -170,7 +177,13 @@ class Contributions:
         problem, session = posterior.problem, posterior.problem.session
         entries = entries_of(problem, posterior.best.fit, named)
         solution = entries.solve()
-        estimates = Estimates(problem.priors, entries, solution.beta, solution.square)
+        design, beta = problem.design, solution.beta
+        traces = {
+            (each.name, each.form): (-float(beta[k]), float(design.precision[k] ** -0.5))
+            for each, k in zip(design.regressors[: design.nuisances], design.first, strict=False)
+            if each.size == 1
+        }
+        estimates = Estimates(problem.priors, traces, entries, beta, solution.square)
         by_effect = {
             name: {channel: estimates.contribution(name, channel) for channel in session.channels}
             for name in estimates.names
@@ -196,10 +209,10 @@ class Contributions:
         """Root mean square as effects are added, the most helpful first, by channel."""
         found = {}
         for channel, rows in self.session.channels.items():
-            left, open_, steps = rows.gap, set(self.by_effect), []
+            left, open_, steps = rows.gap, sorted(self.by_effect), []
             while open_:
-                rest = {name: left - self.by_effect[name][channel] for name in sorted(open_)}
-                name = min(rest, key=lambda n: float(np.sum(rest[n] ** 2)))
+                rest = {name: left - self.by_effect[name][channel] for name in open_}
+                name = min(rest, key=lambda n: rms(rest[n]))
                 left = rest[name]
                 open_.remove(name)
                 steps.append((name, rms(left)))

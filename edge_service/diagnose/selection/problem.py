@@ -35,13 +35,12 @@ MOST_EFFECTS = 3
 _LEADING = 12
 """Sets whose shapes are sought once more, all of their effects together."""
 LEAST_RISE_OF_GAP = 0.05
-"""An effect that is less than this part of the whole gap is immaterial: others are no better known.
-"""
+"""An effect that is less than this part of the whole gap is no better known than others."""
 LEAST_RISE_BESIDE_ALIKE = 0.22
 """Beside a greater effect whose entry may lack what this one adds."""
 COMPLETE = 0.3
-"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for the
-entry of another one, which would be wrong in some way of its own."""
+"""Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for
+another one's entry, which would be wrong in some way of its own."""
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
 

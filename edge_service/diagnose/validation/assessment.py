@@ -28,8 +28,7 @@ CONTRADICTED = 0.5
 AT_BOUND = 0.5
 """The same of one whose shape would have to leave what the library allows."""
 LEAST_SHRINK = 0.04
-"""Of what the other causes leave, on motion that was not fitted: with less an effect is no cause.
-"""
+"""Of what the other causes leave, on held-out motion: with less an effect is no cause."""
 LESSER_PART = 0.5
 """Of the gap's energy that is left by a force: with more, the force is not what it is about."""
 SUREST = 0.99
