@@ -33,8 +33,7 @@ class Estimates:
     """Coefficients of entries; a parameter's nuisance part belongs to its effect.
 
     Attributes:
-        healthy: parameter effect -> mean and spread of its amount on a healthy axis, in the order
-            of the fixed columns.
+        healthy: parameter effect, in the order of the columns -> its healthy mean and spread.
         traces: effect and form -> the negative of what is there beside the entries, and its spread.
         beta: of the nuisances and the entries, (p,).
         square: weighted square that the fit leaves.
