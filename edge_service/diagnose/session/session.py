@@ -1,6 +1,5 @@
 """Session: all runs of one axis as rows of two channels, what the baseline leaves of each."""
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -89,15 +88,8 @@ class Session:
         every = max(-(-count // MOST_ROWS), 1)
         channels, rows = {}, {}
         for name in CHANNEL_UNITS:
-            if name == TORQUE_GAP:
-                known = [run.has_torque for run in runs]
-                masks = [run.compared_rows & run.has_torque for run in runs]
-            else:
-                known = [run.transmission_m is not None for run in runs]
-                masks = [
-                    np.full(len(run.compared_rows), k) for run, k in zip(runs, known, strict=True)
-                ]
-            held = list(itertools.compress(zip(runs, masks, strict=True), known))
+            masks = [compared(name, run) for run in runs]
+            held = [each for each in zip(runs, masks, strict=True) if each[1].any()]
             if held:
                 parts = [channel_gap(name, run, baseline, modelled) for run, _ in held]
                 gap = np.concatenate(parts)
@@ -166,16 +158,23 @@ def _signature(
     return of(effect, values, motion, baseline)
 
 
+def compared(channel: str, run: Run) -> Booleans:
+    """Rows of a run at which a channel is compared; at rest friction holds a spring anywhere."""
+    if channel == TORQUE_GAP:
+        return run.compared_rows & run.has_torque
+    return run.moving[:: run.low_pass.step] & (run.transmission_m is not None)
+
+
 def channel_gap(
     channel: str, run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]
 ) -> Floats:
-    """Measured less modelled at the rows of a run, N m or m, (n,): x - R theta at all of them."""
+    """Measured less modelled at the rows of a run that are compared, N m or m, (n,)."""
     known = [_signature(channel, e.effect, e.values, run.motion, baseline) for e in modelled]
     if channel == TORQUE_GAP:
         left = run.motion.torque_nm - (run.motion.model_torque_nm + sum(known))
-        return run.resting_zero(left)[run.compared_rows]
+        return run.resting_zero(left)[compared(channel, run)]
     assert run.transmission_m is not None
-    return run.low_pass(run.transmission_m - sum(known))
+    return run.low_pass(run.transmission_m - sum(known))[compared(channel, run)]
 
 
 def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:

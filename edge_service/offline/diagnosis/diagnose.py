@@ -96,8 +96,8 @@ def _diagnosed(
     session = session_of(machine, runs)
     if healthy is not None:
         session = healthy.beside(session)
-    doubted = doubts(machine, runs)
-    fresh, reading, lost = fresh_screw(machine), preload_reading(machine, traces), None
+    doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
+    reading, mismatches = preload_reading(machine, traces)
     may_lose = fault() in library
     if may_lose and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
         course = known_loss(session, fresh)
@@ -105,6 +105,7 @@ def _diagnosed(
     found = lost or diagnose_session(session, machine, library, progress)
     found = _with_motion(beside_doubts(found, doubted, library), machine)
     found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
+    found = found.with_effects(found.effects, found.verdict, *mismatches)
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
@@ -193,11 +194,10 @@ def _with_motion(found: Diagnosis, machine: Machine) -> Diagnosis:
     if found.verdict is not Verdict.AMBIGUOUS or len(tied) < 2:
         return found
     values = {each.name: each.entries[0] for each in found.effects if each.entries}
-    try:
-        best = propose(machine, tied, values)[:1]
-    except MotionError:
-        return found
-    return found.model_copy(update={"next_motion": best[0].motion}) if best else found
+    with suppress(MotionError):
+        for best in propose(machine, tied, values)[:1]:
+            return found.model_copy(update={"next_motion": best.motion})
+    return found
 
 
 def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
@@ -221,14 +221,11 @@ def _summary(found: Diagnosis, out: Path) -> str:
         for name, each in found.gap.items()
     ]
     for each in found.effects:
-        shrink = each.shrink
-        if not each.entries:
-            values = ", ".join(f"{x.value:.3g} {x.unit}" for x in each.parameters.values())
-            lines.append(f"{each.name}: probability {each.probability:.3f}, {values}")
-            continue
-        value, low, high = printed(100.0 * shrink.estimate, 100.0 * shrink.low, 100.0 * shrink.high)
-        shrinks = f"shrinks {each.channel} by {value} % ({low} to {high})"
-        lines.append(f"{each.name}: probability {each.probability:.3f}, {shrinks}")
+        said, s = [f"{x.value:.3g} {x.unit}" for x in each.parameters.values()], each.shrink
+        if each.entries:
+            value, low, high = printed(100.0 * s.estimate, 100.0 * s.low, 100.0 * s.high)
+            said = [f"shrinks {each.channel} by {value} % ({low} to {high})"]
+        lines.append(f"{each.name}: probability {each.probability:.3f}, {', '.join(said)}")
     lines += [f"but {each}" for each in found.caveats]
     kept = (*found.augmented, *found.withheld, VIBRATION)
     unsure = [each.name for each in found.effects if each.name not in kept]

@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ...checks.examination import check_plausibility
 from ...checks.finding import Finding
 from ...checks.finding import Verdict as Check
 from ...diagnose.preload import PreloadReading, fresh_screw
 from ...diagnose.result import Diagnosis, Verdict
 from ...estimate.mixture.estimator import MixturePreloadEstimator
+from ...messages.estimate import PreloadEstimate
 from ...messages.samples import ANGLE, TABLE_POSITION, SampleFrame
 from ...models.effects.effect import Effect
 from ...models.effects.registry import get_effect
@@ -61,31 +64,29 @@ def beside_doubts(
     return found.with_effects(changed, verdict)
 
 
-def preload_reading(machine: Machine, traces: Sequence[Path]) -> PreloadReading | None:
-    """Last number of each recording, and what holds all of their intervals; None without one."""
-    fresh = machine.fresh_preload_percent
-    if machine.commissioned is None or fresh is None or fresh_screw(machine) is None:
-        return None
-    answers = [answer for path in traces if (answer := _last(machine, path)) is not None]
-    if not answers:
-        return None
-    share = 100.0 / fresh
-    return PreloadReading(
-        value=share * answers[-1][0],
-        low=share * min(low for _, low, _ in answers),
-        high=share * max(high for _, _, high in answers),
-        two_encoders=machine.commissioned.transmission is not None,
-    )
+def preload_reading(
+    machine: Machine, traces: Sequence[Path]
+) -> tuple[PreloadReading | None, tuple[str, ...]]:
+    """Last number, what holds the intervals of all recordings, and doubts about the model."""
+    fresh, known = machine.fresh_preload_percent, machine.commissioned
+    if known is None or fresh is None or fresh_screw(machine) is None:
+        return None, ()
+    ends = [_last(machine, path) for path in traces]
+    said = (f"the running service says of it: {each}" for end in ends for each in end.reasons)
+    mismatches = tuple(dict.fromkeys(each for each in said if "model_mismatch" in each))
+    read = [(e.preload_percent, e.low, e.high) for e in ends if e.preload_percent is not None]
+    if not read:
+        return None, mismatches
+    values, lows, highs = (100.0 / fresh * np.array(read, np.float64)).T.tolist()
+    two = known.transmission is not None
+    return PreloadReading(values[-1], min(lows), max(highs), two_encoders=two), mismatches
 
 
-def _last(machine: Machine, path: Path) -> tuple[float, float, float] | None:
+def _last(machine: Machine, path: Path) -> PreloadEstimate:
     downsampler = make_downsampler(machine)
     estimator = MixturePreloadEstimator(machine)
     with open_recording(machine, path) as frames:
         for frame in frames:
             for block in downsampler.push(frame):
                 estimator.update(block)
-    found = estimator.estimate()
-    if found.preload_percent is None or found.low is None or found.high is None:
-        return None
-    return found.preload_percent, found.low, found.high
+    return estimator.estimate()

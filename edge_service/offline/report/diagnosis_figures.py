@@ -55,11 +55,8 @@ def draw_replay(channel: str, gap: ReplayedSeries) -> str:
     pauses = np.flatnonzero(np.diff(time_s) > _PAUSE_S) + 1
     figure = Figure(figsize=(7.6, 2.3), layout="constrained")
     axes = figure.subplots()
-    simulated = gap.before - gap.after
-    for series, color, name in (
-        (gap.before, MUTED, "measured"),
-        (simulated, ESTIMATE, "simulated with the named effects"),
-    ):
+    simulated = gap.before - gap.after, ESTIMATE, "simulated with the named effects"
+    for series, color, name in ((gap.before, MUTED, "measured"), simulated):
         shown = np.insert(factor * series[window], pauses, np.nan)
         axes.plot(np.insert(time_s, pauses, np.nan), shown, color=color, label=name)
     axes.set_xlabel(LABELS["time_s"])

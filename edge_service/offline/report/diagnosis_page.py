@@ -116,32 +116,37 @@ def points(value: Shrink) -> str:
     return f"{percent(value.estimate)} ({low} to {high})"
 
 
-def places(found: Sequence[Place]) -> list[str]:
-    """Location of a gap, a sentence for each variable.
+def places(found: Sequence[Place], m_per_rad: float) -> list[str]:
+    """Location of a gap, a sentence for each variable, as a controller shows it.
 
     >>> spans = [Place(channel="torque_nm", variable="motor_speed_rad_s", low=low, high=high,
     ...                unit="rad/s", share=0.71, energy=0.8)
-    ...          for low, high in ((-5.02, 1.5), (800.0, 1260.4))]
-    >>> places(spans)
-    ['Torque: 71 % of the difference follows the motor speed, -5.02 to 1.5, 800 to 1260 rad/s.']
+    ...          for low, high in ((-5.0, 1.5), (20.0, 50.0))]
+    >>> places(spans, 0.005)
+    ['Torque: 71 % of the difference follows the table speed, -1500 to 450, 6000 to 15000 mm/min.']
     """
     spans: dict[tuple[str, str], list[Place]] = {}
     for each in found:
         spans.setdefault((each.channel, each.variable), []).append(each)
     return [
         f"{CHANNELS[channel].capitalize()}: {percent(mine[0].share)} of the difference "
-        f"follows the {_over(variable, mine)}."
+        f"follows the {_over(variable, mine, m_per_rad)}."
         for (channel, variable), mine in spans.items()
     ]
 
 
-def _over(variable: str, mine: Sequence[Place]) -> str:
-    name, _, unit = LABELS[variable].partition(", ")
+def _over(variable: str, mine: Sequence[Place], m_per_rad: float) -> str:
+    label, factor = {
+        "motor_speed_rad_s": ("table speed, mm/min", 6e4 * m_per_rad),
+        "motor_acceleration_rad_s2": ("table acceleration, m/s²", m_per_rad),
+        "table_position_m": ("table position, mm", 1e3),
+    }.get(variable, (LABELS[variable], 1.0))
+    name, _, unit = label.partition(", ")
     if variable == "direction":
         ways = {(0.0, 1.0): ", most of it forwards", (-1.0, 0.0): ", most of it backwards"}
         return name + ways.get((mine[0].low, mine[0].high), "")
-    ranges = ", ".join(f"{_plain(each.low)} to {_plain(each.high)}" for each in mine)
-    return f"{name}, {ranges} {unit}"
+    ends = (f"{_plain(factor * each.low)} to {_plain(factor * each.high)}" for each in mine)
+    return f"{name}, {', '.join(ends)} {unit}"
 
 
 def _plain(value: float) -> str:
