@@ -34,6 +34,7 @@ _SHUFFLED_BLOCKS = 100
 _BINS = 24
 _FINE_BINS = 96
 _CLOCKS = ("time_s", "temperature_c")
+_LEAST_WARMING_K = 0.5  # a sensor's own noise is no warmth
 _LEAST_SHARE = 0.05
 _MOST_VARIABLES = 3
 _NEIGHBOURS, _ROUNDS, _MOST_INTERVALS = 5, 30, 4
@@ -93,7 +94,7 @@ class _Found:
     def tried(cls, channel: str, name: str, rows: Rows) -> "_Found | None":
         """Fit of a function of a variable, or one that turns with the direction, if any helps."""
         values = rows.variables.get(name)
-        if values is None:
+        if values is None or (name == "temperature_c" and np.ptp(values) < _LEAST_WARMING_K):
             return None
         signs = [np.ones(len(values)), np.sign(rows.variables["direction"])]
         edges, bins = _cells(values, _BINS // 2 if name in _CLOCKS else _BINS)
