@@ -172,8 +172,8 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
         if isinstance(entry, EntryRegressor):
             entries[k] = entry
     there = sorted(set(best.regressors) & entries.keys())
-    shapes = Counter(entries[k].name for k in there)  # more than the entries it may have: anew
-    known = [k for k in there if shapes[entries[k].name] <= entries[k].effect.most_entries]
+    shapes = Counter(entries[k].name for k in there)  # what is there but once is sought anew
+    known = [k for k in there if entries[k].effect.most_entries > 1 or shapes[entries[k].name] == 1]
     whole = problem.pinned_to(best).stepwise(
         list(entries), lambda name: get_effect(name).most_entries, known
     )
