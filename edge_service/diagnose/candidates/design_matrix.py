@@ -217,7 +217,7 @@ def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
             (*_strongest_span(np.bincount(cells, values).astype(np.float64), count), against)
             for against, values in remaining.items()
         ]
-        _, first, last, against = max(spans)
+        _, first, last, against = max(spans, key=lambda span: span[0])  # steady if either will do
         inside = (cells >= first) & (cells < last)
         if not inside.any():
             return
