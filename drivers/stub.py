@@ -59,8 +59,6 @@ class StubAxis:
 
     Attributes:
         latest: channel -> value in SI units; empty before the first sample.
-        samples: how many samples there were.
-        begun: set with the first one.
     """
 
     name: str
@@ -68,8 +66,8 @@ class StubAxis:
     context: DriverContext
     source: AsyncGenerator[SampleFrame, None]
     latest: dict[str, float] = field(default_factory=dict)
-    samples: int = 0
-    begun: asyncio.Event = field(default_factory=asyncio.Event)
+    samples: int = 0  # how many samples there were
+    begun: asyncio.Event = field(default_factory=asyncio.Event)  # set with the first one
 
     async def follow(self) -> None:
         """Keep `latest` up to date until the source ends."""

@@ -36,20 +36,15 @@ class RegisterConfig(SignalConfig):
     """One value of the map. It becomes a channel, or it guards the others of its group.
 
     Attributes:
-        address: of its first register, counted from 0.
-        table: holding registers (function 3) or input registers (function 4).
-        type: of the number.
-        group: poll group; the first one unless given.
-        word_order: the device's unless given.
         equals: no channel but a constant: where it reads otherwise, map or word order is wrong.
         heartbeat: no channel but a counter: while it rests, the device repeats old values.
     """
 
-    address: int = Field(ge=0, lt=REGISTERS)
-    table: Table = "holding"
-    type: NumberType = "float32"
-    group: str | None = None
-    word_order: Order | None = None
+    address: int = Field(ge=0, lt=REGISTERS)  # of its first register, counted from 0
+    table: Table = "holding"  # holding registers (function 3) or input registers (function 4)
+    type: NumberType = "float32"  # of the number
+    group: str | None = None  # poll group; the first one unless given
+    word_order: Order | None = None  # the device's unless given
     equals: float | None = None
     heartbeat: bool = False
 
@@ -72,20 +67,17 @@ class ModbusConfig(DriverConfig):
     """Settings of the Modbus driver.
 
     Attributes:
-        url: `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it.
-        timeout_s: for a connection and for each reply.
         word_order, byte_order: of numbers longer than a register, and within a register.
-        poll_groups: name -> period, s. The fastest makes the rows; a slower one's values come
-            with the next row, and are missing in the others.
-        registers: the map.
+        poll_groups: name -> period, s. The fastest makes the rows; a slower one's values come with
+            the next row, and are missing in the others.
     """
 
-    url: str
-    timeout_s: float = Field(0.5, gt=0.0, le=30.0)
+    url: str  # `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it
+    timeout_s: float = Field(0.5, gt=0.0, le=30.0)  # for a connection and for each reply
     word_order: Order = "big"
     byte_order: Order = "big"
     poll_groups: dict[str, float] = Field(min_length=1)
-    registers: tuple[RegisterConfig, ...] = Field(min_length=1)
+    registers: tuple[RegisterConfig, ...] = Field(min_length=1)  # the map
 
     @field_validator("url")
     @classmethod

@@ -125,8 +125,7 @@ class LiveRows(Source):
     Attributes:
         rows, clock, reader: of the run.
 
-    Raises:
-        TraceError: a header, or first rows, that cannot be read.
+    Raises TraceError: a header, or first rows, that cannot be read.
     """
 
     def __init__(
@@ -212,10 +211,9 @@ class EdgeStream:
     def frames(self, message: dict[str, Any]) -> list[SampleFrame]:
         """Frames of a message.
 
-        Raises:
-            MessageError: it says nothing that can be read.
-            DriverMisconfiguredError: its signals cannot be read as they are configured.
-            DriverUnavailableError: it has other channels than those before.
+        Raises MessageError: it says nothing that can be read; DriverMisconfiguredError: its signals
+        cannot be read as they are configured; DriverUnavailableError: it has other channels than
+        those before.
         """
         header = message.get(HEADER)
         payload = message.get(PAYLOAD, message)
@@ -292,8 +290,7 @@ def _signals(header: Any) -> Any:
 class MappedStream:
     """Frames out of messages by the members that the configuration names.
 
-    Raises:
-        DriverMisconfiguredError: a unit that does not measure what its channel means.
+    Raises DriverMisconfiguredError: a unit that does not measure what its channel means.
     """
 
     def __init__(

@@ -38,15 +38,12 @@ class Change:
     """One notification.
 
     Attributes:
-        channel: of the variable; None for a heartbeat.
-        value: as it was sent.
-        status: OPC UA status code.
         source_s, server_s: UNIX times that the server gave, s; None where it gave none.
     """
 
-    channel: str | None
-    value: object
-    status: int
+    channel: str | None  # of the variable; None for a heartbeat
+    value: object  # as it was sent
+    status: int  # OPC UA status code
     source_s: float | None
     server_s: float | None
 

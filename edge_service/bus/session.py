@@ -42,9 +42,8 @@ class Bus:
     async def open(cls, settings: BusSettings) -> Self:
         """Open the session.
 
-        Raises:
-            BusConfigurationError: the endpoint is not loopback, or in use (`router`).
-            BusUnavailableError: nobody answers at the endpoint (`client`).
+        Raises BusConfigurationError: the endpoint is not loopback, or in use (`router`);
+        BusUnavailableError: nobody answers at the endpoint (`client`).
         """
         free = settings.role == "router" and settings.endpoint.endswith(":0")
         tries = _EPHEMERAL_TRIES if free else 1

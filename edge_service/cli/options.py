@@ -32,17 +32,14 @@ class Option:
     A parameter without one is an argument; a text states how that is shown.
 
     Attributes:
-        words: its help.
-        name: `--` and the parameter's name unless given.
         kind: of the value, unless the type of the parameter says enough.
-        default: that the words tell.
     """
 
-    words: str
-    name: str = ""
+    words: str  # its help
+    name: str = ""  # `--` and the parameter's name unless given
     kind: click.ParamType[Any] | None = None
     metavar: str | None = None
-    default: Any = None
+    default: Any = None  # that the words tell
 
 
 def command(

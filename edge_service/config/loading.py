@@ -29,8 +29,7 @@ _DEEP = re.compile(rb"(?:[\[{]\s*){100}")
 def load_config(path: Path) -> EdgeConfig:
     """Read and check a configuration file; paths in it are relative to its folder.
 
-    Raises:
-        ConfigError: file, key, what was wrong and what was expected.
+    Raises ConfigError: file, key, what was wrong and what was expected.
     """
     config, mistakes = read_config(path)
     if config is None or mistakes:

@@ -54,13 +54,12 @@ class HttpConfig(Table):
     """`[http]`: where the API and the page are served. Port 0 takes a free one.
 
     Attributes:
-        url: address of a proxy that passes on to us: its host name is let in.
         certificate, private_key: of the server, in PEM: TLS with them.
     """
 
     host: str = "127.0.0.1"
     port: int = Field(8080, ge=0, le=65535)
-    url: str | None = None
+    url: str | None = None  # address of a proxy that passes on to us: its host name is let in
     certificate: Path | None = None
     private_key: Path | None = None
 

@@ -48,23 +48,15 @@ _HEAT_C = 2.0
 
 @dataclass(frozen=True, slots=True)
 class FigureChange:
-    """One figure then and now.
+    """One figure then and now."""
 
-    Attributes:
-        name: `section.figure`.
-        change: now less then, with its interval.
-        sigmas: the change in standard deviations.
-        significant: after controlling the false-discovery rate over all figures.
-        material: great enough to matter.
-    """
-
-    name: str
+    name: str  # `section.figure`
     old: IntervalEstimate
     new: IntervalEstimate
-    change: IntervalEstimate
-    sigmas: float
-    significant: bool
-    material: bool
+    change: IntervalEstimate  # now less then, with its interval
+    sigmas: float  # the change in standard deviations
+    significant: bool  # after controlling the false-discovery rate over all figures
+    material: bool  # great enough to matter
 
     @property
     def changed(self) -> bool:
@@ -150,18 +142,12 @@ def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Mean of one quantity in one recording.
-
-    Attributes:
-        sigma: standard deviation of its error, from the repeats.
-        freedom: degrees of freedom behind sigma.
-        daily: standard deviation of an error from one recording to the next.
-    """
+    """Mean of one quantity in one recording."""
 
     value: float
-    sigma: float
-    freedom: float
-    daily: float
+    sigma: float  # standard deviation of its error, from the repeats
+    freedom: float  # degrees of freedom behind sigma
+    daily: float  # standard deviation of an error from one recording to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,15 +155,12 @@ class Drift:
     """One quantity of a section over all recordings.
 
     Attributes:
-        name: `friction_nm`, `load_nm`, ...
-        values: of each recording.
-        changes: of each recording but the first, against the first.
         since: number of the recording from which on it is changed; None if it is not at the end.
     """
 
-    name: str
-    values: tuple[float, ...]
-    changes: tuple[IntervalEstimate, ...]
+    name: str  # `friction_nm`, `load_nm`, ...
+    values: tuple[float, ...]  # of each recording
+    changes: tuple[IntervalEstimate, ...]  # of each recording but the first, against the first
 
     @property
     def changed(self) -> tuple[bool, ...]:
@@ -202,15 +185,11 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class SectionDrift:
-    """All quantities of one section.
-
-    Attributes:
-        temperature_c: mean of each recording; NaN where it is not recorded.
-    """
+    """All quantities of one section."""
 
     section: Section
     drifts: tuple[Drift, ...]
-    temperature_c: tuple[float, ...]
+    temperature_c: tuple[float, ...]  # mean of each recording; NaN where it is not recorded
 
     @property
     def heat(self) -> float:

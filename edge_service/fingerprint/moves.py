@@ -38,17 +38,15 @@ class Move:
     Attributes:
         context: values of what a section is told by beside its course (tool, block), in order.
         start_m, end_m: of its course: the set point where there is one, else the position.
-        speed_m_s: its speed; negative towards the motor's zero.
-        duration_s: between rests.
-        figures: mean torque, following error, stretch (motor's encoder less the table's), spread
-            of the torque, temperature; over the part at speed, as far as recorded, SI units.
+        figures: mean torque, following error, stretch (motor's encoder less the table's), spread of
+            the torque, temperature; over the part at speed, as far as recorded, SI units.
     """
 
     context: tuple[float, ...]
     start_m: float
     end_m: float
-    speed_m_s: float
-    duration_s: float
+    speed_m_s: float  # its speed; negative towards the motor's zero
+    duration_s: float  # between rests
     figures: dict[str, float]
 
     @property

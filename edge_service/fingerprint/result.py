@@ -64,32 +64,24 @@ class Section:
     """One test of the axis.
 
     Attributes:
-        reason: why it is undetermined, one line; empty otherwise.
-        motion: name of the motion that determines it.
         figures: by name, the unit in the name.
     """
 
     status: Status
-    reason: str
-    motion: str
+    reason: str  # why it is undetermined, one line; empty otherwise
+    motion: str  # name of the motion that determines it
     figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisFingerprint:
-    """Fingerprint of an axis from the recordings of one session.
-
-    Attributes:
-        machine: name of the axis.
-        sources: names of the recordings.
-        sections: by name, in the order of the report.
-    """
+    """Fingerprint of an axis from the recordings of one session."""
 
     schema: Literal["fingerprint/1"] = field(default="fingerprint/1", kw_only=True)
-    machine: str
-    sources: tuple[str, ...]
-    sections: Mapping[str, Section]
+    machine: str  # name of the axis
+    sources: tuple[str, ...]  # names of the recordings
+    sections: Mapping[str, Section]  # by name, in the order of the report
 
     def figures(self) -> dict[str, IntervalEstimate]:
         """Every figure by `section.name`."""

@@ -53,11 +53,7 @@ class AnsweredCommand(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisSnapshot:
-    """State that must outlive the process; what has a default is missing in older versions' files.
-
-    Attributes:
-        saved_ns: UNIX time up to which it is known, ns.
-    """
+    """State that must outlive the process; what has a default, older versions' files lack."""
 
     schema: Literal["axis-watch/1"]
     axis: str
@@ -66,7 +62,7 @@ class AxisSnapshot:
     friction: FrictionClasses
     series: PreloadSteps
     consistency: dict[str, LearnedChannel] | None = None
-    saved_ns: int = 0
+    saved_ns: int = 0  # UNIX time up to which it is known, ns
     answered: tuple[AnsweredCommand, ...] = ()
     fall: PreloadFall | None = None
 

@@ -194,19 +194,12 @@ class ChannelModel:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A change of the verdict.
+    """A change of the verdict."""
 
-    Attributes:
-        disagrees: what it changed to.
-        channel: where the innovations grew most.
-        ratio: how many times the expected they are.
-        since_s: beginning of the first stretch that counted, on the axis' clock, s.
-    """
-
-    disagrees: bool
-    channel: str
-    ratio: float
-    since_s: float
+    disagrees: bool  # what it changed to
+    channel: str  # where the innovations grew most
+    ratio: float  # how many times the expected they are
+    since_s: float  # beginning of the first stretch that counted, on the axis' clock, s
 
 
 class ConsistencyWatch:

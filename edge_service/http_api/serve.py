@@ -80,9 +80,8 @@ async def serve(
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
 
-    Raises:
-        AddressError: Before anything is served: the address makes no sense, needs TLS
-            (PortInUseError: or is taken).
+    Raises AddressError: Before anything is served: the address makes no sense, needs TLS
+    (PortInUseError: or is taken).
     """
     listener = bind(host, port, encrypted=tls is not None)
     certificate, key = tls or (None, None)

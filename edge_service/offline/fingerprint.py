@@ -35,12 +35,11 @@ class FingerprintDocument(AxisFingerprint):
     """Content of `fingerprint.json`; null is left out there.
 
     Attributes:
-        verdict: one sentence.
         changes, appeared: against the baseline.
         stated, modes: of a servo tuning: what the control states, notches and peaks.
     """
 
-    verdict: str
+    verdict: str  # one sentence
     changes: list[dict[str, Any]] | None = None
     appeared: tuple[str, ...] | None = None
     stated: dict[str, float] | None = None

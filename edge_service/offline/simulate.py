@@ -35,20 +35,17 @@ class SimulationSettings:
     """Settings of a simulation.
 
     Attributes:
-        motion: name of the commanded motion, or NAME:duration_s=SECONDS.
         effects: beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20
             is weight on the table that the drive does not know of, external_force:file=f.csv
             (time_s, force_n) a force along x that stands in the record.
-        duration_s: axis time; the motion's own unless given.
         preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
-        seed: of noise and motion; the same seed gives the same bytes.
     """
 
-    motion: str = "production"
+    motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
     effects: tuple[str, ...] = ()
-    duration_s: float | None = None
+    duration_s: float | None = None  # axis time; the motion's own unless given
     preload_percent: float | None = None
-    seed: int = 1
+    seed: int = 1  # of noise and motion; the same seed gives the same bytes
     rate_hz: float = 1000.0
 
 

@@ -58,26 +58,21 @@ class OutputContext:
     """Facts that an output may need of the service.
 
     Attributes:
-        name: of its table.
-        axes: names of all axes.
-        folder: state folder; None without.
-        page: address at which people reach the page; empty if they cannot.
         knows: tells whether a user's name and token fit; None lets anybody look.
         words: texts of the page by key, of a language.
         is_test: whether it sends one test message while the service may be running beside it.
-        gone: names of axes that were removed, of which nothing is to stay.
     """
 
-    name: str
+    name: str  # of its table
     site: str
     machine: str
-    axes: tuple[str, ...] = ()
-    folder: Path | None = None
-    page: str = ""
+    axes: tuple[str, ...] = ()  # names of all axes
+    folder: Path | None = None  # state folder; None without
+    page: str = ""  # address at which people reach the page; empty if they cannot
     knows: Callable[[str, str], bool] | None = None
     words: Callable[[str], Mapping[str, str]] = lambda _language: {}
     is_test: bool = False
-    gone: tuple[str, ...] = ()
+    gone: tuple[str, ...] = ()  # names of axes that were removed, of which nothing is to stay
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,14 +38,10 @@ ONLINE, OFFLINE = "online", "offline"
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
-    """`[outputs.mqtt]`.
-
-    Attributes:
-        prefix: first part of the topics of JSON.
-    """
+    """`[outputs.mqtt]`."""
 
     format: Literal["json", "home-assistant", "sparkplug"] = "json"
-    prefix: str = "feeddrive"
+    prefix: str = "feeddrive"  # first part of the topics of JSON
 
     @field_validator("prefix")
     @classmethod

@@ -58,13 +58,12 @@ class OpcuaConfig(ListeningConfig):
     """`[outputs.opcua]`.
 
     Attributes:
-        endpoint: where clients connect.
         certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both
             are needed beyond loopback.
     """
 
     scheme, usual_port = "opc.tcp", 4840
-    endpoint: str = "opc.tcp://127.0.0.1:4840"
+    endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
     certificate: Path | None = None
     private_key: Path | None = None
 

@@ -23,20 +23,17 @@ class IntervalEstimate:
     """One identified quantity; in a document null stands for what is not finite.
 
     Attributes:
-        value: the estimate; NaN where the data says nothing.
-        low, high: bounds that hold the truth with probability `LEVEL`; infinite where the data
-            sets none.
-        unit: of the three.
+        low, high: bounds that hold the truth with probability `LEVEL`; infinite where the data sets
+            none.
         n_effective: independent observations behind it; a correlated residual has fewer than rows.
-        note: why it is undetermined, or what to keep in mind.
     """
 
-    value: _Value
+    value: _Value  # the estimate; NaN where the data says nothing
     low: _Low
     high: _High
-    unit: str
+    unit: str  # of the three
     n_effective: _High
-    note: str = ""
+    note: str = ""  # why it is undetermined, or what to keep in mind
 
     @property
     def determined(self) -> bool:

@@ -24,27 +24,16 @@ LEAST_SIGNAL = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearFit:
-    """Coefficients of target = design @ coefficients, with what is known about them.
+    """Coefficients of target = design @ coefficients, with what is known about them."""
 
-    Attributes:
-        names: of the regressors.
-        coefficients: (p,); of smallest norm where the data leaves a choice.
-        covariance: (p, p); infinite on the diagonal of what is undetermined.
-        residual: target - design @ coefficients, (n,).
-        residual_std: with n - p degrees of freedom, in the unit of the target.
-        observations: (p,), effective number behind each coefficient.
-        n_effective: of the residual.
-        notes: why a regressor is undetermined, by its name.
-    """
-
-    names: tuple[str, ...]
-    coefficients: Floats
-    covariance: Floats
-    residual: Floats
-    residual_std: float
-    observations: Floats
-    n_effective: float
-    notes: dict[str, str]
+    names: tuple[str, ...]  # of the regressors
+    coefficients: Floats  # (p,); of smallest norm where the data leaves a choice
+    covariance: Floats  # (p, p); infinite on the diagonal of what is undetermined
+    residual: Floats  # target - design @ coefficients, (n,)
+    residual_std: float  # with n - p degrees of freedom, in the unit of the target
+    observations: Floats  # (p,), effective number behind each coefficient
+    n_effective: float  # of the residual
+    notes: dict[str, str]  # why a regressor is undetermined, by its name
 
     def interval_estimate(self, name: str, unit: str) -> IntervalEstimate:
         """One coefficient with its interval. Raises ValueError for an unknown name."""

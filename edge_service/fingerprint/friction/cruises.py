@@ -38,19 +38,12 @@ _WINDOW_BINS = 1.5
 
 @dataclass(frozen=True, slots=True)
 class FrictionPoint:
-    """Torque at one constant speed.
+    """Torque at one constant speed."""
 
-    Attributes:
-        time_s: middle of the cruise, s.
-        speed_rad_s: mean motor speed, signed, rad/s.
-        torque_nm: mean torque, signed, N m; what its mean acceleration needs is taken off.
-        standard_error_nm: of that mean, from the effective number of samples, N m.
-    """
-
-    time_s: float
-    speed_rad_s: float
-    torque_nm: float
-    standard_error_nm: float
+    time_s: float  # middle of the cruise, s
+    speed_rad_s: float  # mean motor speed, signed, rad/s
+    torque_nm: float  # mean torque, signed, N m; what its mean acceleration needs is taken off
+    standard_error_nm: float  # of that mean, from the effective number of samples, N m
 
     @property
     def forward(self) -> bool:

@@ -71,11 +71,10 @@ class FrictionParts:
     """Parts of a friction curve.
 
     Attributes:
-        parameters: with intervals.
         values: of the curve, by the same names; a part that is missing is not in it.
     """
 
-    parameters: Mapping[str, IntervalEstimate]
+    parameters: Mapping[str, IntervalEstimate]  # with intervals
     values: Mapping[str, float]
 
     def torque_nm(self, speed_rad_s: Floats) -> Floats:
@@ -226,12 +225,11 @@ class FrictionTest:
     """One friction test.
 
     Attributes:
-        name: of its recording.
         start_s, end_s: of its cruises, s.
         speeds: rpm -> forward or not -> points in time order.
     """
 
-    name: str
+    name: str  # of its recording
     start_s: float
     end_s: float
     speeds: Mapping[str, Mapping[bool, Sequence[FrictionPoint]]]

@@ -56,12 +56,11 @@ class Mode:
 
     Attributes:
         antiresonance_hz, resonance_hz: of notch and peak.
-        height: peak over notch against a rigid axis, 1.
     """
 
     antiresonance_hz: float
     resonance_hz: float
-    height: float
+    height: float  # peak over notch against a rigid axis, 1
 
 
 def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:

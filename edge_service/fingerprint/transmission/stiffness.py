@@ -36,16 +36,14 @@ class StiffnessPoint:
     """The axis at one place of its stroke.
 
     Attributes:
-        position_m: of the table.
-        stiffness: of all springs in series, N/m.
-        locked_resonance: of the table against a motor that is held, Hz: 1 / (2 pi sqrt(C m));
-            known without the mass.
+        locked_resonance: of the table against a motor that is held, Hz: 1 / (2 pi sqrt(C m)); known
+            without the mass.
         lost_motion: difference of the stretch between the two directions, m: wind-up by the guide
             force, and backlash.
     """
 
-    position_m: float
-    stiffness: IntervalEstimate
+    position_m: float  # of the table
+    stiffness: IntervalEstimate  # of all springs in series, N/m
     locked_resonance: IntervalEstimate
     lost_motion: IntervalEstimate
 
@@ -55,12 +53,11 @@ class StiffnessFit:
     """Quantities identified from the stretch.
 
     Attributes:
-        points: along the stroke.
         play: b, m, one for the whole stroke; undetermined unless the axis brakes harder than its
             guides do and play shows.
     """
 
-    points: tuple[StiffnessPoint, ...]
+    points: tuple[StiffnessPoint, ...]  # along the stroke
     play: IntervalEstimate
 
     def curve(self, name: str, values: Sequence[IntervalEstimate], unit: str) -> Curve:

@@ -45,11 +45,10 @@ class PreloadSteps:
     """Steps of a preload history.
 
     Attributes:
-        step_s: length of a step, s.
         rows: step number, count, preload (percent), half width (percent), distance (m), (n, 5).
     """
 
-    step_s: float
+    step_s: float  # length of a step, s
     rows: StoredFloats
 
 

@@ -59,20 +59,15 @@ class WearProjection:
     """Equally likely courses of wear through a history and beyond.
 
     Attributes:
-        level_percent: preload now, (n,).
-        slope: change per age of the history now, (n,).
-        power: of the age, with which each course goes on, (n,).
         drift: factor on the way to a limit as far away as the history is long, its logarithm, (n,).
-        age_per_s: ages of the history per second in future, (n,).
-        basis: `time` or `distance`, whichever explains more.
     """
 
-    level_percent: Floats
-    slope: Floats
-    power: Floats
+    level_percent: Floats  # preload now, (n,)
+    slope: Floats  # change per age of the history now, (n,)
+    power: Floats  # of the age, with which each course goes on, (n,)
     drift: Floats
-    age_per_s: Floats
-    basis: str
+    age_per_s: Floats  # ages of the history per second in future, (n,)
+    basis: str  # `time` or `distance`, whichever explains more
 
     def seconds_to(self, limit_percent: float) -> Floats:
         """Time that each course needs to reach the limit, s, (n,); inf if it never does."""
@@ -90,17 +85,14 @@ class _Laws:
     """Shapes of wear over the age of a history.
 
     Attributes:
-        shape: g - 1 at each age, (n points, n laws).
         slope, power: of each law at age 1, and with which it goes on, (n laws,).
-        by_way: whether the age is that by the way, else that by the hour, (n laws,).
-        log_prior: of each law, (n laws,); steady, power and break alike.
     """
 
-    shape: Floats
+    shape: Floats  # g - 1 at each age, (n points, n laws)
     slope: Floats
     power: Floats
-    by_way: Booleans
-    log_prior: Floats
+    by_way: Booleans  # whether the age is that by the way, else that by the hour, (n laws,)
+    log_prior: Floats  # of each law, (n laws,); steady, power and break alike
 
 
 def _laws(age: Floats, log_prior: float, *, by_way: bool) -> _Laws:
@@ -189,14 +181,12 @@ class _Fits:
 
     Attributes:
         mean, root: of the two; their covariance is root root^T, (n errors, n laws, 2[, 2]).
-        scatter: standard deviation of a point about its course, (n errors,).
-        evidence: (n errors, n laws).
     """
 
     mean: Floats
     root: Floats
-    scatter: Floats
-    evidence: Floats
+    scatter: Floats  # standard deviation of a point about its course, (n errors,)
+    evidence: Floats  # (n errors, n laws)
 
     def draw(self, log_prior: Floats, rng: np.random.Generator) -> tuple[Any, Any, Floats, Floats]:
         """Numbers of errors and laws, as often as they are likely, levels and losses, (n,) each."""

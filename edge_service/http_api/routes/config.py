@@ -45,12 +45,11 @@ class AxisConfigurations:
     Attributes:
         read: configuration of an axis, and its table as TOML.
         put: keeps an axis and begins it; returns whether it is new.
-        remove: removes an axis that was made so.
     """
 
     read: Callable[[str], tuple[AxisConfiguration, str]]
     put: Callable[[str, AxisConfiguration], Awaitable[bool]]
-    remove: Callable[[str], Awaitable[None]]
+    remove: Callable[[str], Awaitable[None]]  # removes an axis that was made so
 
 
 ConfigurationsDep = Annotated[AxisConfigurations, part("configurations")]

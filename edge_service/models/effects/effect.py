@@ -214,8 +214,7 @@ class Effect:
         Without any given amount the amounts are those of a typical fault; with one, the amounts
         not given are those of a healthy axis. Other parameters are those of a typical fault.
 
-        Raises:
-            ValueError: an unknown parameter, or a value out of its bounds.
+        Raises ValueError: an unknown parameter, or a value out of its bounds.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():

@@ -53,8 +53,7 @@ class Route:
     ) -> bool:
         """Return whether the axis allows a part; it is left out if not.
 
-        Raises:
-            MotionError: the axis does not allow it, and nothing may be left out.
+        Raises MotionError: the axis does not allow it, and nothing may be left out.
         """
         excess = self.limits.excess(
             speed_m_s=speed_m_s, acceleration_m_s2=acceleration_m_s2, length_m=length_m
@@ -90,11 +89,7 @@ class Route:
         self.add(Dwell(duration_s))
 
     def add(self, segment: Segment) -> None:
-        """Append a segment.
-
-        Raises:
-            MotionError: it breaks a limit or leaves the stroke.
-        """
+        """Append a segment. Raises MotionError: it breaks a limit or leaves the stroke."""
         limits = self.limits
         excess = limits.excess(
             speed_m_s=segment.peak_speed_m_s, acceleration_m_s2=segment.peak_acceleration_m_s2
@@ -113,8 +108,7 @@ class Route:
     def finish(self) -> Plan:
         """The plan; back at the start, at rest.
 
-        Raises:
-            MotionError: nothing is left of the motion.
+        Raises MotionError: nothing is left of the motion.
         """
         if not self.segments:
             raise MotionError(f"{self.name}: nothing is left of it; {self.left_out[0]}")

@@ -57,14 +57,13 @@ class Puzzle:
     Attributes:
         before, fitted, floor: root mean square gap by channel of the linear model, of the same with
             the parameters that fit best, and of what no model could explain.
-        verdicts: of the diagnoses.
         steps: effects that they named, in the order in which they were put into the model.
     """
 
     before: dict[str, float]
     fitted: dict[str, float]
     floor: dict[str, float]
-    verdicts: tuple[str, ...]
+    verdicts: tuple[str, ...]  # of the diagnoses
     steps: tuple[Step, ...]
 
     def as_text(self) -> str:

@@ -67,16 +67,14 @@ class ThesisRun:
 
     Attributes:
         time_s, torque_nm, net_torque_nm, preload_percent: (N,).
-        state: angle, speed and linear position after the step, (N, 3).
-        measurement: after the step, (N, 2), rad and m.
     """
 
     time_s: Floats
     torque_nm: Floats
     net_torque_nm: Floats
     preload_percent: Floats
-    state: Floats
-    measurement: Floats
+    state: Floats  # angle, speed and linear position after the step, (N, 3)
+    measurement: Floats  # after the step, (N, 2), rad and m
 
 
 def preload_profile(simulation: int, time_s: Floats) -> Floats:

@@ -43,7 +43,6 @@ class LevelRow:
 
     Attributes:
         probability, linear_percent, percent: mean over runs of constant preload.
-        sliding_percent: the same of the sliding innovation bank.
         ramp_percent: read from the ramp of simulation 1 where it passes the level, with a centred
             window of TABLE_WINDOW_STEPS.
     """
@@ -55,7 +54,7 @@ class LevelRow:
     probability: tuple[float, ...]
     linear_percent: float
     percent: float
-    sliding_percent: float
+    sliding_percent: float  # the same of the sliding innovation bank
     ramp_percent: float
 
 
@@ -64,15 +63,14 @@ class WindowRow:
     """One causal window: mean absolute error in points of simulations 1 to 5, and its reaction.
 
     Attributes:
-        drop_steps: most steps that any run of simulation 4 took to see the drop; None if one
-            never did.
-        false_drop_share: share of the runs of simulation 3 with a false drop.
+        drop_steps: most steps that any run of simulation 4 took to see the drop; None if one never
+            did.
     """
 
     window_steps: int
     mae_points: tuple[float, ...]
     drop_steps: int | None
-    false_drop_share: float
+    false_drop_share: float  # share of the runs of simulation 3 with a false drop
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,12 +59,11 @@ class WearStudy:
     """All that was stated of one screw, and what came, by limit in percent of fresh.
 
     Attributes:
-        crossings_h: when a reading first lay below, h from new; inf if never.
         stated, held: dates stated before the crossing, and bands that held it.
     """
 
     stages: tuple[Stage, ...]
-    crossings_h: Mapping[float, float]
+    crossings_h: Mapping[float, float]  # when a reading first lay below, h from new; inf if never
     stated: int
     held: int
 
