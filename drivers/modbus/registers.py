@@ -100,18 +100,7 @@ class ModbusConfig(DriverConfig):
                 problem = f"{register.group!r} is not one of {', '.join(self.poll_groups)}"
                 raise ValueError(f"registers[{number}].group: {problem}")
         check_channels("registers", self.registers)
-        self._check_overlaps()
-        for number, register in enumerate(self.registers):
-            joint = register.channel in JOINT_CHANNELS
-            if joint and self.group_of(register) != self.fastest_group:
-                raise ValueError(
-                    f"registers[{number}].group: {register.channel} makes the rows and must be in "
-                    f"the fastest group, {self.fastest_group!r}"
-                )
-        return self
-
-    def _check_overlaps(self) -> None:
-        """Two channels in part of the same registers: one of them reads nonsense."""
+        # two channels in part of the same registers: one of them reads nonsense
         read = [(n, each) for n, each in enumerate(self.registers) if each.channel is not None]
         read.sort(key=lambda pair: (pair[1].table, pair[1].address))
         for (first, low), (second, high) in pairwise(read):
@@ -120,6 +109,14 @@ class ModbusConfig(DriverConfig):
                     f"registers[{second}].address: {high.address} is inside registers[{first}], "
                     f"whose {low.type} takes {low.words} from {low.address}"
                 )
+        for number, register in enumerate(self.registers):
+            joint = register.channel in JOINT_CHANNELS
+            if joint and self.group_of(register) != self.fastest_group:
+                raise ValueError(
+                    f"registers[{number}].group: {register.channel} makes the rows and must be in "
+                    f"the fastest group, {self.fastest_group!r}"
+                )
+        return self
 
     @property
     def endpoint(self) -> tuple[str, int, int]:

@@ -260,7 +260,20 @@ class AxisMonitor:
         Raises ValueError, and then this monitor is of no more use.
         """
         try:
-            self._restore(_SNAPSHOTS.validate_python(document))
+            snapshot = _SNAPSHOTS.validate_python(document)
+            if snapshot.axis != self.axis:
+                raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
+            step_ns = min(self._now_ns - snapshot.saved_ns, 0)
+            self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
+            self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
+            self._answered = {each.key: each for each in snapshot.answered}
+            self._use.restore(snapshot.use)
+            self._use.move(step_ns)
+            self._friction.restore(snapshot.friction)
+            self._series.restore(snapshot.series)
+            self._series.move(step_ns / NS_PER_S)
+            if snapshot.consistency is not None:
+                self._consistency.restore(snapshot.consistency)
             self.health(self._heard[0])  # numbers of the right shape may still mean nothing
             json.dumps(self.snapshot(), allow_nan=False)
             self.trend_work()()
@@ -270,21 +283,6 @@ class AxisMonitor:
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {place}: {first['msg']}") from None
         except (ArithmeticError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {type(error).__name__}: {error}") from None
-
-    def _restore(self, snapshot: AxisSnapshot) -> None:
-        if snapshot.axis != self.axis:
-            raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
-        step_ns = min(self._now_ns - snapshot.saved_ns, 0)
-        self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
-        self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
-        self._answered = {each.key: each for each in snapshot.answered}
-        self._use.restore(snapshot.use)
-        self._use.move(step_ns)
-        self._friction.restore(snapshot.friction)
-        self._series.restore(snapshot.series)
-        self._series.move(step_ns / NS_PER_S)
-        if snapshot.consistency is not None:
-            self._consistency.restore(snapshot.consistency)
 
     def _note_wear(self, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         percent, low, high = estimate.preload_percent, estimate.low, estimate.high

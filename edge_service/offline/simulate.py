@@ -128,7 +128,20 @@ class _Axis:
         with contextlib.ExitStack() as files:
             writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
             for commanded, writer, path in zip(session, writers, paths, strict=True):
-                self._record(commanded, writer, progress, first)
+                rate_hz, count = self._settings.rate_hz, commanded.count
+                force_s, force_n = self._force
+                block = round(_BLOCK_S * rate_hz)
+                for done in range(0, count, block):
+                    rows = min(block, count - done)
+                    time_s = (first + done + np.arange(rows)) / rate_hz
+                    frame = self._drive.advance(
+                        commanded.setpoints.take(rows),
+                        np.full(rows, self._preload_percent),
+                        external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
+                        added_mass_kg=np.full(rows, self._load_kg),
+                    )
+                    writer.write(frame)
+                    progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
                 first += commanded.count
                 duration_s = commanded.count / self._settings.rate_hz
                 lines.append(
@@ -139,25 +152,6 @@ class _Axis:
                 recording |= {"motion": commanded.name, "preload_percent": self._preload_percent}
                 recordings.append(recording | {"effects": effects})
         return Answer("\n".join(lines), {"recordings": recordings})
-
-    def _record(
-        self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int
-    ) -> None:
-        """Run a motion; `first` rows were recorded before."""
-        rate_hz, count = self._settings.rate_hz, commanded.count
-        force_s, force_n = self._force
-        block = round(_BLOCK_S * rate_hz)
-        for done in range(0, count, block):
-            rows = min(block, count - done)
-            time_s = (first + done + np.arange(rows)) / rate_hz
-            frame = self._drive.advance(
-                commanded.setpoints.take(rows),
-                np.full(rows, self._preload_percent),
-                external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
-                added_mass_kg=np.full(rows, self._load_kg),
-            )
-            writer.write(frame)
-            progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
 
 
 def _preload_percent(machine: Machine, wanted: float | None) -> float:

@@ -107,7 +107,30 @@ def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
         sigma_below = (excess.value - excess.low) / normal_quantile()
         if excess.value > STRIBECK_SIGMAS * sigma_below:
             return full
-    return _straight(points)
+    speed = np.array([point.speed_rad_s for point in points])
+    torque = np.array([point.torque_nm for point in points])
+    error = np.array([point.standard_error_nm for point in points])
+    weight = 1.0 / np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
+    both = bool((speed > 0.0).any() and (speed < 0.0).any())
+    names = {"coulomb_nm": "N m", "viscous_nm_s_per_rad": "N m s/rad"}
+    columns = [np.sign(speed), speed]
+    if both:
+        names["offset_nm"] = "N m"
+        columns.append(np.ones_like(speed))
+    design = np.column_stack(columns) * weight[:, None]
+    inverse = np.linalg.pinv(design)
+    found = inverse @ (torque * weight)
+    freedom = max(len(points) - len(names), 1)
+    chi2 = float(np.sum((torque * weight - design @ found) ** 2)) / freedom
+    sigma = np.sqrt(np.diag(inverse @ inverse.T) * max(chi2, 1.0))
+    count = float(len(points))
+    parameters = {
+        name: around(float(found[k]), float(sigma[k]), unit, count, len(names))
+        for k, (name, unit) in enumerate(names.items())
+    }
+    parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
+    parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
+    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
 def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
@@ -163,34 +186,6 @@ def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
     scale, viscous = values["stribeck_speed_rad_s"], values["viscous_nm_s_per_rad"]
     friction = exponential_friction(speed_rad_s, level, level + excess, scale, viscous)
     return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
-
-
-def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
-    """Weighted least squares of F_c sgn(v) + D v + f_offset, the scatter making the intervals."""
-    speed = np.array([point.speed_rad_s for point in points])
-    torque = np.array([point.torque_nm for point in points])
-    error = np.array([point.standard_error_nm for point in points])
-    weight = 1.0 / np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
-    both = bool((speed > 0.0).any() and (speed < 0.0).any())
-    names = {"coulomb_nm": "N m", "viscous_nm_s_per_rad": "N m s/rad"}
-    columns = [np.sign(speed), speed]
-    if both:
-        names["offset_nm"] = "N m"
-        columns.append(np.ones_like(speed))
-    design = np.column_stack(columns) * weight[:, None]
-    inverse = np.linalg.pinv(design)
-    found = inverse @ (torque * weight)
-    freedom = max(len(points) - len(names), 1)
-    chi2 = float(np.sum((torque * weight - design @ found) ** 2)) / freedom
-    sigma = np.sqrt(np.diag(inverse @ inverse.T) * max(chi2, 1.0))
-    count = float(len(points))
-    parameters = {
-        name: around(float(found[k]), float(sigma[k]), unit, count, len(names))
-        for k, (name, unit) in enumerate(names.items())
-    }
-    parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
-    parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
-    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
 def _both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:

@@ -110,11 +110,6 @@ def _laws(age: Floats, log_prior: float, *, by_way: bool) -> _Laws:
     )
 
 
-def _joined(one: _Laws, other: _Laws) -> _Laws:
-    names = ("shape", "slope", "power", "by_way", "log_prior")
-    return _Laws(*(np.concatenate([getattr(each, n) for each in (one, other)], -1) for n in names))
-
-
 def project_wear(
     time_s: Floats, percent: Floats, half_width_percent: Floats, distance_m: Floats
 ) -> WearProjection | None:
@@ -134,7 +129,11 @@ def project_wear(
     laws, by_way = _laws((time_s - time_s[0]) / span_s, 0.0, by_way=False), by_time
     way_m = distance_m - distance_m[0]
     if np.all(np.diff(way_m) >= 0.0) and way_m[-1] > 0.0:
-        laws = _joined(laws, _laws(way_m / way_m[-1], _WAY_WEARS, by_way=True))
+        other = _laws(way_m / way_m[-1], _WAY_WEARS, by_way=True)
+        names = ("shape", "slope", "power", "by_way", "log_prior")
+        laws = _Laws(
+            *(np.concatenate([getattr(each, n) for each in (laws, other)], -1) for n in names)
+        )
         by_way = _future_speed(time_s, distance_m, rng) / way_m[-1]
     sigma = max(float(np.median(half_width_percent)), half_width_percent[-1]) * _SIGMA_OF_HALF_WIDTH
     fits = _fits(time_s, percent, laws.shape, sigma)

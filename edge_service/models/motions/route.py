@@ -136,7 +136,10 @@ class Setpoints:
         parts = []
         while count > 0:
             if self._taken == self._count:
-                self._next_segment()
+                self._origin_m += self._segment.distance_m
+                self._segment = next(self._segments, Dwell(1.0))
+                self._taken = 0
+                self._count = samples_of(self._segment, self._rate_hz)
                 continue
             run = min(count, self._count - self._taken)
             index = np.arange(self._taken, self._taken + run)
@@ -146,12 +149,6 @@ class Setpoints:
             self._taken += run
             count -= run
         return np.concatenate(parts) if parts else np.empty((0, 3))
-
-    def _next_segment(self) -> None:
-        self._origin_m += self._segment.distance_m
-        self._segment = next(self._segments, Dwell(1.0))
-        self._taken = 0
-        self._count = samples_of(self._segment, self._rate_hz)
 
 
 def samples_of(segment: Segment, rate_hz: float) -> int:
