@@ -22,17 +22,11 @@ _MOVES = ((0.25, 0.1), (0.20, 0.1), (0.50, 0.4), (0.20, 0.4))
 
 @dataclass(frozen=True, slots=True)
 class Day:
-    """State of the axis on one day.
+    """State of the axis on one day."""
 
-    Attributes:
-        preload_share: of the fresh preload.
-        friction: factor on all dry friction.
-        warm: whether it is warm from the start.
-    """
-
-    preload_share: float = 1.0
-    friction: float = 1.0
-    warm: bool = False
+    preload_share: float = 1.0  # of the fresh preload
+    friction: float = 1.0  # factor on all dry friction
+    warm: bool = False  # whether it is warm from the start
 
     def events(self) -> tuple[Any, ...]:
         """Settings that the plant is told."""

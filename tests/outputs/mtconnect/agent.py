@@ -77,7 +77,6 @@ class Agent:
         values: numbers, events and messages by data item.
         conditions: active levels with their text by data item and native code.
         times: of the last line about each data item.
-        seconds: agreed heartbeat; 0 without.
     """
 
     types: dict[str, tuple[str, str]]
@@ -85,7 +84,7 @@ class Agent:
     conditions: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
     times: dict[str, datetime] = field(default_factory=dict)
     commands: list[str] = field(default_factory=list)
-    seconds: float = 0.0
+    seconds: float = 0.0  # agreed heartbeat; 0 without
 
     def take(self, line: str) -> None:
         """Take a line in. Raises ProtocolError."""

@@ -23,14 +23,12 @@ class Hostile:
     """One spoiled recording of a healthy axis.
 
     Attributes:
-        edit: of the frames of ordinary production.
-        effects: of the test alone.
         table_m: position over time instead, m; the torque stays below the drag.
     """
 
     name: str
-    edit: _Edit | None = None
-    effects: tuple[str, ...] = ()
+    edit: _Edit | None = None  # of the frames of ordinary production
+    effects: tuple[str, ...] = ()  # of the test alone
     table_m: Callable[[Floats], Floats] | None = None
 
 
