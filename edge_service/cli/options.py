@@ -50,11 +50,7 @@ def command(
     hidden: bool = False,
     cls: type[click.Command] = click.Command,
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Command of a function, whose parameters say what is given to it.
-
-    Args:
-        answers: it returns answers, or yields them, and has `--json`.
-    """
+    """Command of a function, whose parameters say what is given to it."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         made = _answering(function) if answers else function

@@ -96,7 +96,15 @@ def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[Fi
         known = all(math.isfinite(each.value) and each.determined for each in (was, now))
         if name in before and known and was.unit == now.unit:
             pairs.append((name, was, now))
-            changes.append(_change(was, now))
+            # of each interval the side that faces the other counts
+            difference = now.value - was.value
+            towards = (was.value - was.low, now.high - now.value)
+            if difference > 0.0:
+                towards = (was.high - was.value, now.value - now.low)
+            repeated = REPEATABILITY * math.hypot(was.value, now.value)
+            sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
+            change = around(difference, sigma, now.unit, math.inf)
+            changes.append(change)
     sigmas = [each.value / each.sigma if each.sigma > 0.0 else 0.0 for each in changes]
     found = np.zeros(0, dtype=bool)
     if sigmas:
@@ -127,17 +135,6 @@ def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, .
         and not before[name].determined
         and old.sections[name.partition(".")[0]].status is Status.DETERMINED
     )
-
-
-def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
-    """Difference; of each interval the side that faces the other counts."""
-    difference = new.value - old.value
-    towards = (old.value - old.low, new.high - new.value)
-    if difference > 0.0:
-        towards = (old.high - old.value, new.value - new.low)
-    repeated = REPEATABILITY * math.hypot(old.value, new.value)
-    sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
-    return around(difference, sigma, new.unit, math.inf)
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,11 +72,7 @@ async def serve(
     """Serve until the task is cancelled, and end in good order.
 
     Args:
-        app: The application.
-        host: An IP address or `localhost`.
-        port: TCP port; 0 takes a free one.
         tls: Certificate and private key in PEM; without them only loopback is served.
-        on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
 

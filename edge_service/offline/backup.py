@@ -120,10 +120,6 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
 
     What is replaced stays beside it, as `NAME.before-TIME`.
 
-    Args:
-        config: configuration file to write, beside it the files that it names.
-        force: replace files of the configuration that differ, and a store that is there.
-
     Raises BackupError: the backup does not fit, or a service is running; nothing changed.
     """
     try:

@@ -61,9 +61,6 @@ def fingerprint(
     A servo tuning or frequency response of a SINUMERIK is a recording as well; on its own it needs
     no machine file.
 
-    Args:
-        by: columns whose values must be alike for moves to be compared.
-
     Raises ConfigError, TraceError, FingerprintError, ExaminationError.
     """
     names = [path.name for path in traces]

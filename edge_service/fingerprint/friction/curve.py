@@ -165,7 +165,11 @@ def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
 
     def misfit_nm(values: Floats) -> Floats:
         named = dict(zip(names, values.tolist(), strict=True))
-        return np.asarray(_torque_nm(named, speed) - torque, dtype=np.float64)
+        level, excess = named["coulomb_nm"], named["stribeck_excess_nm"]
+        scale, viscous = named["stribeck_speed_rad_s"], named["viscous_nm_s_per_rad"]
+        friction = exponential_friction(speed, level, level + excess, scale, viscous)
+        torque_nm = np.asarray(friction + named.get("offset_nm", 0.0), dtype=np.float64)
+        return np.asarray(torque_nm - torque, dtype=np.float64)
 
     first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)
     share = unexplained_share(misfit_nm(first), error, np.abs(torque), len(unknowns))
@@ -178,14 +182,6 @@ def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
             "N m", "one direction only: cannot be told from coulomb_nm", float(len(points))
         )
     return FrictionParts(parameters, values)
-
-
-def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
-    """Friction torque; the force equations hold for torque and speed at the motor as they are."""
-    level, excess = values["coulomb_nm"], values["stribeck_excess_nm"]
-    scale, viscous = values["stribeck_speed_rad_s"], values["viscous_nm_s_per_rad"]
-    friction = exponential_friction(speed_rad_s, level, level + excess, scale, viscous)
-    return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
 
 
 def _both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ...messages.samples import Booleans, Floats
 
@@ -227,6 +226,8 @@ def _own_errors(time_s: Floats, sigma: float) -> list[Floats]:
 
 def _fit(shape: Floats, percent: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
     """Generalised least squares of the history on [1, shape]: mean, root and log evidence."""
+    from scipy.linalg import solve_triangular  # not loaded before there is a history
+
     jitter = 1e-9 * float(np.mean(np.diagonal(covariance))) * np.eye(percent.size)
     lower = np.linalg.cholesky(covariance + jitter)
     columns = np.column_stack([np.ones_like(percent), percent, shape])

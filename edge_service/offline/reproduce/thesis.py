@@ -123,13 +123,7 @@ def reproduce(
     exponent: float = PUBLISHED_EXPONENT,
     progress: Progress = silent,
 ) -> Reproduction:
-    """Run the study; write `report.html` and `reproduction.json` into `out_dir`.
-
-    Args:
-        seeds: runs per case, the first with `seed`.
-        window_steps: causal moving average of the figures.
-        exponent: of the weighted sum (4.5.4).
-    """
+    """Run the study; write `report.html` and `reproduction.json` into `out_dir`."""
     runs = range(seed, seed + seeds)
     progress("Table 4.2")
     levels = _level_rows(runs, exponent)

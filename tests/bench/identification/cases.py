@@ -19,7 +19,7 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import motion_limits
 from edge_service.models.plant.two_mass import axial_compliance
-from edge_service.offline.commanded_motion import commanded_motion
+from edge_service.offline.simulate import commanded_motion
 from edge_service.regression.interval_estimate import IntervalEstimate
 from edge_service.regression.inverse_dynamics import identify_inverse_dynamics
 from edge_service.regression.prepared_run import PreparationSettings, PreparedRun, prepare
