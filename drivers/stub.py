@@ -114,7 +114,6 @@ class Following:
     """The tasks that keep the axes of a stub, which share an address, up to date.
 
     Args:
-        axes: of the stub.
         address: of a configuration. Raises DriverMisconfiguredError where they differ.
     """
 

@@ -29,9 +29,6 @@ def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
 def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The content of a table with the secrets in place of the files that hold them.
 
-    Args:
-        folder: that paths are relative to.
-
     Raises SecretError: one line with the key, without the secret.
     """
     read = {}

@@ -171,11 +171,6 @@ class EdgeStream:
     The count tells what is lost, repeated or late; the sample after a gap is marked. A new `Header`
     is a new run, a second after the one before.
 
-    Args:
-        path: of the source, for messages.
-        columns: of the machine file.
-        axis: which of several axes, and what its units need.
-
     Attributes:
         channels: of the axis; none before a message said them.
     """

@@ -56,8 +56,6 @@ class RowMaker:
     that changed. Changes within half a sampling interval are one row.
 
     Args:
-        scalings: channel -> how its raw value becomes SI.
-        merge_s: changes so close in time are one row.
         stale_after_s: a heartbeat that rests for so long makes a row bad; infinite without one.
     """
 
@@ -76,7 +74,6 @@ class RowMaker:
         """Rows of one publication, in the order of their times.
 
         Args:
-            changes: what it holds.
             now_s: UNIX time of its arrival, for what has no time of its own.
         """
         timed = [(each.source_s or each.server_s or now_s, each) for each in changes]

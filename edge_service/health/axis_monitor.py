@@ -71,11 +71,7 @@ _SNAPSHOTS = TypeAdapter(AxisSnapshot)
 
 
 class AxisMonitor:
-    """Monitor of one axis; every call returns the events that it caused.
-
-    Args:
-        fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
-    """
+    """Monitor of one axis; every call returns the events that it caused."""
 
     def __init__(
         self,

@@ -27,7 +27,6 @@ class ConditionMonitor:
 
     Args:
         limits: None where the fresh screw's preload is not known.
-        now_ns: UNIX time of the start, ns.
     """
 
     def __init__(self, axis: str, limits: Limits | None, now_ns: int) -> None:

@@ -203,11 +203,7 @@ class Disagreement:
 
 
 class ConsistencyWatch:
-    """Watches one axis.
-
-    Args:
-        ratio_m_per_rad: way of the table per angle of the motor; None watches the torque alone.
-    """
+    """Watches one axis; its torque alone where the way per angle is not known."""
 
     def __init__(self, ratio_m_per_rad: float | None) -> None:
         self._ratio = ratio_m_per_rad

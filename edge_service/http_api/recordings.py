@@ -50,7 +50,6 @@ class Recordings:
     Args:
         folder: where they are; what uploads left there that were cut off is removed.
         most_bytes: of all recordings, those that are just coming included.
-        extent: of a file.
     """
 
     def __init__(

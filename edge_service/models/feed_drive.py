@@ -68,10 +68,7 @@ class FeedDriveSettings:
     def of_machine(
         cls, machine: Machine, rate_hz: float = 1000.0, effects: Sequence[ActiveEffect] = ()
     ) -> "FeedDriveSettings":
-        """The axis that a machine file describes, completed by the thesis' test bench.
-
-        Args:
-            effects: in addition to those of the machine file.
+        """The axis of a machine file with more effects, completed by the thesis' test bench.
 
         Raises ValueError: the table is heavier than the whole inertia, or an effect of the machine
         file is unknown or out of its bounds.

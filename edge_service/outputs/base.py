@@ -89,10 +89,6 @@ class Output(ABC):
     open. Each raises OutputUnavailableError while the other side is away; `take` raises it before
     `open` as well, and RefusedError for events that the other side will never take.
 
-    Args:
-        config: its table.
-        context: see above. Raises OutputMisconfiguredError.
-
     Attributes:
         takes_answers: whether it is handed answers, each as it changes and at least every second.
         receivers: names of those whom events are sent to, each with a queue of its own.

@@ -256,11 +256,7 @@ class _Sessions(InternalServer):
 
 
 class BoundedServer(Server):
-    """Server with bounded sessions, messages and buffers.
-
-    Args:
-        user_manager: answers who is let in.
-    """
+    """Server with bounded sessions, messages and buffers."""
 
     def __init__(self, user_manager: Any) -> None:
         bounds = _Sessions(user_manager)

@@ -133,7 +133,6 @@ def prepare(
     """Clean, filter and differentiate one recording, run by run, in bounded memory.
 
     Args:
-        frames: one recording in its order.
         required: channels that every row must have, beside a position of motor or table.
 
     Raises ValueError: a channel is missing, or the low-pass lies above half of the sampling rate.

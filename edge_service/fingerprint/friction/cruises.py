@@ -57,7 +57,6 @@ def friction_points(
     """One point per cruise.
 
     Args:
-        runs: with torque.
         inertia_kg_m2: of the axis at the motor, for the small acceleration that is left.
     """
     for run in runs:
@@ -121,9 +120,6 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     Welch's average over segments of whole revolutions, sampled evenly over the angle. Balls pass
     at orders that need their number and diameter; without them their band is given as a whole.
     Orders that the low-pass of the preparation weakens at this speed are left out.
-
-    Args:
-        balls: orders of the balls; None where the machine file does not know them.
 
     Raises ValueError: no cruise is long enough.
     """

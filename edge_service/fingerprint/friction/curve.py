@@ -232,9 +232,6 @@ def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> 
     Figures: the change at the middle one of the speeds that all tests share, then at each, then
     the level of each test at the middle one. Curves: one for each test, in their order.
 
-    Args:
-        recordings: points by the name of their recording.
-
     Raises ValueError: fewer than two friction tests, or none of their speeds is shared.
     """
     tests = friction_tests(recordings)

@@ -106,8 +106,6 @@ def fit_stiffness(
     one fixed at both ends a parabola (5.3.10), which a few places follow.
 
     Args:
-        runs: with both encoders.
-        positions_m: rising, at least one.
         table_mass_kg: table with workpiece; without it there is no stiffness in N/m.
 
     Raises ValueError: no linear encoder, positions that do not rise, too little motion.
