@@ -6,19 +6,18 @@ import tomllib
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from edge_service.messages.samples import ANGLE, CHANNELS, SampleFrame
+from edge_service.messages.samples import ANGLE, CHANNELS, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
-from edge_service.models.screw.wear import SCENARIOS, Wear
 from edge_service.threads import Threads
 
 from .base import (
@@ -31,6 +30,29 @@ from .base import (
 from .rows import FRAME_S, LOOK_AHEAD_S, Pace
 
 _FROM = "from_s="
+
+
+class Wear(NamedTuple):
+    """Preload over wear time: straight from start to end, or all at once at half of the life."""
+
+    start_percent: float  # of the dynamic load rating, at wear time 0
+    end_percent: float  # from the end of the life on
+    is_sudden: bool = False
+
+    def preload_percent(self, wear_time_s: Floats, life_s: float) -> Floats:
+        """Preload at wear times (n,), s, of a life of `life_s`; percent of the load rating."""
+        age = np.clip(wear_time_s / life_s, 0.0, 1.0)
+        lost = np.where(age < 0.5, 0.0, 1.0) if self.is_sudden else age
+        return self.start_percent + lost * (self.end_percent - self.start_percent)
+
+
+SCENARIOS: dict[str, Wear] = {
+    "healthy": Wear(10.0, 10.0),
+    "gradual": Wear(10.0, 0.0),
+    "partial": Wear(7.5, 2.5),
+    "sudden": Wear(10.0, 0.0, is_sudden=True),
+}
+"""The thesis' simulations 3, 1, 2 and 4 (4.6), by name."""
 
 
 class SimulatedConfig(DriverConfig):
