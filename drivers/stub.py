@@ -55,16 +55,13 @@ def parse_fault(text: str) -> Fault:
 
 @dataclass(slots=True)
 class StubAxis:
-    """One axis of a stub: what its driver reads, where its samples come from, and the latest.
-
-    Attributes:
-        latest: channel -> value in SI units; empty before the first sample.
-    """
+    """One axis of a stub: what its driver reads, where its samples come from, and the latest."""
 
     name: str
     config: Any
     context: DriverContext
     source: AsyncGenerator[SampleFrame, None]
+    # channel -> value in SI units; empty before the first sample
     latest: dict[str, float] = field(default_factory=dict)
     samples: int = 0  # how many samples there were
     begun: asyncio.Event = field(default_factory=asyncio.Event)  # set with the first one

@@ -34,15 +34,12 @@ class WrongReplyError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Outcome of one read.
-
-    Attributes:
-        sent_s, received_s: on the event loop's clock.
-    """
+    """Outcome of one read."""
 
     words: tuple[int, ...]  # the registers; empty unless `quality` is good
     quality: Quality  # why there are none
     problem: str  # the same in words
+    # sent_s, received_s: on the event loop's clock
     sent_s: float
     received_s: float
 

@@ -33,19 +33,16 @@ MOST_REGISTERS = 125
 
 
 class RegisterConfig(SignalConfig):
-    """One value of the map. It becomes a channel, or it guards the others of its group.
-
-    Attributes:
-        equals: no channel but a constant: where it reads otherwise, map or word order is wrong.
-        heartbeat: no channel but a counter: while it rests, the device repeats old values.
-    """
+    """One value of the map. It becomes a channel, or it guards the others of its group."""
 
     address: int = Field(ge=0, lt=REGISTERS)  # of its first register, counted from 0
     table: Table = "holding"  # holding registers (function 3) or input registers (function 4)
     type: NumberType = "float32"  # of the number
     group: str | None = None  # poll group; the first one unless given
     word_order: Order | None = None  # the device's unless given
+    # no channel but a constant: where it reads otherwise, map or word order is wrong
     equals: float | None = None
+    # no channel but a counter: while it rests, the device repeats old values
     heartbeat: bool = False
 
     @model_validator(mode="after")
@@ -64,18 +61,15 @@ class RegisterConfig(SignalConfig):
 
 
 class ModbusConfig(DriverConfig):
-    """Settings of the Modbus driver.
-
-    Attributes:
-        word_order, byte_order: of numbers longer than a register, and within a register.
-        poll_groups: name -> period, s. The fastest makes the rows; a slower one's values come with
-            the next row, and are missing in the others.
-    """
+    """Settings of the Modbus driver."""
 
     url: str  # `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it
     timeout_s: float = Field(0.5, gt=0.0, le=30.0)  # for a connection and for each reply
+    # word_order, byte_order: of numbers longer than a register, and within a register
     word_order: Order = "big"
     byte_order: Order = "big"
+    # name -> period, s. The fastest makes the rows; a slower one's values come with the next row,
+    # and are missing in the others
     poll_groups: dict[str, float] = Field(min_length=1)
     registers: tuple[RegisterConfig, ...] = Field(min_length=1)  # the map
 

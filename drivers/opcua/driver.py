@@ -35,15 +35,12 @@ WILDEST_TIME_S = 1e11
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One notification.
-
-    Attributes:
-        source_s, server_s: UNIX times that the server gave, s; None where it gave none.
-    """
+    """One notification."""
 
     channel: str | None  # of the variable; None for a heartbeat
     value: object  # as it was sent
     status: int  # OPC UA status code
+    # source_s, server_s: UNIX times that the server gave, s; None where it gave none
     source_s: float | None
     server_s: float | None
 

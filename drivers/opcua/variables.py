@@ -88,24 +88,21 @@ class NodeConfig(SignalConfig):
 
 
 class OpcuaConfig(DriverConfig):
-    """Settings of the OPC UA driver.
-
-    Attributes:
-        security: policy; messages are signed and encrypted. None leaves everything open to all.
-        certificate, private_key: ours, PEM or DER; needed with security.
-        server_certificate: the server's, which is trusted and no other; needed with security.
-        user, password: of the session; never sent unencrypted but to this host itself.
-        sampling_s: sampling and publishing that is asked for; the server says what it gives.
-    """
+    """Settings of the OPC UA driver."""
 
     url: str = "opc.tcp://127.0.0.1:4840"  # of the server's endpoint
+    # policy; messages are signed and encrypted. None leaves everything open to all
     security: Security = "None"
+    # certificate, private_key: ours, PEM or DER; needed with security
     certificate: Path | None = None
     private_key: Path | None = None
+    # the server's, which is trusted and no other; needed with security
     server_certificate: Path | None = None
+    # user, password: of the session; never sent unencrypted but to this host itself
     user: str | None = None
     password: SecretStr | None = None
     password_file: Path | None = None  # that holds the password
+    # sampling and publishing that is asked for; the server says what it gives
     sampling_s: float = Field(0.1, ge=0.001, le=60.0)
     signals: tuple[NodeConfig, ...] = Field(min_length=1)  # the variables
 

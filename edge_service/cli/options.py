@@ -30,13 +30,11 @@ class Option:
     """Option whose value goes to the parameter that it annotates.
 
     A parameter without one is an argument; a text states how that is shown.
-
-    Attributes:
-        kind: of the value, unless the type of the parameter says enough.
     """
 
     words: str  # its help
     name: str = ""  # `--` and the parameter's name unless given
+    # of the value, unless the type of the parameter says enough
     kind: click.ParamType[Any] | None = None
     metavar: str | None = None
     default: Any = None  # that the words tell

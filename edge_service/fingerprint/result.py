@@ -45,31 +45,25 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A measured curve.
-
-    Attributes:
-        x, y: (n,) each, in SI units.
-        x_label, y_label: quantity and unit.
-    """
+    """A measured curve."""
 
     name: str
+    # x, y: (n,) each, in SI units
     x: Values
     y: Values
+    # x_label, y_label: quantity and unit
     x_label: str
     y_label: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """One test of the axis.
-
-    Attributes:
-        figures: by name, the unit in the name.
-    """
+    """One test of the axis."""
 
     status: Status
     reason: str  # why it is undetermined, one line; empty otherwise
     motion: str  # name of the motion that determines it
+    # by name, the unit in the name
     figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
 
@@ -133,11 +127,7 @@ def examined(motion: str, measure: Callable[[], Contents]) -> Section:
 def mean_of(
     values: Sequence[float], standard_errors: Sequence[float], unit: str
 ) -> IntervalEstimate:
-    """Mean of repeats: the greater of their scatter and their own errors makes the interval.
-
-    Args:
-        values, standard_errors: (n,) each, n at least 1.
-    """
+    """Mean of repeats: the greater of their scatter and their own errors makes the interval."""
     count = len(values)
     own = math.sqrt(sum(error**2 for error in standard_errors)) / count
     scatter = float(np.std(values, ddof=1)) / math.sqrt(count) if count > 1 else 0.0

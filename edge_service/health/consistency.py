@@ -85,16 +85,13 @@ _ROWS = {"torque_nm": _torque_row, "transmission_m": _transmission_row}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedChannel:
-    """Learned state of a channel.
+    """Learned state of a channel."""
 
-    Attributes:
-        gram, cross: normal equations, (p, p) and (p,); empty before the first stretch.
-        numbers: stretches learned from and compared, their mean and worst mean square, and the mean
-            square of the channel itself.
-    """
-
+    # gram, cross: normal equations, (p, p) and (p,); empty before the first stretch
     gram: StoredFloats
     cross: StoredFloats
+    # stretches learned from and compared, their mean and worst mean square, and the mean square of
+    # the channel itself
     numbers: tuple[int, int, float, float, float]
 
 

@@ -20,12 +20,9 @@ _DOUBT_DELAY_NS = 10 * NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class AlarmSettings:
-    """Limits that the owner may change, percent of the fresh screw's preload.
+    """Limits that the owner may change, percent of the fresh screw's preload."""
 
-    Attributes:
-        warning_percent, fault_percent: WARNING and FAULT below.
-    """
-
+    # warning_percent, fault_percent: WARNING and FAULT below
     warning_percent: float = 60.0
     fault_percent: float = 30.0
     rate_percent_per_1000_h: float = 20.0  # loss per 1000 h that is too fast

@@ -21,16 +21,13 @@ _DOUBTFUL = Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE
 
 @dataclass(frozen=True, slots=True)
 class LivePoint:
-    """One interval as people look at it; a number that was not measured is None.
-
-    Attributes:
-        transmission_m: table position less the travel of the screw, m; its zero has no meaning.
-    """
+    """One interval as people look at it; a number that was not measured is None."""
 
     time_ns: int  # UNIX time of its end, ns
     torque_nm: float | None
     speed_rad_s: float | None
     position_m: float | None
+    # table position less the travel of the screw, m; its zero has no meaning
     transmission_m: float | None
     temperature_c: float | None
     faults: tuple[str, ...]

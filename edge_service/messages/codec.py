@@ -32,14 +32,11 @@ class CodecError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Identity and times of one payload.
-
-    Attributes:
-        boot_epoch: UNIX time in ns at which the publisher started; a new value means a restart,
-            after which `sequence` begins again.
-    """
+    """Identity and times of one payload."""
 
     sequence: int  # counts up by one per payload and publisher, from 0; a jump is a loss
+    # UNIX time in ns at which the publisher started; a new value means a restart, after which
+    # `sequence` begins again
     boot_epoch: int
     source_time_ns: int  # UNIX time in ns of the newest sample that the payload rests on
     monotonic_time_ns: int  # the publishing host's monotonic clock in ns at publication
@@ -50,12 +47,7 @@ _HEADER = tuple(each.name for each in fields(Header))
 
 @dataclass(frozen=True)
 class Topic(ABC, Generic[T]):
-    """One row of the table of topics.
-
-    Attributes:
-        keeps_last: a query on the same key is answered with the last payload.
-        cached: payloads that a publisher keeps for readers that come later, or were away.
-    """
+    """One row of the table of topics."""
 
     name: str  # last part of the key
     schema: str  # name of the payload type and its version, `type/version`
@@ -63,7 +55,9 @@ class Topic(ABC, Generic[T]):
     stale_after_s: float  # without a new payload for this long, a reader must treat it as missing
     most_bytes: int  # a longer payload is refused unread
     most_hz: float  # more payloads of one key than this, over a second, are refused unread
+    # a query on the same key is answered with the last payload
     keeps_last: bool = field(default=True, kw_only=True)
+    # payloads that a publisher keeps for readers that come later, or were away
     cached: int = field(default=0, kw_only=True)
     encoding: ClassVar[str]
     """The Zenoh encoding that a publisher declares."""

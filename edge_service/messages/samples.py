@@ -151,19 +151,16 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleFrame:
-    """A run of consecutive samples of one axis.
-
-    Attributes:
-        channels: channel name -> values in SI units, shape (n,) each; NaN is a missing value. Times
-            may repeat, jump or run backwards: judging that is the downsampler's work.
-        quality: channel name -> code of `Quality` per sample, shape (n,); a channel without is good
-            where it has a number.
-        waveforms: what faster sensors of the axis measured meanwhile, on the same clock.
-    """
+    """A run of consecutive samples of one axis."""
 
     time_s: Floats  # the axis' own clock, s, shape (n,)
+    # channel name -> values in SI units, shape (n,) each; NaN is a missing value. Times may repeat,
+    # jump or run backwards: judging that is the downsampler's work
     channels: Mapping[str, Floats]
+    # channel name -> code of `Quality` per sample, shape (n,); a channel without is good where it
+    # has a number
     quality: Mapping[str, Qualities] = field(default_factory=dict)
+    # what faster sensors of the axis measured meanwhile, on the same clock
     waveforms: tuple[Waveform, ...] = ()
 
     def __post_init__(self) -> None:

@@ -32,16 +32,13 @@ RESPONSE = "frequency_response"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FingerprintDocument(AxisFingerprint):
-    """Content of `fingerprint.json`; null is left out there.
-
-    Attributes:
-        changes, appeared: against the baseline.
-        stated, modes: of a servo tuning: what the control states, notches and peaks.
-    """
+    """Content of `fingerprint.json`; null is left out there."""
 
     verdict: str  # one sentence
+    # changes, appeared: against the baseline
     changes: list[dict[str, Any]] | None = None
     appeared: tuple[str, ...] | None = None
+    # stated, modes: of a servo tuning: what the control states, notches and peaks
     stated: dict[str, float] | None = None
     modes: list[Mode] | None = None
 

@@ -39,14 +39,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Files to be written, and where.
-
-    Attributes:
-        machine: a machine file that is there; None if one is written beside the configuration.
-    """
+    """Files to be written, and where."""
 
     source: Source
     out: Path
+    # a machine file that is there; None if one is written beside the configuration
     machine: Path | None = None
     axis: str = "X"
     sheet: Sheet = field(default_factory=dict)  # what stands in the one that is written

@@ -44,18 +44,15 @@ class SimulationError(BadInputError):
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of a simulation.
-
-    Attributes:
-        effects: beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20
-            is weight on the table that the drive does not know of, external_force:file=f.csv
-            (time_s, force_n) a force along x that stands in the record.
-        preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
-    """
+    """Settings of a simulation."""
 
     motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
+    # beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20 is weight
+    # on the table that the drive does not know of, external_force:file=f.csv (time_s, force_n) a
+    # force along x that stands in the record
     effects: tuple[str, ...] = ()
     duration_s: float | None = None  # axis time; the motion's own unless given
+    # of the dynamic load rating; the machine file's fresh preload unless given
     preload_percent: float | None = None
     seed: int = 1  # of noise and motion; the same seed gives the same bytes
     rate_hz: float = 1000.0

@@ -50,13 +50,7 @@ class OutputConfig(Table):
 
 @dataclass(frozen=True, slots=True)
 class OutputContext:
-    """Facts that an output may need of the service.
-
-    Attributes:
-        knows: tells whether a user's name and token fit; None lets anybody look.
-        words: texts of the page by key, of a language.
-        is_test: whether it sends one test message while the service may be running beside it.
-    """
+    """Facts that an output may need of the service."""
 
     name: str  # of its table
     site: str
@@ -64,8 +58,11 @@ class OutputContext:
     axes: tuple[str, ...] = ()  # names of all axes
     folder: Path | None = None  # state folder; None without
     page: str = ""  # address at which people reach the page; empty if they cannot
+    # tells whether a user's name and token fit; None lets anybody look
     knows: Callable[[str, str], bool] | None = None
+    # texts of the page by key, of a language
     words: Callable[[str], Mapping[str, str]] = lambda _language: {}
+    # whether it sends one test message while the service may be running beside it
     is_test: bool = False
     gone: tuple[str, ...] = ()  # names of axes that were removed, of which nothing is to stay
 
@@ -88,10 +85,6 @@ class Output(ABC):
     `open`, `take` and `close` may be called in any order and twice; `open` does nothing while it is
     open. Each raises OutputUnavailableError while the other side is away; `take` raises it before
     `open` as well, and RefusedError for events that the other side will never take.
-
-    Attributes:
-        takes_answers: whether it is handed answers, each as it changes and at least every second.
-        receivers: names of those whom events are sent to, each with a queue of its own.
     """
 
     config_model: ClassVar[type[OutputConfig]]
@@ -101,7 +94,9 @@ class Output(ABC):
     """Events of this time go together, s."""
     most_per_hour: ClassVar[int | None] = None
     """Messages with events in an hour; then events wait, and go together."""
+    # whether it is handed answers, each as it changes and at least every second
     takes_answers: bool = True
+    # names of those whom events are sent to, each with a queue of its own
     receivers: tuple[str, ...] = ()
 
     def __init__(self, config: Any, context: OutputContext) -> None:

@@ -62,13 +62,10 @@ class _Status(logging.Handler):
 
 
 class NotifyConfig(OutputConfig):
-    """`[outputs.notify]`.
-
-    Attributes:
-        events: kinds of the events that are told.
-    """
+    """`[outputs.notify]`."""
 
     urls_file: Path  # a URL of apprise a line, for its owner alone, as it may hold secrets
+    # kinds of the events that are told
     events: tuple[str, ...] = Field(("alarm_raised", "alarm_cleared"), min_length=1)
     level: Literal["NORMAL", "WARNING", "FAULT"] = "WARNING"  # the least that is told
     language: Literal["en", "de"] = "en"

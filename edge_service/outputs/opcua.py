@@ -55,15 +55,12 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all th
 
 
 class OpcuaConfig(ListeningConfig):
-    """`[outputs.opcua]`.
-
-    Attributes:
-        certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both
-            are needed beyond loopback.
-    """
+    """`[outputs.opcua]`."""
 
     scheme, usual_port = "opc.tcp", 4840
     endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
+    # certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both are
+    # needed beyond loopback
     certificate: Path | None = None
     private_key: Path | None = None
 

@@ -64,13 +64,10 @@ Nodes = dict[str, list[ua.NodeId]]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One variable of an axis.
-
-    Attributes:
-        read: its path in an answer, or what finds it there; None where there is none.
-    """
+    """One variable of an axis."""
 
     kind: ua.VariantType  # type of its value
+    # its path in an answer, or what finds it there; None where there is none
     read: str | Callable[[AxisAnswer], Any]
     unit: str = ""  # of a number
     default: str | None = None  # in place of None

@@ -76,9 +76,6 @@ def least_squares(
     """Ordinary least squares by a rank-revealing singular value decomposition.
 
     Args:
-        names: of the p regressors.
-        design: (n, p).
-        target: (n,).
         noise_rms: noise within each regressor, (p,), in its unit; one that is little more than
             its noise is left out as undetermined instead of being found to be nothing.
 
@@ -104,12 +101,7 @@ def instrumental_variables(
 
     Consistent where regressors carry noise, or where a controller feeds the residual back into
     them, if the instruments follow the motion and know nothing of the noise: the same regressors
-    from the commanded motion (Janot, Vandanjon and Gautier, 2014).
-
-    Args:
-        design: (n, p).
-        target: (n,).
-        instruments: Z, (n, p), one per regressor.
+    from the commanded motion (Janot, Vandanjon and Gautier, 2014). Z is (n, p) as X is.
 
     Raises ValueError: like `least_squares`; shapes differ.
     """
@@ -144,8 +136,6 @@ def total_least_squares(
     with lambda^2 noise^2 taken off the diagonal of X' X, which gives the influence of each row.
 
     Args:
-        design: (n, p).
-        target: (n,).
         noise_rms: (p,), noise within each regressor; 0 is exact. Noises are independent.
         target_noise_rms: greater than 0.
 

@@ -22,20 +22,17 @@ _BOUND_SHARE = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One parameter of a nonlinear model.
-
-    Attributes:
-        low, high: hard bounds, finite.
-        logarithmic: searched in its logarithm, for scales of speed or stiffness; low is then
-            greater than 0. A bound that the data does not rule out stands for 0 or infinity.
-        floor: what the lower bound stands for, where it is not logarithmic and means "none".
-    """
+    """One parameter of a nonlinear model."""
 
     name: str
+    # low, high: hard bounds, finite
     low: float
     high: float
     unit: str  # of the parameter
+    # searched in its logarithm, for scales of speed or stiffness; low is then greater than 0. A
+    # bound that the data does not rule out stands for 0 or infinity
     logarithmic: bool = False
+    # what the lower bound stands for, where it is not logarithmic and means "none"
     floor: float = -math.inf
 
 

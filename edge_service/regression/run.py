@@ -86,20 +86,17 @@ def is_below(period_s: float, least_hz: float) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Unbroken run at its native rate, edges cut off; all arrays (n,).
-
-    Attributes:
-        clipped: samples near which the motion takes more torque than the drive's limit, and the
-            reading stays there: the torque is not known but for its least size.
-        transmission_m: table position minus that of the angle; None without a linear encoder.
-        temperature_c, setpoint_m: None where not recorded.
-    """
+    """Unbroken run at its native rate, edges cut off; all arrays (n,)."""
 
     motion: Motion  # of the motor, from the filtered angle, with what the baseline says of it
     moving: Booleans  # samples that are not at rest
     resolved: Booleans  # samples whose acceleration the sampling follows; all, unless it is slow
+    # samples near which the motion takes more torque than the drive's limit, and the reading stays
+    # there: the torque is not known but for its least size
     clipped: Booleans
+    # table position minus that of the angle; None without a linear encoder
     transmission_m: Floats | None
+    # temperature_c, setpoint_m: None where not recorded
     temperature_c: Floats | None
     setpoint_m: Floats | None
     recording: int  # number of the file that it comes from

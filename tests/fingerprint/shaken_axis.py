@@ -20,11 +20,7 @@ TICKS = 5
 
 @dataclass(frozen=True)
 class Axis:
-    """Motor, screw and table; a nut of two opposed contacts F ~ d^n; SI units.
-
-    Attributes:
-        base_hz, base_kg: a machine bed under the table; no bed without a mass.
-    """
+    """Motor, screw and table; a nut of two opposed contacts F ~ d^n; SI units."""
 
     inertia_kg_m2: float = 1.5e-3
     table_kg: float = 60.0
@@ -43,6 +39,7 @@ class Axis:
     damping: float = 0.03
     friction: float = 1.0
     torque_factor: float = 1.0
+    # base_hz, base_kg: a machine bed under the table; no bed without a mass
     base_hz: float = 0.0
     base_kg: float = 0.0
     delay_s: float = 5e-4  # of the recorded angle after the recorded torque

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.fingerprint.compare import Drift, SectionDrift, compare_moves
 from edge_service.fingerprint.moves import Move, find_moves
-from edge_service.messages.samples import TIME, Floats, SampleFrame
+from edge_service.messages.samples import TIME, SampleFrame
 from edge_service.offline.drift import DriftReport
 
 from .. import foreign_plant as plant
@@ -38,9 +38,13 @@ class Day:
 def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
     """Moves of a recording of that day."""
     machine = plant.Machine()
+    route = Route(0.2)
+    for _ in range(REPEATS):
+        for place_m, speed_m_s in _MOVES:
+            route.to(place_m, speed_m_s, 2.0, 0.2)
     case = plant.axis_case(
         day.preload_share * machine.preload_percent,
-        setpoint_m=_part(),
+        setpoint_m=route.positions(),
         events=day.events(),
         seed=seed,
         axis_seed=axis_seed,
@@ -52,14 +56,6 @@ def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
 def compared(*days: Day, seed: int = 1) -> tuple[SectionDrift, ...]:
     """Comparison of recordings of these days, each with a noise of its own."""
     return compare_moves([moves_of(day, 100 * seed + k) for k, day in enumerate(days)])
-
-
-def _part() -> Floats:
-    route = Route(0.2)
-    for _ in range(REPEATS):
-        for place_m, speed_m_s in _MOVES:
-            route.to(place_m, speed_m_s, 2.0, 0.2)
-    return route.positions()
 
 
 SLOW = 0

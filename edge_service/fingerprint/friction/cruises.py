@@ -54,11 +54,7 @@ class FrictionPoint:
 def friction_points(
     runs: Iterable[PreparedRun], inertia_kg_m2: float = 0.0
 ) -> Iterator[FrictionPoint]:
-    """One point per cruise.
-
-    Args:
-        inertia_kg_m2: of the axis at the motor, for the small acceleration that is left.
-    """
+    """One point per cruise; the axis' inertia takes off the small acceleration that is left."""
     for run in runs:
         for cruise in cruises(run):
             torque = run.channels[TORQUE][cruise] - inertia_kg_m2 * run.acceleration_rad_s2[cruise]

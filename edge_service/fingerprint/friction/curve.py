@@ -68,13 +68,10 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionParts:
-    """Parts of a friction curve.
-
-    Attributes:
-        values: of the curve, by the same names; a part that is missing is not in it.
-    """
+    """Parts of a friction curve."""
 
     parameters: Mapping[str, IntervalEstimate]  # with intervals
+    # of the curve, by the same names; a part that is missing is not in it
     values: Mapping[str, float]
 
     def torque_nm(self, speed_rad_s: Floats) -> Floats:
@@ -213,16 +210,13 @@ def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionTest:
-    """One friction test.
-
-    Attributes:
-        start_s, end_s: of its cruises, s.
-        speeds: rpm -> forward or not -> points in time order.
-    """
+    """One friction test."""
 
     name: str  # of its recording
+    # start_s, end_s: of its cruises, s
     start_s: float
     end_s: float
+    # rpm -> forward or not -> points in time order
     speeds: Mapping[str, Mapping[bool, Sequence[FrictionPoint]]]
 
 

@@ -152,15 +152,12 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class TwoMassFit:
-    """Inertias and resonance of the axis, in the middle of the recorded travel.
-
-    Attributes:
-        antiresonance_damping, resonance_damping: damping ratios, 1.
-    """
+    """Inertias and resonance of the axis, in the middle of the recorded travel."""
 
     inertia: IntervalEstimate  # J1 + J2 at the motor, kg m^2
     antiresonance: IntervalEstimate  # of the table against a motor that is held, w_a, Hz
     resonance: IntervalEstimate  # of both against each other, w_r, Hz
+    # antiresonance_damping, resonance_damping: damping ratios, 1
     antiresonance_damping: IntervalEstimate
     resonance_damping: IntervalEstimate
     table_share: IntervalEstimate  # J2 / (J1 + J2) = 1 - (w_a / w_r)^2, 1

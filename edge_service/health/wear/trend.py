@@ -42,13 +42,10 @@ _SENTENCES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreloadSteps:
-    """Steps of a preload history.
-
-    Attributes:
-        rows: step number, count, preload (percent), half width (percent), distance (m), (n, 5).
-    """
+    """Steps of a preload history."""
 
     step_s: float  # length of a step, s
+    # step number, count, preload (percent), half width (percent), distance (m), (n, 5)
     rows: StoredFloats
 
 

@@ -55,15 +55,12 @@ _SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
 
 @dataclass(frozen=True, slots=True)
 class WearProjection:
-    """Equally likely courses of wear through a history and beyond.
-
-    Attributes:
-        drift: factor on the way to a limit as far away as the history is long, its logarithm, (n,).
-    """
+    """Equally likely courses of wear through a history and beyond."""
 
     level_percent: Floats  # preload now, (n,)
     slope: Floats  # change per age of the history now, (n,)
     power: Floats  # of the age, with which each course goes on, (n,)
+    # factor on the way to a limit as far away as the history is long, its logarithm, (n,)
     drift: Floats
     age_per_s: Floats  # ages of the history per second in future, (n,)
     basis: str  # `time` or `distance`, whichever explains more
@@ -81,13 +78,10 @@ class WearProjection:
 
 @dataclass(frozen=True, slots=True)
 class _Laws:
-    """Shapes of wear over the age of a history.
-
-    Attributes:
-        slope, power: of each law at age 1, and with which it goes on, (n laws,).
-    """
+    """Shapes of wear over the age of a history."""
 
     shape: Floats  # g - 1 at each age, (n points, n laws)
+    # slope, power: of each law at age 1, and with which it goes on, (n laws,)
     slope: Floats
     power: Floats
     by_way: Booleans  # whether the age is that by the way, else that by the hour, (n laws,)
@@ -175,12 +169,9 @@ def _future_speed(time_s: Floats, distance_m: Floats, rng: np.random.Generator) 
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """Every law with every kind of error: [level now, loss so far] and the log evidence.
+    """Every law with every kind of error: [level now, loss so far] and the log evidence."""
 
-    Attributes:
-        mean, root: of the two; their covariance is root root^T, (n errors, n laws, 2[, 2]).
-    """
-
+    # mean, root: of the two; their covariance is root root^T, (n errors, n laws, 2[, 2])
     mean: Floats
     root: Floats
     scatter: Floats  # standard deviation of a point about its course, (n errors,)

@@ -40,14 +40,11 @@ class AxisConfiguration(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class AxisConfigurations:
-    """Reading and changing configurations; all but `read` may raise RefusedError.
+    """Reading and changing configurations; all but `read` may raise RefusedError."""
 
-    Attributes:
-        read: configuration of an axis, and its table as TOML.
-        put: keeps an axis and begins it; returns whether it is new.
-    """
-
+    # configuration of an axis, and its table as TOML
     read: Callable[[str], tuple[AxisConfiguration, str]]
+    # keeps an axis and begins it; returns whether it is new
     put: Callable[[str, AxisConfiguration], Awaitable[bool]]
     remove: Callable[[str], Awaitable[None]]  # removes an axis that was made so
 

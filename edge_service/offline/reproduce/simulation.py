@@ -63,12 +63,9 @@ class ThesisCase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThesisRun:
-    """One simulated run; row k holds the input of step k and what is measured at its end.
+    """One simulated run; row k holds the input of step k and what is measured at its end."""
 
-    Attributes:
-        time_s, torque_nm, net_torque_nm, preload_percent: (N,).
-    """
-
+    # time_s, torque_nm, net_torque_nm, preload_percent: (N,)
     time_s: Floats
     torque_nm: Floats
     net_torque_nm: Floats

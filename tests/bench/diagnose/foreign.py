@@ -63,30 +63,23 @@ class BenchCase:
 
 @dataclass(frozen=True, slots=True)
 class BenchRow:
-    """Outcome of a case.
-
-    Attributes:
-        named: effect -> probability.
-        shrink: effect -> estimate, low, high.
-        realised: effect -> how far it shrinks the gap of another recording of the same axis.
-        gap: channel -> before, after, of a healthy axis.
-        where: channel and variable, the best first.
-        covered: overlap of named and true intervals; None where there is nothing to compare.
-        again: channel -> gap of that other recording before, and with all named effects.
-    """
+    """Outcome of a case."""
 
     case: BenchCase
     verdict: str
-    named: dict[str, float]
+    named: dict[str, float]  # effect -> probability
     classes: dict[str, list[str]]
     ratio: float
     unexplained: float
-    shrink: dict[str, tuple[float, float, float]]
+    shrink: dict[str, tuple[float, float, float]]  # effect -> estimate, low, high
+    # effect -> how far it shrinks the gap of another recording of the same axis
     realised: dict[str, float]
-    gap: dict[str, tuple[float, float, float]]
-    where: list[str]
+    gap: dict[str, tuple[float, float, float]]  # channel -> before, after, of a healthy axis
+    where: list[str]  # channel and variable, the best first
     seconds: float
+    # overlap of named and true intervals; None where there is nothing to compare
     covered: float | None = None
+    # channel -> gap of that other recording before, and with all named effects
     again: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 

@@ -32,14 +32,11 @@ TABLE = (samples.TABLE_POSITION, samples.TABLE_SPEED)
 
 @dataclass(frozen=True, slots=True)
 class OwnAxis:
-    """One axis: drawn from its tolerances, or exactly nominal with seed 0.
-
-    Attributes:
-        inertia_off, nut_off: errors of its machine file, as shares of the true value.
-    """
+    """One axis: drawn from its tolerances, or exactly nominal with seed 0."""
 
     seed: int = 0
     effects: tuple[str, ...] = ()  # of the true axis beside `FRICTION`
+    # inertia_off, nut_off: errors of its machine file, as shares of the true value
     inertia_off: float = 0.0
     nut_off: float = 0.0
     one_encoder: bool = False  # whether the table has none

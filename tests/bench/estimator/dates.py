@@ -171,20 +171,17 @@ def _remembered(rng: np.random.Generator, at: Floats, memory: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Answer to one question.
-
-    Attributes:
-        dated, falling, alarmed: whether there was a date, a fall, an alarm of its rate.
-        scores: log densities of the truth, by the logarithm of the time that remained, of the
-            service, a line and an exponential.
-    """
+    """Answer to one question."""
 
     row: str
+    # dated, falling, alarmed: whether there was a date, a fall, an alarm of its rate
     dated: bool
     falling: bool = False
     alarmed: bool = False
     missed: int = 0  # -1 if the limit was reached before the band, 1 if after it
     width: float = math.nan  # of the band, share of the time that remained; inf if it is open
+    # log densities of the truth, by the logarithm of the time that remained, of the service, a line
+    # and an exponential
     scores: tuple[float, ...] = ()
 
 

@@ -34,13 +34,10 @@ the age of the step, or of the new nut."""
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recording of a life; the factors are those of its friction, 1 as commissioned.
-
-    Attributes:
-        time_s, percent: preload, straight between these points.
-    """
+    """One recording of a life; the factors are those of its friction, 1 as commissioned."""
 
     day: float  # of the life on which it begins
+    # time_s, percent: preload, straight between these points
     time_s: tuple[float, ...]
     percent: tuple[float, ...]
     warmth: float  # at its start, 0 cold, 1 warm

@@ -97,13 +97,10 @@ def shown(component: dict[str, Any], payload: bytes) -> Any:
 
 @dataclass
 class HomeAssistant:
-    """Devices that were discovered, and what has come on their topics.
-
-    Attributes:
-        payloads: the last one by topic; of topics without one there is none.
-    """
+    """Devices that were discovered, and what has come on their topics."""
 
     descriptions: dict[str, dict[str, Any]] = field(default_factory=dict)  # by topic
+    # the last one by topic; of topics without one there is none
     payloads: dict[str, bytes] = field(default_factory=dict)
     refused: list[str] = field(default_factory=list)  # what was wrong with descriptions
 
