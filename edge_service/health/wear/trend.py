@@ -82,8 +82,7 @@ class PreloadHistory:
     def move(self, step_s: float, since_s: float = -math.inf) -> None:
         """The clock was set by a step, s: the distances in time stay.
 
-        Args:
-            since_s: what is older stays where it is; what comes to lie on it is joined to it.
+        What is older than `since_s` stays where it is; what comes to lie on it is joined to it.
         """
         rows = self._table()
         rows[(rows[:, 0] + 1.0) * self._step_s > since_s, 0] += step_s / self._step_s
