@@ -36,12 +36,7 @@ class DriverUnavailableError(Exception):
 
 
 class DriverMisconfiguredError(Exception):
-    """The configuration is wrong; trying again will not help.
-
-    Args:
-        key: the key of the driver's configuration that is wrong.
-        problem: what is wrong with it and what was expected.
-    """
+    """The configuration is wrong; trying again will not help."""
 
     def __init__(self, key: str, problem: str) -> None:
         super().__init__(f"{key}: {problem}")

@@ -33,17 +33,11 @@ LONGEST_STEP_S = 2.0
 
 
 class ReplayConfig(DriverConfig):
-    """Settings of the replay driver.
+    """Settings of the replay driver."""
 
-    Attributes:
-        path: the trace, CSV or Parquet; the machine file maps its columns.
-        speed: axis time over real time; 0 is as fast as possible.
-        loop: start again at the end, for ever.
-    """
-
-    path: Path
-    speed: float = Field(1.0, ge=0.0)
-    loop: bool = False
+    path: Path  # the trace, CSV or Parquet; the machine file maps its columns
+    speed: float = Field(1.0, ge=0.0)  # axis time over real time; 0 is as fast as possible
+    loop: bool = False  # start again at the end, for ever
 
 
 class ReplayDriver:

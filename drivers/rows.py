@@ -102,8 +102,7 @@ class FrameCutter:
 class Pace:
     """Schedule of what is played, against one fixed start, so that nothing drifts.
 
-    Args:
-        speed: axis time over real time; 0 is as fast as possible.
+    The speed is axis time over real time, 0 as fast as possible; the clock shows real time, s.
         clock: real time, s.
     """
 

@@ -93,8 +93,7 @@ class Scaling:
     def of(cls, config: SignalConfig, machine: Machine, key: str) -> "Scaling":
         """The scaling that a signal declares; `key` is its place in the configuration.
 
-        Raises:
-            DriverMisconfiguredError: the unit does not measure what the channel means.
+        Raises DriverMisconfiguredError: the unit does not measure what the channel means.
         """
         assert config.channel is not None
         wanted = CHANNELS[config.channel].unit

@@ -6,19 +6,18 @@ import tomllib
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from edge_service.messages.samples import ANGLE, CHANNELS, SampleFrame
+from edge_service.messages.samples import ANGLE, CHANNELS, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.models.plant.accelerometer import Accelerometer, AccelerometerSettings
-from edge_service.models.screw.wear import SCENARIOS, Wear
 from edge_service.threads import Threads
 
 from .base import (
@@ -33,46 +32,59 @@ from .rows import FRAME_S, LOOK_AHEAD_S, Pace
 _FROM = "from_s="
 
 
+class Wear(NamedTuple):
+    """Preload over wear time: straight from start to end, or all at once at half of the life."""
+
+    start_percent: float  # of the dynamic load rating, at wear time 0
+    end_percent: float  # from the end of the life on
+    is_sudden: bool = False
+
+    def preload_percent(self, wear_time_s: Floats, life_s: float) -> Floats:
+        """Preload at wear times (n,), s, of a life of `life_s`; percent of the load rating."""
+        age = np.clip(wear_time_s / life_s, 0.0, 1.0)
+        lost = np.where(age < 0.5, 0.0, 1.0) if self.is_sudden else age
+        return self.start_percent + lost * (self.end_percent - self.start_percent)
+
+
+SCENARIOS: dict[str, Wear] = {
+    "healthy": Wear(10.0, 10.0),
+    "gradual": Wear(10.0, 0.0),
+    "partial": Wear(7.5, 2.5),
+    "sudden": Wear(10.0, 0.0, is_sudden=True),
+}
+"""The thesis' simulations 3, 1, 2 and 4 (4.6), by name."""
+
+
 class SimulatedConfig(DriverConfig):
-    """Settings of the simulated drive: by default the machine file's axis, worn out in 5 minutes.
+    """Settings of the simulated drive: by default the machine file's axis worn out in 5 minutes."""
 
-    Attributes:
-        scenario: how the preload is lost; `healthy` keeps the machine file's fresh preload.
-        start_percent: preload at first, instead of the scenario's.
-        end_percent: preload at last, instead of the scenario's.
-        life_s: axis time from start to end of the scenario, s.
-        hold_s: axis time before the wear begins, s.
-        repeat: start anew, with the hold, when the life is over; else the end value stays.
-        motion: name of the commanded motion.
-        seed: of motion and noise; the same seed gives the same bytes.
-        rate_hz: rate of control and samples.
-        speed: axis time over real time; 0 is as fast as possible.
-        truth: machine file of the axis that is simulated, where it is another than the one that
-            the service knows.
-        effects: what the axis has beyond its machine file, each as NAME[:key=value,...]; with
-            `from_s` among the keys, from that axis time on.
-        noise: of torque and encoders, times the usual one.
-        accelerometer_hz: rate of an accelerometer on the nut; 0 is none.
-        raceway_damage: what it sees when a ball strikes a pit, m/s^2; 0 is sound.
-        force: external force on the table, N, positive along the travel.
-    """
-
+    # how the preload is lost; `healthy` keeps the machine file's fresh preload
     scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
+    # preload at first, instead of the scenario's
     start_percent: float | None = Field(None, ge=0.0, le=100.0)
+    # preload at last, instead of the scenario's
     end_percent: float | None = Field(None, ge=0.0, le=100.0)
-    life_s: float = Field(300.0, gt=0.0)
-    hold_s: float = Field(20.0, ge=0.0)
+    life_s: float = Field(300.0, gt=0.0)  # axis time from start to end of the scenario, s
+    hold_s: float = Field(20.0, ge=0.0)  # axis time before the wear begins, s
+    # start anew, with the hold, when the life is over; else the end value stays
     repeat: bool = False
-    motion: str = "production"
-    seed: int = Field(1, ge=0)
-    rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)
+    motion: str = "production"  # name of the commanded motion
+    seed: int = Field(1, ge=0)  # of motion and noise; the same seed gives the same bytes
+    rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)  # rate of control and samples
+    # axis time over real time; 0 is as fast as possible
     speed: float = Field(1.0, ge=0.0, le=1000.0)
+    # machine file of the axis that is simulated, where it is another than the one that the service
+    # knows
     truth: Path | None = None
+    # what the axis has beyond its machine file, each as NAME[:key=value,...]; with `from_s` among
+    # the keys, from that axis time on
     effects: list[str] = []
-    noise: float = Field(1.0, ge=0.0, le=1000.0)
+    noise: float = Field(1.0, ge=0.0, le=1000.0)  # of torque and encoders, times the usual one
+    # rate of an accelerometer on the nut; 0 is none
     accelerometer_hz: float = Field(0.0, ge=0.0, le=100_000.0)
+    # what it sees when a ball strikes a pit, m/s^2; 0 is sound
     raceway_damage: float = Field(0.0, ge=0.0)
-    force: float = 0.0
+    force: float = 0.0  # external force on the table, N, positive along the travel
 
 
 class _SimulatedAxis:

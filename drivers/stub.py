@@ -55,21 +55,16 @@ def parse_fault(text: str) -> Fault:
 
 @dataclass(slots=True)
 class StubAxis:
-    """One axis of a stub: what its driver reads, where its samples come from, and the latest.
-
-    Attributes:
-        latest: channel -> value in SI units; empty before the first sample.
-        samples: how many samples there were.
-        begun: set with the first one.
-    """
+    """One axis of a stub: what its driver reads, where its samples come from, and the latest."""
 
     name: str
     config: Any
     context: DriverContext
     source: AsyncGenerator[SampleFrame, None]
+    # channel -> value in SI units; empty before the first sample
     latest: dict[str, float] = field(default_factory=dict)
-    samples: int = 0
-    begun: asyncio.Event = field(default_factory=asyncio.Event)
+    samples: int = 0  # how many samples there were
+    begun: asyncio.Event = field(default_factory=asyncio.Event)  # set with the first one
 
     async def follow(self) -> None:
         """Keep `latest` up to date until the source ends."""
@@ -116,7 +111,6 @@ class Following:
     """The tasks that keep the axes of a stub, which share an address, up to date.
 
     Args:
-        axes: of the stub.
         address: of a configuration. Raises DriverMisconfiguredError where they differ.
     """
 

@@ -21,11 +21,7 @@ _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES)
 
 @contextmanager
 def replaced_file(path: Path, mode: int = 0o666) -> Iterator[TextIO]:
-    """A text file that takes `path`'s place on success and leaves no trace on failure. OSError.
-
-    Args:
-        mode: of the file, less what the umask takes; PRIVATE for secrets.
-    """
+    """A text file that takes `path`'s place on success and leaves no trace on failure. OSError."""
     with (
         _part(path, mode) as handle,
         os.fdopen(handle, "w", encoding="utf-8", newline="", closefd=False) as file,

@@ -16,12 +16,7 @@ _PORTS = {"mqtt": 1883, "mqtts": 8883}
 
 
 class BrokerError(Exception):
-    """A setting that cannot work.
-
-    Attributes:
-        key: of the configuration.
-        problem: what is wrong with it.
-    """
+    """A setting that cannot work."""
 
     def __init__(self, key: str, problem: str) -> None:
         super().__init__(f"{key}: {problem}")
@@ -75,11 +70,7 @@ class BrokerConfig(BaseModel):
         return f"{parts.hostname}:{parts.port or _PORTS[parts.scheme]}"
 
     def client(self, identifier: str | None, **more: Any) -> aiomqtt.Client:
-        """A client of that name; None lets the library choose one. Raises BrokerError.
-
-        Args:
-            more: further arguments of the library.
-        """
+        """A client of that name; None lets the library choose one. Raises BrokerError."""
         parts = urlsplit(self.url)
         return aiomqtt.Client(
             parts.hostname or "",

@@ -39,12 +39,7 @@ def wall_ns() -> int:
 
 
 class ServiceClock:
-    """UNIX time of this process.
-
-    Args:
-        wall_ns: the wall clock, UNIX time, ns.
-        steady_ns: a clock that nobody can set, ns.
-    """
+    """UNIX time of this process."""
 
     def __init__(
         self, wall_ns: Callable[[], int] = wall_ns, steady_ns: Callable[[], int] = steady_ns

@@ -8,17 +8,11 @@ from .exit_status import DONE
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One truth, told twice.
+    """One truth, told twice."""
 
-    Attributes:
-        words: lines for people.
-        document: a model, a data class or a mapping of values that JSON knows.
-        status: exit status of the command.
-    """
-
-    words: str
-    document: Any
-    status: int = DONE
+    words: str  # lines for people
+    document: Any  # a model, a data class or a mapping of values that JSON knows
+    status: int = DONE  # exit status of the command
 
     def as_json(self) -> str:
         """The document on one line."""

@@ -16,12 +16,9 @@ class Table(BaseModel):
 
 
 class VibrationConfig(Table):
-    """`[vibration]`: reduction of sensors faster than the drive.
+    """`[vibration]`: reduction of sensors faster than the drive."""
 
-    Attributes:
-        bands_hz: name -> lower and upper frequency; rms of the signal by band.
-    """
-
+    # name -> lower and upper frequency; rms of the signal by band
     bands_hz: dict[Column, tuple[float, float]] = Field(
         {"low": (10.0, 1000.0), "high": (1000.0, 5000.0)}, min_length=1, max_length=8
     )
@@ -35,14 +32,11 @@ class VibrationConfig(Table):
 
 
 class StoreConfig(Table):
-    """`[store]`: where history, events and the state of alarms, trends and estimates are kept.
+    """`[store]`: where history, events and the state of alarms, trends and estimates are kept."""
 
-    Attributes:
-        folder: that systemd gives the service unless stated; without either all is in memory.
-        budget_mb: of the disk for all axes; recordings may take half of it.
-    """
-
+    # that systemd gives the service unless stated; without either all is in memory
     folder: Path | None = None
+    # of the disk for all axes; recordings may take half of it
     budget_mb: float = Field(2000.0, ge=10.0)
 
 

@@ -9,11 +9,7 @@ SHORTENED = 0.25
 
 
 class Retry:
-    """Pauses that double from `first_s` to `cap_s`, s, each a little shorter by chance.
-
-    Args:
-        chance: number from 0 to 1.
-    """
+    """Pauses that double from `first_s` to `cap_s`, s, each a little shorter by chance."""
 
     def __init__(
         self, first_s: float, cap_s: float, chance: Callable[[], float] = random.random

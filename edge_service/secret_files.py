@@ -29,11 +29,7 @@ def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
 def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The content of a table with the secrets in place of the files that hold them.
 
-    Args:
-        folder: that paths are relative to.
-
-    Raises:
-        SecretError: one line with the key, without the secret.
+    Raises SecretError: one line with the key, without the secret.
     """
     read = {}
     for key in secret_keys(model):
@@ -94,8 +90,7 @@ def read_secret(path: Path) -> str:
 
     Its group may read it too if root owns it, as root may hand a file to the service's group.
 
-    Raises:
-        SecretError: there is no such file, no text in it, or others may read or change it.
+    Raises SecretError: there is no such file, no text in it, or others may read or change it.
     """
     place = expanded(path)
     try:

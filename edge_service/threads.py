@@ -19,11 +19,7 @@ _Work = tuple[Callable[[], Any], "Future[Any]"]
 
 
 class Threads:
-    """Threads that begin when there is work; neither a process nor its end waits for them.
-
-    Args:
-        most: threads at once; what comes beside waits.
-    """
+    """Threads that begin when there is work; neither a process nor its end waits for them."""
 
     def __init__(self, name: str, most: int = 1) -> None:
         self._name, self._most = name, most

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A line of a room before and after, and the tests that must find it, between blanks."""
+    """A line of a room, the wrong one in its place, and the tests to find it (blanks between)."""
 
     room: str
     right: str
@@ -134,14 +134,14 @@ FAULTS = (
 
 
 def place_of(fault: Fault, checkout: Path) -> Path | None:
-    """The one file of the room that holds the line; None if none or several do."""
+    """File of the room that holds the line; None if none or several do."""
     folder = checkout / ("drivers" if fault.room == "drivers" else f"edge_service/{fault.room}")
     found = [path for path in folder.rglob("*.py") if fault.right in path.read_text("utf-8")]
     return found[0] if len(found) == 1 else None
 
 
 def outcome(fault: Fault, checkout: Path) -> tuple[str, str]:
-    """What the tests said, and the first of them that failed."""
+    """Outcome of the tests in words, and the first test that failed."""
     path = place_of(fault, checkout)
     if path is None:
         return "line not there", ""

@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.cli import entry
 from edge_service.cli.entry import main
-from edge_service.config import ConfigError, EdgeConfig, gone, load_config, load_machine
+from edge_service.config import ConfigError, EdgeConfig, load_config, load_machine, mistakes
 
 WRONG = """
 [http]
@@ -122,6 +122,6 @@ def test_nothing_that_is_gone_is_still_there() -> None:
 def test_a_gone_key_names_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "edge.toml"
     path.write_text('[[axes]]\nname = "X"\n[axes.settings]\nledger = 1\n')
-    monkeypatch.setitem(gone.GONE, "axes.settings.ledger", "gone; leave it out")
+    monkeypatch.setitem(mistakes.GONE, "axes.settings.ledger", "gone; leave it out")
     with pytest.raises(ConfigError, match=r"edge\.toml: axes\.settings\.ledger: gone; leave it"):
         load_config(path)

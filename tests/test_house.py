@@ -150,29 +150,29 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 938,
+    "bus": 892,
     "checks": 3598,
-    "cli": 1334,
-    "config": 631,
+    "cli": 1328,
+    "config": 599,
     "diagnose": 5017,
     "downsample": 1245,
-    "drivers": 3824,
+    "drivers": 3759,
     "estimate": 5145,
-    "fingerprint": 2932,
-    "health": 4847,
-    "http_api": 2480,
-    "messages": 2056,
-    "models": 5789,
+    "fingerprint": 2790,
+    "health": 4738,
+    "http_api": 2449,
+    "messages": 2002,
+    "models": 5660,
     "nodes": 2941,
-    "offline": 5598,
-    "outputs": 1900,
+    "offline": 5481,
+    "outputs": 1853,
     "recordings": 3335,
-    "regression": 1087,
-    "beside the rooms": 796,
-    "tests": 46788,
+    "regression": 1008,
+    "beside the rooms": 753,
+    "tests": 46601,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 382
+MOST_FILES = 380
 """Modules of the product."""
 
 

@@ -25,17 +25,11 @@ Exchange = tuple[ReadRequest, Reply]
 
 @dataclass(slots=True)
 class PollGroup:
-    """A group on a fixed grid of time, so that nothing drifts.
+    """A group on a fixed grid of time, so that nothing drifts."""
 
-    Attributes:
-        period_s: between two polls, s.
-        requests: what one poll asks for.
-        due_s: when the next poll is due, on the event loop's clock.
-    """
-
-    period_s: float
-    requests: tuple[ReadRequest, ...]
-    due_s: float
+    period_s: float  # between two polls, s
+    requests: tuple[ReadRequest, ...]  # what one poll asks for
+    due_s: float  # when the next poll is due, on the event loop's clock
 
     def step(self, now_s: float) -> int:
         """On to the next poll; returns how many were missed and are let go."""

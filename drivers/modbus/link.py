@@ -34,18 +34,12 @@ class WrongReplyError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Outcome of one read.
+    """Outcome of one read."""
 
-    Attributes:
-        words: the registers; empty unless `quality` is good.
-        quality: why there are none.
-        problem: the same in words.
-        sent_s, received_s: on the event loop's clock.
-    """
-
-    words: tuple[int, ...]
-    quality: Quality
-    problem: str
+    words: tuple[int, ...]  # the registers; empty unless `quality` is good
+    quality: Quality  # why there are none
+    problem: str  # the same in words
+    # sent_s, received_s: on the event loop's clock
     sent_s: float
     received_s: float
 

@@ -33,24 +33,16 @@ MOST_REGISTERS = 125
 
 
 class RegisterConfig(SignalConfig):
-    """One value of the map. It becomes a channel, or it guards the others of its group.
+    """One value of the map. It becomes a channel, or it guards the others of its group."""
 
-    Attributes:
-        address: of its first register, counted from 0.
-        table: holding registers (function 3) or input registers (function 4).
-        type: of the number.
-        group: poll group; the first one unless given.
-        word_order: the device's unless given.
-        equals: no channel but a constant: where it reads otherwise, map or word order is wrong.
-        heartbeat: no channel but a counter: while it rests, the device repeats old values.
-    """
-
-    address: int = Field(ge=0, lt=REGISTERS)
-    table: Table = "holding"
-    type: NumberType = "float32"
-    group: str | None = None
-    word_order: Order | None = None
+    address: int = Field(ge=0, lt=REGISTERS)  # of its first register, counted from 0
+    table: Table = "holding"  # holding registers (function 3) or input registers (function 4)
+    type: NumberType = "float32"  # of the number
+    group: str | None = None  # poll group; the first one unless given
+    word_order: Order | None = None  # the device's unless given
+    # no channel but a constant: where it reads otherwise, map or word order is wrong
     equals: float | None = None
+    # no channel but a counter: while it rests, the device repeats old values
     heartbeat: bool = False
 
     @model_validator(mode="after")
@@ -69,23 +61,17 @@ class RegisterConfig(SignalConfig):
 
 
 class ModbusConfig(DriverConfig):
-    """Settings of the Modbus driver.
+    """Settings of the Modbus driver."""
 
-    Attributes:
-        url: `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it.
-        timeout_s: for a connection and for each reply.
-        word_order, byte_order: of numbers longer than a register, and within a register.
-        poll_groups: name -> period, s. The fastest makes the rows; a slower one's values come
-            with the next row, and are missing in the others.
-        registers: the map.
-    """
-
-    url: str
-    timeout_s: float = Field(0.5, gt=0.0, le=30.0)
+    url: str  # `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it
+    timeout_s: float = Field(0.5, gt=0.0, le=30.0)  # for a connection and for each reply
+    # word_order, byte_order: of numbers longer than a register, and within a register
     word_order: Order = "big"
     byte_order: Order = "big"
+    # name -> period, s. The fastest makes the rows; a slower one's values come with the next row,
+    # and are missing in the others
     poll_groups: dict[str, float] = Field(min_length=1)
-    registers: tuple[RegisterConfig, ...] = Field(min_length=1)
+    registers: tuple[RegisterConfig, ...] = Field(min_length=1)  # the map
 
     @field_validator("url")
     @classmethod
@@ -108,18 +94,7 @@ class ModbusConfig(DriverConfig):
                 problem = f"{register.group!r} is not one of {', '.join(self.poll_groups)}"
                 raise ValueError(f"registers[{number}].group: {problem}")
         check_channels("registers", self.registers)
-        self._check_overlaps()
-        for number, register in enumerate(self.registers):
-            joint = register.channel in JOINT_CHANNELS
-            if joint and self.group_of(register) != self.fastest_group:
-                raise ValueError(
-                    f"registers[{number}].group: {register.channel} makes the rows and must be in "
-                    f"the fastest group, {self.fastest_group!r}"
-                )
-        return self
-
-    def _check_overlaps(self) -> None:
-        """Two channels in part of the same registers: one of them reads nonsense."""
+        # two channels in part of the same registers: one of them reads nonsense
         read = [(n, each) for n, each in enumerate(self.registers) if each.channel is not None]
         read.sort(key=lambda pair: (pair[1].table, pair[1].address))
         for (first, low), (second, high) in pairwise(read):
@@ -128,6 +103,14 @@ class ModbusConfig(DriverConfig):
                     f"registers[{second}].address: {high.address} is inside registers[{first}], "
                     f"whose {low.type} takes {low.words} from {low.address}"
                 )
+        for number, register in enumerate(self.registers):
+            joint = register.channel in JOINT_CHANNELS
+            if joint and self.group_of(register) != self.fastest_group:
+                raise ValueError(
+                    f"registers[{number}].group: {register.channel} makes the rows and must be in "
+                    f"the fastest group, {self.fastest_group!r}"
+                )
+        return self
 
     @property
     def endpoint(self) -> tuple[str, int, int]:

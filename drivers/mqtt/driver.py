@@ -15,7 +15,8 @@ from edge_service.recordings.sinumerik.signals import ControllerAxis
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
 from ..rows import LARGEST_FRAME, QualityCounts
 from .link import MqttLink, MqttSourceConfig
-from .streams import EdgeStream, MappedStream, MessageError, decode_object
+from .mapped import MappedStream
+from .streams import EdgeStream, MessageError, decode_object
 
 log = logging.getLogger(__name__)
 LISTEN_S = 10.0

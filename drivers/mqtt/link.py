@@ -36,34 +36,26 @@ def check_member(member: str) -> str:
 
 
 class MemberConfig(SignalConfig):
-    """One channel of a map.
-
-    Attributes:
-        member: its place in a message, `data.torque`, `values.*.torque` or `vals.id=101.val`.
-    """
+    """One channel of a map."""
 
     channel: str
-    member: str
+    member: str  # its place in a message, `data.torque`, `values.*.torque` or `vals.id=101.val`
 
     _is_a_place = field_validator("member")(check_member)
 
 
 class MqttSourceConfig(BrokerConfig, DriverConfig):
-    """Settings of the MQTT driver. Without `signals` the JSON is that of Industrial Edge's capture.
+    """Settings of the MQTT driver. Without `signals` the JSON is Industrial Edge's capture."""
 
-    Attributes:
-        topic: filter of the topic that one capture or device sends on.
-        time: member with the time of a message or of each sample; that of arrival without.
-        time_unit: of it; `iso` is a text such as 2026-01-31T12:00:00.000Z.
-        period_s: between the samples of one message, where it holds one time for all.
-        signals: the map.
-    """
-
+    # filter of the topic that one capture or device sends on
     topic: str = Field(min_length=1, max_length=1000)
+    # member with the time of a message or of each sample; that of arrival without
     time: str | None = None
+    # of that member; `iso` is a text such as 2026-01-31T12:00:00.000Z
     time_unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
+    # between the samples of one message, where it holds one time for all
     period_s: float | None = Field(None, gt=0.0, le=3600.0)
-    signals: tuple[MemberConfig, ...] = ()
+    signals: tuple[MemberConfig, ...] = ()  # the map
 
     @field_validator("topic")
     @classmethod

@@ -35,18 +35,12 @@ WILDEST_TIME_S = 1e11
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One notification.
+    """One notification."""
 
-    Attributes:
-        channel: of the variable; None for a heartbeat.
-        value: as it was sent.
-        status: OPC UA status code.
-        source_s, server_s: UNIX times that the server gave, s; None where it gave none.
-    """
-
-    channel: str | None
-    value: object
-    status: int
+    channel: str | None  # of the variable; None for a heartbeat
+    value: object  # as it was sent
+    status: int  # OPC UA status code
+    # source_s, server_s: UNIX times that the server gave, s; None where it gave none
     source_s: float | None
     server_s: float | None
 
@@ -56,12 +50,8 @@ class RowMaker:
 
     A variable of which nothing is heard has not changed: that is what a subscription means, as long
     as it is alive. So a row holds the last values of all variables, at the source's time of those
-    that changed. Changes within half a sampling interval are one row.
-
-    Args:
-        scalings: channel -> how its raw value becomes SI.
-        merge_s: changes so close in time are one row.
-        stale_after_s: a heartbeat that rests for so long makes a row bad; infinite without one.
+    that changed. Changes within half a sampling interval are one row. A heartbeat that rests for
+    `stale_after_s` makes a row bad.
     """
 
     def __init__(
@@ -78,9 +68,7 @@ class RowMaker:
     def rows(self, changes: Sequence[Change], now_s: float) -> list[tuple[float, Values]]:
         """Rows of one publication, in the order of their times.
 
-        Args:
-            changes: what it holds.
-            now_s: UNIX time of its arrival, for what has no time of its own.
+        What has no time of its own gets that of the arrival, a UNIX time.
         """
         timed = [(each.source_s or each.server_s or now_s, each) for each in changes]
         rows: list[tuple[float, Values]] = []

@@ -59,7 +59,13 @@ class OpcuaStub:
         server.set_server_name("edge-service stub")
         await server.set_application_uri("urn:edge-service:stub")
         await self._secure(server)
-        await self._fill(server)
+        await server.register_namespace(OWN)
+        self._points = []
+        for axis in self._axes:
+            known = scalings(axis.config.signals, axis.context.machine, "signals")
+            for signal in axis.config.signals:
+                node = await _add_variable(server, axis.name, signal)
+                self._points.append((axis, signal, known.get(signal.channel), node))
         try:
             await server.start()
         except OSError as error:
@@ -104,15 +110,6 @@ class OpcuaStub:
             server.set_certificate_validator(check)
         if config.user is not None:
             server.set_identity_tokens([ua.UserNameIdentityToken])
-
-    async def _fill(self, server: Server) -> None:
-        await server.register_namespace(OWN)
-        self._points = []
-        for axis in self._axes:
-            known = scalings(axis.config.signals, axis.context.machine, "signals")
-            for signal in axis.config.signals:
-                node = await _add_variable(server, axis.name, signal)
-                self._points.append((axis, signal, known.get(signal.channel), node))
 
     async def _serve(self, server: Server) -> None:
         """Write a sample of every variable, on a fixed grid of time."""

@@ -69,15 +69,10 @@ def node_id(name: str, namespaces: list[str]) -> ua.NodeId:
 
 
 class NodeConfig(SignalConfig):
-    """One variable.
+    """One variable."""
 
-    Attributes:
-        node: its node id, `ns=2;s=X.torque` or `nsu=URI;s=X.torque`.
-        heartbeat: no channel but a counter or clock: while it rests, values are old.
-    """
-
-    node: str = Field(min_length=1)
-    heartbeat: bool = False
+    node: str = Field(min_length=1)  # its node id, `ns=2;s=X.torque` or `nsu=URI;s=X.torque`
+    heartbeat: bool = False  # no channel but a counter or clock: while it rests, values are old
 
     @field_validator("node")
     @classmethod
@@ -93,29 +88,23 @@ class NodeConfig(SignalConfig):
 
 
 class OpcuaConfig(DriverConfig):
-    """Settings of the OPC UA driver.
+    """Settings of the OPC UA driver."""
 
-    Attributes:
-        url: of the server's endpoint.
-        security: policy; messages are signed and encrypted. None leaves everything open to all.
-        certificate, private_key: ours, PEM or DER; needed with security.
-        server_certificate: the server's, which is trusted and no other; needed with security.
-        user, password: of the session; never sent unencrypted but to this host itself.
-        password_file: that holds the password.
-        sampling_s: sampling and publishing that is asked for; the server says what it gives.
-        signals: the variables.
-    """
-
-    url: str = "opc.tcp://127.0.0.1:4840"
+    url: str = "opc.tcp://127.0.0.1:4840"  # of the server's endpoint
+    # policy; messages are signed and encrypted. None leaves everything open to all
     security: Security = "None"
+    # certificate, private_key: ours, PEM or DER; needed with security
     certificate: Path | None = None
     private_key: Path | None = None
+    # the server's, which is trusted and no other; needed with security
     server_certificate: Path | None = None
+    # user, password: of the session; never sent unencrypted but to this host itself
     user: str | None = None
     password: SecretStr | None = None
-    password_file: Path | None = None
+    password_file: Path | None = None  # that holds the password
+    # sampling and publishing that is asked for; the server says what it gives
     sampling_s: float = Field(0.1, ge=0.001, le=60.0)
-    signals: tuple[NodeConfig, ...] = Field(min_length=1)
+    signals: tuple[NodeConfig, ...] = Field(min_length=1)  # the variables
 
     @field_validator("url")
     @classmethod

@@ -26,22 +26,15 @@ class RouterAwayError(Exception):
 
 @dataclass(slots=True)
 class HeardAxis:
-    """The last word on one axis.
-
-    Attributes:
-        there: its publisher shows presence.
-        payload: of the last message; None before the first.
-        arrival_s: when that came, monotonic, s.
-        is_new: it is known to tell of now, and not of a time before it was cached.
-    """
+    """The last word on one axis."""
 
     site: str
     machine: str
     axis: str
-    there: bool = False
-    payload: bytes | None = None
-    arrival_s: float = 0.0
-    is_new: bool = False
+    there: bool = False  # its publisher shows presence
+    payload: bytes | None = None  # of the last message; None before the first
+    arrival_s: float = 0.0  # when that came, monotonic, s
+    is_new: bool = False  # it is known to tell of now, and not of a time before it was cached
 
     @property
     def health(self) -> AxisHealth | None:
@@ -62,8 +55,7 @@ class HealthListener:
     clocks of machines may differ, so it tells of now if its time stamp is of now by our clock, or
     once a further message comes.
 
-    Raises:
-        RouterAwayError: no router answers within 2 s.
+    Raises RouterAwayError: no router answers within 2 s.
     """
 
     def __init__(self, endpoint: str) -> None:

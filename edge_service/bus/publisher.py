@@ -17,11 +17,7 @@ Told once, it would be lost with the router that was to pass it on.
 
 
 class Publisher(Generic[T]):
-    """Numbers, stamps and puts payloads; never waits for a reader.
-
-    Args:
-        boot_epoch: UNIX time at which the numbering began, ns.
-    """
+    """Numbers, stamps and puts payloads; never waits for a reader."""
 
     def __init__(
         self,
@@ -66,11 +62,7 @@ class Publisher(Generic[T]):
         self._numbers = count()
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
-        """Encode with the next header and put; returns the header that went out.
-
-        Args:
-            source_time_ns: UNIX time of the newest sample that the payload rests on, ns.
-        """
+        """Encode with the next header and put; returns the header that went out."""
         sequence = next(self._numbers)
         header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
         self._last = self._topic.encode(self._axis, header, payload)

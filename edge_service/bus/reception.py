@@ -53,9 +53,6 @@ class Sender:
     Another one is heard once this one has been silent for a moment: it was restarted. Until then
     it is a rival, whatever its boot epoch says; and whatever sequence number a stranger uses, it
     is believed for no longer.
-
-    Args:
-        patience_s: silence after which another is heard, s.
     """
 
     def __init__(self, patience_s: float) -> None:
@@ -68,11 +65,7 @@ class Sender:
         """Changes of the publisher."""
 
     def judge(self, header: Header, arrival_s: float) -> Refusal | None:
-        """Take a payload in; why it must not be read, if so.
-
-        Args:
-            arrival_s: when it came, on a clock that never goes back, s.
-        """
+        """Take a payload in; why it must not be read, if so."""
         if self._last is not None:
             step = header.sequence - self._last.sequence
             refusal = None
@@ -109,12 +102,7 @@ class _Ring:
 
 
 class KeyRings:
-    """Rings of all keys of one subscriber, read in turn; may be filled from any thread.
-
-    Args:
-        depth: payloads that may wait on each key.
-        most_hz: payloads per second of each key that are taken at all, and at once.
-    """
+    """Rings of `depth` payloads a key, of at most `most_hz`; read in turn, filled by any thread."""
 
     def __init__(self, depth: int, most_hz: float) -> None:
         self._depth, self._most_hz = depth, most_hz

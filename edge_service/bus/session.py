@@ -42,9 +42,8 @@ class Bus:
     async def open(cls, settings: BusSettings) -> Self:
         """Open the session.
 
-        Raises:
-            BusConfigurationError: the endpoint is not loopback, or in use (`router`).
-            BusUnavailableError: nobody answers at the endpoint (`client`).
+        Raises BusConfigurationError: the endpoint is not loopback, or in use (`router`);
+        BusUnavailableError: nobody answers at the endpoint (`client`).
         """
         free = settings.role == "router" and settings.endpoint.endswith(":0")
         tries = _EPHEMERAL_TRIES if free else 1
@@ -81,11 +80,7 @@ class Bus:
         depth: int = 256,
         keys: Collection[str] | None = None,
     ) -> Subscriber[T]:
-        """Subscribe with a ring of `depth` payloads per key; when it is full the oldest goes.
-
-        Args:
-            keys: payloads of other keys are refused; None hears all that the expression means.
-        """
+        """Subscribe, to `keys` alone if given; a key has a ring of `depth`: the oldest goes."""
         subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
         return subscriber

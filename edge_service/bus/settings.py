@@ -38,21 +38,15 @@ class BusConfigurationError(BadInputError):
 
 @dataclass(frozen=True, slots=True)
 class BusSettings:
-    """Settings with which a process takes part in the bus.
+    """Settings with which a process takes part in the bus."""
 
-    Attributes:
-        endpoint: `tcp/<loopback address>:<port>`; port 0 takes any free one.
-        role: `router` listens there and passes on between all who connect; `client` connects
-            there, to a process with the role `router` or to any other Zenoh router.
-        read_only: who connects to a router may read, and neither publish nor answer.
-        zenoh_file: Zenoh's own configuration, on which all this is laid: further endpoints, TLS,
-            access control. What it says of rights holds in place of `read_only`, and a client
-            connects where it says.
-    """
-
-    endpoint: str
+    endpoint: str  # `tcp/<loopback address>:<port>`; port 0 takes any free one
+    # `router` listens there and passes on between all who connect; `client` connects there, to a
+    # process with the role `router` or to any other Zenoh router
     role: Literal["router", "client"]
-    read_only: bool = True
+    read_only: bool = True  # who connects to a router may read, and neither publish nor answer
+    # Zenoh's own configuration, on which all this is laid: further endpoints, TLS, access control.
+    # What it says of rights holds in place of `read_only`, and a client connects where it says
     zenoh_file: Path | None = None
 
 

@@ -30,12 +30,7 @@ _MOST_RESTING = 16
 
 
 class Subscriber(Generic[T]):
-    """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed.
-
-    Args:
-        depth: Payloads that may wait on each key.
-        keys: The keys that are heard; None hears every key of the expression, up to a number.
-    """
+    """An asynchronous iterator of `(axis, header, payload)`; ends when it is closed."""
 
     def __init__(
         self,
@@ -157,12 +152,10 @@ class Subscriber(Generic[T]):
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):
             return Refusal.MISPLACED
-        refusal = self._sender(arrival.key).judge(header, arrival.arrival_s)
-        return (axis, _believed(header), value) if refusal is None else refusal
-
-    def _sender(self, key: str) -> Sender:
         patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
-        return self._senders.setdefault(key, Sender(patience_s))
+        sender = self._senders.setdefault(arrival.key, Sender(patience_s))
+        refusal = sender.judge(header, arrival.arrival_s)
+        return (axis, _believed(header), value) if refusal is None else refusal
 
     def close(self) -> None:
         """Undeclare; what is in the ring can still be read, then the iteration ends."""

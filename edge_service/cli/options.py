@@ -30,19 +30,14 @@ class Option:
     """Option whose value goes to the parameter that it annotates.
 
     A parameter without one is an argument; a text states how that is shown.
-
-    Attributes:
-        words: its help.
-        name: `--` and the parameter's name unless given.
-        kind: of the value, unless the type of the parameter says enough.
-        default: that the words tell.
     """
 
-    words: str
-    name: str = ""
+    words: str  # its help
+    name: str = ""  # `--` and the parameter's name unless given
+    # of the value, unless the type of the parameter says enough
     kind: click.ParamType[Any] | None = None
     metavar: str | None = None
-    default: Any = None
+    default: Any = None  # that the words tell
 
 
 def command(
@@ -53,11 +48,7 @@ def command(
     hidden: bool = False,
     cls: type[click.Command] = click.Command,
 ) -> Callable[[Callable[..., Any]], click.Command]:
-    """Command of a function, whose parameters say what is given to it.
-
-    Args:
-        answers: it returns answers, or yields them, and has `--json`.
-    """
+    """Command of a function, whose parameters say what is given to it."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         made = _answering(function) if answers else function

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ValidationError
 from .. import DEFAULTS
 from ..models.machine import Machine
 from ..secret_files import SecretError, open_secrets, secret_path, with_secrets
-from .gone import gone_keys
-from .mistakes import ConfigError, explain
+from .mistakes import ConfigError, explain, gone_keys
 from .service import AxisConfig, AxisFile, EdgeConfig
 
 DEFAULT_CONFIG = DEFAULTS / "edge.toml"
@@ -29,8 +28,7 @@ _DEEP = re.compile(rb"(?:[\[{]\s*){100}")
 def load_config(path: Path) -> EdgeConfig:
     """Read and check a configuration file; paths in it are relative to its folder.
 
-    Raises:
-        ConfigError: file, key, what was wrong and what was expected.
+    Raises ConfigError: file, key, what was wrong and what was expected.
     """
     config, mistakes = read_config(path)
     if config is None or mistakes:
@@ -84,11 +82,7 @@ def axis_files(state: Path | None) -> list[Path]:
 
 
 def read_axis(path: Path, written: bytes | None = None) -> AxisConfig:
-    """The axis in a file of the state folder, whose paths are relative to it. Raises ConfigError.
-
-    Args:
-        written: content of the file, before it is there.
-    """
+    """The axis in a file of the state folder, paths relative to it. Raises ConfigError."""
     content = _parsed(path, _read(path) if written is None else written)
     try:
         (axis,) = AxisFile.model_validate(content).axes
@@ -152,12 +146,7 @@ def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
 
 
 def state_folder(named: Path | None, folder: Path) -> Path | None:
-    """Folder of the store, by default the one that systemd gives the service; None: none.
-
-    Args:
-        named: as the configuration names it.
-        folder: of the configuration.
-    """
+    """Folder of the store, by default the one that systemd gives the service; None: none."""
     given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     if named is not None:
         return folder / named
@@ -165,11 +154,7 @@ def state_folder(named: Path | None, folder: Path) -> Path | None:
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:
-    """Read and check a machine file. Raises ConfigError like `load_config`.
-
-    Args:
-        axis_number: the controller's number of the axis, in place of the file's.
-    """
+    """Read and check a machine file; a number given replaces its own. Errors as `load_config`."""
     content = _parsed(path, _read(path))
     axes = content.get("axes")
     if "axis" not in content and isinstance(axes, list):

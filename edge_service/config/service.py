@@ -33,14 +33,11 @@ class ServiceConfig(Table):
 
 
 class BusConfig(Table):
-    """`[bus]`: where the bus listens.
+    """`[bus]`: where the bus listens."""
 
-    Attributes:
-        endpoint: `tcp/<loopback address>:<port>`. In `run` others may read there.
-        zenoh_file: Zenoh's own configuration (JSON5), passed through: TLS, access control, routers.
-    """
-
+    # `tcp/<loopback address>:<port>`. In `run` others may read there
     endpoint: str = "tcp/127.0.0.1:7447"
+    # Zenoh's own configuration (JSON5), passed through: TLS, access control, routers
     zenoh_file: Path | None = None
 
     @field_validator("endpoint")
@@ -51,16 +48,12 @@ class BusConfig(Table):
 
 
 class HttpConfig(Table):
-    """`[http]`: where the API and the page are served. Port 0 takes a free one.
-
-    Attributes:
-        url: address of a proxy that passes on to us: its host name is let in.
-        certificate, private_key: of the server, in PEM: TLS with them.
-    """
+    """`[http]`: where the API and the page are served. Port 0 takes a free one."""
 
     host: str = "127.0.0.1"
     port: int = Field(8080, ge=0, le=65535)
-    url: str | None = None
+    url: str | None = None  # address of a proxy that passes on to us: its host name is let in
+    # certificate, private_key: of the server, in PEM: TLS with them
     certificate: Path | None = None
     private_key: Path | None = None
 
@@ -131,15 +124,12 @@ class _OfFile(Table):
 
 
 class AxisConfig(_OfFile):
-    """`[[axes]]`: one axis, its machine file and its driver.
-
-    Attributes:
-        warning_percent, fault_percent: those of `[alarms]` unless given.
-    """
+    """`[[axes]]`: one axis, its machine file and its driver."""
 
     name: str
     machine: Path = DEFAULT_MACHINE
     driver: str = "simulated"
+    # warning_percent, fault_percent: those of `[alarms]` unless given
     warning_percent: float | None = Field(None, gt=0.0, le=100.0)
     fault_percent: float | None = Field(None, gt=0.0, le=100.0)
     settings: dict[str, Any] = {}

@@ -48,23 +48,15 @@ _HEAT_C = 2.0
 
 @dataclass(frozen=True, slots=True)
 class FigureChange:
-    """One figure then and now.
+    """One figure then and now."""
 
-    Attributes:
-        name: `section.figure`.
-        change: now less then, with its interval.
-        sigmas: the change in standard deviations.
-        significant: after controlling the false-discovery rate over all figures.
-        material: great enough to matter.
-    """
-
-    name: str
+    name: str  # `section.figure`
     old: IntervalEstimate
     new: IntervalEstimate
-    change: IntervalEstimate
-    sigmas: float
-    significant: bool
-    material: bool
+    change: IntervalEstimate  # now less then, with its interval
+    sigmas: float  # the change in standard deviations
+    significant: bool  # after controlling the false-discovery rate over all figures
+    material: bool  # great enough to matter
 
     @property
     def changed(self) -> bool:
@@ -104,7 +96,15 @@ def compare_fingerprints(new: AxisFingerprint, old: AxisFingerprint) -> tuple[Fi
         known = all(math.isfinite(each.value) and each.determined for each in (was, now))
         if name in before and known and was.unit == now.unit:
             pairs.append((name, was, now))
-            changes.append(_change(was, now))
+            # of each interval the side that faces the other counts
+            difference = now.value - was.value
+            towards = (was.value - was.low, now.high - now.value)
+            if difference > 0.0:
+                towards = (was.high - was.value, now.value - now.low)
+            repeated = REPEATABILITY * math.hypot(was.value, now.value)
+            sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
+            change = around(difference, sigma, now.unit, math.inf)
+            changes.append(change)
     sigmas = [each.value / each.sigma if each.sigma > 0.0 else 0.0 for each in changes]
     found = np.zeros(0, dtype=bool)
     if sigmas:
@@ -137,31 +137,14 @@ def appeared_figures(new: AxisFingerprint, old: AxisFingerprint) -> tuple[str, .
     )
 
 
-def _change(old: IntervalEstimate, new: IntervalEstimate) -> IntervalEstimate:
-    """Difference; of each interval the side that faces the other counts."""
-    difference = new.value - old.value
-    towards = (old.value - old.low, new.high - new.value)
-    if difference > 0.0:
-        towards = (old.high - old.value, new.value - new.low)
-    repeated = REPEATABILITY * math.hypot(old.value, new.value)
-    sigma = math.hypot(math.hypot(*towards) / normal_quantile(), repeated)
-    return around(difference, sigma, new.unit, math.inf)
-
-
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Mean of one quantity in one recording.
-
-    Attributes:
-        sigma: standard deviation of its error, from the repeats.
-        freedom: degrees of freedom behind sigma.
-        daily: standard deviation of an error from one recording to the next.
-    """
+    """Mean of one quantity in one recording."""
 
     value: float
-    sigma: float
-    freedom: float
-    daily: float
+    sigma: float  # standard deviation of its error, from the repeats
+    freedom: float  # degrees of freedom behind sigma
+    daily: float  # standard deviation of an error from one recording to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,15 +152,12 @@ class Drift:
     """One quantity of a section over all recordings.
 
     Attributes:
-        name: `friction_nm`, `load_nm`, ...
-        values: of each recording.
-        changes: of each recording but the first, against the first.
         since: number of the recording from which on it is changed; None if it is not at the end.
     """
 
-    name: str
-    values: tuple[float, ...]
-    changes: tuple[IntervalEstimate, ...]
+    name: str  # `friction_nm`, `load_nm`, ...
+    values: tuple[float, ...]  # of each recording
+    changes: tuple[IntervalEstimate, ...]  # of each recording but the first, against the first
 
     @property
     def changed(self) -> tuple[bool, ...]:
@@ -202,15 +182,11 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class SectionDrift:
-    """All quantities of one section.
-
-    Attributes:
-        temperature_c: mean of each recording; NaN where it is not recorded.
-    """
+    """All quantities of one section."""
 
     section: Section
     drifts: tuple[Drift, ...]
-    temperature_c: tuple[float, ...]
+    temperature_c: tuple[float, ...]  # mean of each recording; NaN where it is not recorded
 
     @property
     def heat(self) -> float:

@@ -33,22 +33,17 @@ SPREAD_NM, TEMPERATURE_C = "torque_spread_nm", "temperature_c"
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One move of the table.
+    """One move of the table."""
 
-    Attributes:
-        context: values of what a section is told by beside its course (tool, block), in order.
-        start_m, end_m: of its course: the set point where there is one, else the position.
-        speed_m_s: its speed; negative towards the motor's zero.
-        duration_s: between rests.
-        figures: mean torque, following error, stretch (motor's encoder less the table's), spread
-            of the torque, temperature; over the part at speed, as far as recorded, SI units.
-    """
-
+    # values of what a section is told by beside its course (tool, block), in order
     context: tuple[float, ...]
+    # start_m, end_m: of its course: the set point where there is one, else the position
     start_m: float
     end_m: float
-    speed_m_s: float
-    duration_s: float
+    speed_m_s: float  # its speed; negative towards the motor's zero
+    duration_s: float  # between rests
+    # mean torque, following error, stretch (motor's encoder less the table's), spread of the
+    # torque, temperature; over the part at speed, as far as recorded, SI units
     figures: dict[str, float]
 
     @property
@@ -116,14 +111,11 @@ def _figures(run: PreparedRun, rows: npt.NDArray[np.intp]) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One move, or one move there and back, in every recording.
+    """One move, or one move there and back, in every recording."""
 
-    Attributes:
-        there: repeats in each recording; the first of all is the pattern.
-        back: of the same way back at the same speed; empty where there is none.
-    """
-
+    # repeats in each recording; the first of all is the pattern
     there: tuple[tuple[Move, ...], ...]
+    # of the same way back at the same speed; empty where there is none
     back: tuple[tuple[Move, ...], ...] = ()
 
     @property

@@ -45,51 +45,37 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A measured curve.
-
-    Attributes:
-        x, y: (n,) each, in SI units.
-        x_label, y_label: quantity and unit.
-    """
+    """A measured curve."""
 
     name: str
+    # x, y: (n,) each, in SI units
     x: Values
     y: Values
+    # x_label, y_label: quantity and unit
     x_label: str
     y_label: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """One test of the axis.
-
-    Attributes:
-        reason: why it is undetermined, one line; empty otherwise.
-        motion: name of the motion that determines it.
-        figures: by name, the unit in the name.
-    """
+    """One test of the axis."""
 
     status: Status
-    reason: str
-    motion: str
+    reason: str  # why it is undetermined, one line; empty otherwise
+    motion: str  # name of the motion that determines it
+    # by name, the unit in the name
     figures: Mapping[str, IntervalEstimate] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisFingerprint:
-    """Fingerprint of an axis from the recordings of one session.
-
-    Attributes:
-        machine: name of the axis.
-        sources: names of the recordings.
-        sections: by name, in the order of the report.
-    """
+    """Fingerprint of an axis from the recordings of one session."""
 
     schema: Literal["fingerprint/1"] = field(default="fingerprint/1", kw_only=True)
-    machine: str
-    sources: tuple[str, ...]
-    sections: Mapping[str, Section]
+    machine: str  # name of the axis
+    sources: tuple[str, ...]  # names of the recordings
+    sections: Mapping[str, Section]  # by name, in the order of the report
 
     def figures(self) -> dict[str, IntervalEstimate]:
         """Every figure by `section.name`."""
@@ -141,11 +127,7 @@ def examined(motion: str, measure: Callable[[], Contents]) -> Section:
 def mean_of(
     values: Sequence[float], standard_errors: Sequence[float], unit: str
 ) -> IntervalEstimate:
-    """Mean of repeats: the greater of their scatter and their own errors makes the interval.
-
-    Args:
-        values, standard_errors: (n,) each, n at least 1.
-    """
+    """Mean of repeats: the greater of their scatter and their own errors makes the interval."""
     count = len(values)
     own = math.sqrt(sum(error**2 for error in standard_errors)) / count
     scatter = float(np.std(values, ddof=1)) / math.sqrt(count) if count > 1 else 0.0

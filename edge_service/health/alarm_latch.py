@@ -14,19 +14,12 @@ _NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class AlarmRule:
-    """Behaviour of one kind of alarm.
+    """Behaviour of one kind of alarm."""
 
-    Attributes:
-        level: of its events while it is active.
-        raise_delay_s: how long its cause must hold first.
-        clear_delay_s: how long its cause must be gone.
-        latched: it stays active until somebody acknowledges it.
-    """
-
-    level: AxisCondition
-    raise_delay_s: float
-    clear_delay_s: float
-    latched: bool = False
+    level: AxisCondition  # of its events while it is active
+    raise_delay_s: float  # how long its cause must hold first
+    clear_delay_s: float  # how long its cause must be gone
+    latched: bool = False  # it stays active until somebody acknowledges it
 
 
 @dataclass(frozen=True, slots=True)

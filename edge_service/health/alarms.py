@@ -78,16 +78,11 @@ class SuddenDrop:
 
 @dataclass(slots=True)
 class _Fit:
-    """Fit of the estimator's model.
-
-    Attributes:
-        used_s: motion that the newest estimate rests on, s.
-        nis: mean squared normalised innovation lately.
-    """
+    """Fit of the estimator's model."""
 
     status: EstimateStatus | None = None
-    used_s: float = 0.0
-    nis: float = 1.0
+    used_s: float = 0.0  # motion that the newest estimate rests on, s
+    nis: float = 1.0  # mean squared normalised innovation lately
 
     def update(self, estimate: PreloadEstimate) -> None:
         """Take an estimate in; an axis at rest repeats its last error, which counts once."""

@@ -53,11 +53,7 @@ class AnsweredCommand(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisSnapshot:
-    """State that must outlive the process; what has a default is missing in older versions' files.
-
-    Attributes:
-        saved_ns: UNIX time up to which it is known, ns.
-    """
+    """State that must outlive the process; what has a default, older versions' files lack."""
 
     schema: Literal["axis-watch/1"]
     axis: str
@@ -66,7 +62,7 @@ class AxisSnapshot:
     friction: FrictionClasses
     series: PreloadSteps
     consistency: dict[str, LearnedChannel] | None = None
-    saved_ns: int = 0
+    saved_ns: int = 0  # UNIX time up to which it is known, ns
     answered: tuple[AnsweredCommand, ...] = ()
     fall: PreloadFall | None = None
 
@@ -75,11 +71,7 @@ _SNAPSHOTS = TypeAdapter(AxisSnapshot)
 
 
 class AxisMonitor:
-    """Monitor of one axis; every call returns the events that it caused.
-
-    Args:
-        fresh_percent: preload of the fresh screw, percent of the load rating; None if unknown.
-    """
+    """Monitor of one axis; every call returns the events that it caused."""
 
     def __init__(
         self,
@@ -264,7 +256,20 @@ class AxisMonitor:
         Raises ValueError, and then this monitor is of no more use.
         """
         try:
-            self._restore(_SNAPSHOTS.validate_python(document))
+            snapshot = _SNAPSHOTS.validate_python(document)
+            if snapshot.axis != self.axis:
+                raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
+            step_ns = min(self._now_ns - snapshot.saved_ns, 0)
+            self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
+            self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
+            self._answered = {each.key: each for each in snapshot.answered}
+            self._use.restore(snapshot.use)
+            self._use.move(step_ns)
+            self._friction.restore(snapshot.friction)
+            self._series.restore(snapshot.series)
+            self._series.move(step_ns / NS_PER_S)
+            if snapshot.consistency is not None:
+                self._consistency.restore(snapshot.consistency)
             self.health(self._heard[0])  # numbers of the right shape may still mean nothing
             json.dumps(self.snapshot(), allow_nan=False)
             self.trend_work()()
@@ -274,21 +279,6 @@ class AxisMonitor:
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {place}: {first['msg']}") from None
         except (ArithmeticError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no {SNAPSHOT_SCHEMA}: {type(error).__name__}: {error}") from None
-
-    def _restore(self, snapshot: AxisSnapshot) -> None:
-        if snapshot.axis != self.axis:
-            raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
-        step_ns = min(self._now_ns - snapshot.saved_ns, 0)
-        self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
-        self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
-        self._answered = {each.key: each for each in snapshot.answered}
-        self._use.restore(snapshot.use)
-        self._use.move(step_ns)
-        self._friction.restore(snapshot.friction)
-        self._series.restore(snapshot.series)
-        self._series.move(step_ns / NS_PER_S)
-        if snapshot.consistency is not None:
-            self._consistency.restore(snapshot.consistency)
 
     def _note_wear(self, estimate: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         percent, low, high = estimate.preload_percent, estimate.low, estimate.high

@@ -58,7 +58,18 @@ class ComponentWatch:
             before = self._shown.get(key)
             if before is not report.status:
                 self._shown[key] = report.status
-                events.append(_component_changed(report, before, now_ns))
+                reason = f": {report.reason}" if report.reason else ""
+                words = {"part": report.status.replace("_", " "), "reason": reason}
+                values = {"component": report.component, "part": report.status.value}
+                component_changed = Event(
+                    axis=report.axis or "",
+                    kind="component_changed",
+                    level=_LEVELS.get(report.status, AxisCondition.NORMAL),
+                    **dict(told(Code.COMPONENT_CHANGED, words, **values)),
+                    time_ns=now_ns,
+                    data={"component": report.component, "from": before, "to": report.status},
+                )
+                events.append(component_changed)
         return tuple(events)
 
     def move(self, step_ns: int) -> None:
@@ -85,19 +96,3 @@ class ComponentWatch:
             else:
                 found.append(report)
         return tuple(found)
-
-
-def _component_changed(
-    report: ComponentHealth, before: ComponentStatus | None, now_ns: int
-) -> Event:
-    reason = f": {report.reason}" if report.reason else ""
-    words = {"part": report.status.replace("_", " "), "reason": reason}
-    values = {"component": report.component, "part": report.status.value}
-    return Event(
-        axis=report.axis or "",
-        kind="component_changed",
-        level=_LEVELS.get(report.status, AxisCondition.NORMAL),
-        **dict(told(Code.COMPONENT_CHANGED, words, **values)),
-        time_ns=now_ns,
-        data={"component": report.component, "from": before, "to": report.status},
-    )

@@ -27,7 +27,6 @@ class ConditionMonitor:
 
     Args:
         limits: None where the fresh screw's preload is not known.
-        now_ns: UNIX time of the start, ns.
     """
 
     def __init__(self, axis: str, limits: Limits | None, now_ns: int) -> None:
@@ -54,7 +53,17 @@ class ConditionMonitor:
             self._tracker.update(estimate, header.source_time_ns)
         changed: tuple[Event, ...] = ()
         if before is None or before.status is not estimate.status:
-            changed = (self._status_changed(before, estimate, now_ns),)
+            reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
+            invalid = estimate.status is EstimateStatus.INVALID
+            status_changed = Event(
+                axis=self.axis,
+                kind="status_changed",
+                level=AxisCondition.WARNING if invalid else AxisCondition.NORMAL,
+                text=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
+                time_ns=now_ns,
+                data={"from": None if before is None else before.status, "to": estimate.status},
+            )
+            changed = (status_changed,)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
@@ -77,7 +86,22 @@ class ConditionMonitor:
         self._since_ns = now_ns
         if condition is AxisCondition.UNAVAILABLE and self._tracker is not None:
             self._tracker.restart()
-        return (self._condition_changed(before, condition, reasons, now_ns), *events)
+        words = told(Code.CONDITION_CHANGED, condition=condition.value)
+        if reasons:
+            code, _, sentence = reasons[0].partition(": ")
+            said = {"reason": sentence.rstrip(".")}
+            words = told(Code.CONDITION_CHANGED_FOR, said, condition=condition.value, reason=code)
+        is_known = self.estimate is not None and condition is not AxisCondition.UNAVAILABLE
+        percent = self.estimate.preload_percent if is_known and self.estimate else None
+        condition_changed = Event(
+            axis=self.axis,
+            kind="condition_changed",
+            level=condition,
+            **dict(words),
+            time_ns=now_ns,
+            data={"from": before, "to": condition, "preload_percent": percent},
+        )
+        return (condition_changed, *events)
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
@@ -143,41 +167,3 @@ class ConditionMonitor:
         if self._feature_input.is_stale(now_ns):
             return reason, "no_data: no measured data of the axis either"
         return (reason,)
-
-    def _status_changed(
-        self, before: PreloadEstimate | None, estimate: PreloadEstimate, now_ns: int
-    ) -> Event:
-        reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
-        invalid = estimate.status is EstimateStatus.INVALID
-        return Event(
-            axis=self.axis,
-            kind="status_changed",
-            level=AxisCondition.WARNING if invalid else AxisCondition.NORMAL,
-            text=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
-            time_ns=now_ns,
-            data={"from": None if before is None else before.status, "to": estimate.status},
-        )
-
-    def _condition_changed(
-        self,
-        before: AxisCondition,
-        condition: AxisCondition,
-        reasons: tuple[str, ...],
-        now_ns: int,
-    ) -> Event:
-        """A new condition, with the first reason; as it is sent, that is a code."""
-        words = told(Code.CONDITION_CHANGED, condition=condition.value)
-        if reasons:
-            code, _, sentence = reasons[0].partition(": ")
-            said = {"reason": sentence.rstrip(".")}
-            words = told(Code.CONDITION_CHANGED_FOR, said, condition=condition.value, reason=code)
-        is_known = self.estimate is not None and condition is not AxisCondition.UNAVAILABLE
-        percent = self.estimate.preload_percent if is_known and self.estimate else None
-        return Event(
-            axis=self.axis,
-            kind="condition_changed",
-            level=condition,
-            **dict(words),
-            time_ns=now_ns,
-            data={"from": before, "to": condition, "preload_percent": percent},
-        )

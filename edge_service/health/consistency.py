@@ -85,16 +85,13 @@ _ROWS = {"torque_nm": _torque_row, "transmission_m": _transmission_row}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedChannel:
-    """Learned state of a channel.
+    """Learned state of a channel."""
 
-    Attributes:
-        gram, cross: normal equations, (p, p) and (p,); empty before the first stretch.
-        numbers: stretches learned from and compared, their mean and worst mean square, and the mean
-            square of the channel itself.
-    """
-
+    # gram, cross: normal equations, (p, p) and (p,); empty before the first stretch
     gram: StoredFloats
     cross: StoredFloats
+    # stretches learned from and compared, their mean and worst mean square, and the mean square of
+    # the channel itself
     numbers: tuple[int, int, float, float, float]
 
 
@@ -194,27 +191,16 @@ class ChannelModel:
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A change of the verdict.
+    """A change of the verdict."""
 
-    Attributes:
-        disagrees: what it changed to.
-        channel: where the innovations grew most.
-        ratio: how many times the expected they are.
-        since_s: beginning of the first stretch that counted, on the axis' clock, s.
-    """
-
-    disagrees: bool
-    channel: str
-    ratio: float
-    since_s: float
+    disagrees: bool  # what it changed to
+    channel: str  # where the innovations grew most
+    ratio: float  # how many times the expected they are
+    since_s: float  # beginning of the first stretch that counted, on the axis' clock, s
 
 
 class ConsistencyWatch:
-    """Watches one axis.
-
-    Args:
-        ratio_m_per_rad: way of the table per angle of the motor; None watches the torque alone.
-    """
+    """Watches one axis; its torque alone where the way per angle is not known."""
 
     def __init__(self, ratio_m_per_rad: float | None) -> None:
         self._ratio = ratio_m_per_rad

@@ -20,20 +20,14 @@ _DOUBT_DELAY_NS = 10 * NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class AlarmSettings:
-    """Limits that the owner may change, percent of the fresh screw's preload.
+    """Limits that the owner may change, percent of the fresh screw's preload."""
 
-    Attributes:
-        warning_percent, fault_percent: WARNING and FAULT below.
-        rate_percent_per_1000_h: loss per 1000 h that is too fast.
-        sudden_drop_percent: loss within 10 s that is sudden.
-        data_lost_after_s: how long data may be missing.
-    """
-
+    # warning_percent, fault_percent: WARNING and FAULT below
     warning_percent: float = 60.0
     fault_percent: float = 30.0
-    rate_percent_per_1000_h: float = 20.0
-    sudden_drop_percent: float = 15.0
-    data_lost_after_s: float = 5.0
+    rate_percent_per_1000_h: float = 20.0  # loss per 1000 h that is too fast
+    sudden_drop_percent: float = 15.0  # loss within 10 s that is sudden
+    data_lost_after_s: float = 5.0  # how long data may be missing
 
     def limits(self, fresh_percent: float | None) -> Limits | None:
         """Limits of an axis, percent of the load rating; None if the fresh preload is not known."""

@@ -21,17 +21,13 @@ _DOUBTFUL = Fault.GAP | Fault.TIME_BACKWARDS | Fault.IMPLAUSIBLE
 
 @dataclass(frozen=True, slots=True)
 class LivePoint:
-    """One interval as people look at it; a number that was not measured is None.
+    """One interval as people look at it; a number that was not measured is None."""
 
-    Attributes:
-        time_ns: UNIX time of its end, ns.
-        transmission_m: table position less the travel of the screw, m; its zero has no meaning.
-    """
-
-    time_ns: int
+    time_ns: int  # UNIX time of its end, ns
     torque_nm: float | None
     speed_rad_s: float | None
     position_m: float | None
+    # table position less the travel of the screw, m; its zero has no meaning
     transmission_m: float | None
     temperature_c: float | None
     faults: tuple[str, ...]
@@ -39,16 +35,11 @@ class LivePoint:
 
 @dataclass(frozen=True, slots=True)
 class ChannelQuality:
-    """One channel over the last minute.
-
-    Attributes:
-        state: `ok`, `faulty` (in some intervals), `missing` (in the newest).
-        good_share: share of intervals in which it was measured and plausible, 0 to 1.
-    """
+    """One channel over the last minute."""
 
     channel: str
-    state: str
-    good_share: float
+    state: str  # `ok`, `faulty` (in some intervals), `missing` (in the newest)
+    good_share: float  # share of intervals in which it was measured and plausible, 0 to 1
 
 
 class LiveFeatures:

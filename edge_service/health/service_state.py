@@ -34,12 +34,8 @@ class ServiceState:
 
     Args:
         axes: The configured axes with their limits (for display only), in the order of display.
-        now_ns: UNIX time of the start, ns.
         events, history: in the store; in memory without.
-        kept: where the history is, for people.
-        place: Site and machine that the axes belong to.
         refused: Payloads refused on the bus so far, by topic and reason.
-        configuration: Digest of what the service was started with.
     """
 
     def __init__(

@@ -31,9 +31,6 @@ class Caller(Frozen):
 class Authenticator:
     """Callers of requests, by the tokens as they were when `refresh` was called last.
 
-    Args:
-        required: a token is needed even while there is none.
-
     Attributes:
         problem: reason for which the tokens were not read yet, so nobody is let in; else empty.
     """
@@ -51,7 +48,7 @@ class Authenticator:
 
     @property
     def kept(self) -> Tokens:
-        """The tokens, where they are kept."""
+        """The tokens; 503 where none are kept."""
         if self.tokens is None:
             raise HTTPException(503, "this service keeps no tokens")
         return self.tokens

@@ -67,9 +67,6 @@ def create_app(
     """The HTTP interface of one service.
 
     Args:
-        state: What is answered from.
-        clock: UNIX time in ns.
-        hosts: Host names, without port, under which the service may be addressed.
         parts: What routes ask by `part(NAME)`; whoever asks for one that is missing gets 503.
             `authenticator` finds who asks, without it whoever reaches the service may do anything;
             `note_change` takes note of a change by its caller, method and path; the others are

@@ -99,13 +99,7 @@ class Job(JobBody):
 
 
 class Jobs:
-    """Jobs of one service. Every call may raise RefusedError, StoreFailedError.
-
-    Args:
-        folder: of the jobs' own folders.
-        machines: machine file of each axis.
-        service: arguments by which a command reaches this service.
-    """
+    """Jobs of one service. Every call may raise RefusedError, StoreFailedError."""
 
     def __init__(
         self,

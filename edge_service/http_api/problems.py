@@ -101,19 +101,15 @@ async def _on_http_error(request: Request, error: Exception) -> ProblemResponse:
     detail = _PLAIN_DETAIL.get(error.status_code, error.detail) if plain else error.detail
     path, headers = request.url.path, error.headers
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        headers = {"allow": _allowed(request)}
+        methods = {
+            method
+            for route in iter_route_contexts(request.app.routes)
+            if route.path and compile_path(route.path)[0].match(request.url.path)
+            for method in route.methods or ()
+        }
+        allowed = ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
+        headers = {"allow": allowed}
     return problem_response(path, error.status_code, detail, headers=headers)
-
-
-def _allowed(request: Request) -> str:
-    """Methods of all routes of a path; whatever takes GET takes HEAD."""
-    methods = {
-        method
-        for route in iter_route_contexts(request.app.routes)
-        if route.path and compile_path(route.path)[0].match(request.url.path)
-        for method in route.methods or ()
-    }
-    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))
 
 
 async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse:

@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, BinaryIO
+from typing import Annotated
 
 from pydantic import Field, WithJsonSchema
 
@@ -50,7 +50,6 @@ class Recordings:
     Args:
         folder: where they are; what uploads left there that were cut off is removed.
         most_bytes: of all recordings, those that are just coming included.
-        extent: of a file.
     """
 
     def __init__(
@@ -69,12 +68,13 @@ class Recordings:
 
     async def page(self, before_ns: int, most: int) -> list[tuple[int, Recording]]:
         """Recordings that were changed before some time, newest first, with that time, ns."""
-        return await self._threads.run(self._page, before_ns, most)
 
-    def _page(self, before_ns: int, most: int) -> list[tuple[int, Recording]]:
-        kept = [(status.st_mtime_ns, path, status) for path, status in self._files()]
-        newest = sorted((each for each in kept if each[0] < before_ns), reverse=True)[:most]
-        return [(at_ns, self._shown(path, status)) for at_ns, path, status in newest]
+        def found() -> list[tuple[int, Recording]]:
+            kept = [(status.st_mtime_ns, path, status) for path, status in self._files()]
+            newest = sorted((each for each in kept if each[0] < before_ns), reverse=True)[:most]
+            return [(at_ns, self._shown(path, status)) for at_ns, path, status in newest]
+
+        return await self._threads.run(found)
 
     def path(self, name: str) -> Path:
         """File of a recording that is there."""
@@ -117,17 +117,14 @@ class Recordings:
             file = await one.run(closing.enter_context, replaced_bytes(path))
             async for batch in _batches(chunks):
                 size += len(batch)
-                await one.run(self._append, file, batch)
+                await one.run(self._check_room, len(batch))
+                await one.run(file.write, batch)
             if size == 0:
                 raise RefusedError(422, f"{path.name}: the file is empty")
         except BaseException:
             await one.run(closing.__exit__, *sys.exc_info())
             raise
         await one.run(closing.close)
-
-    def _append(self, file: BinaryIO, batch: bytes) -> None:
-        self._check_room(len(batch))
-        file.write(batch)
 
     def _check_room(self, more_bytes: int) -> None:
         there = sum(status.st_size for _, status in self._files("*"))  # what is coming, too

@@ -72,17 +72,12 @@ async def serve(
     """Serve until the task is cancelled, and end in good order.
 
     Args:
-        app: The application.
-        host: An IP address or `localhost`.
-        port: TCP port; 0 takes a free one.
         tls: Certificate and private key in PEM; without them only loopback is served.
-        on_bound: Called with the address and the real port as soon as connections are taken.
         before_stop: Called before the server waits for its connections to end: end the live streams
             here (`ServiceState.close`), or they are cut off after a short grace.
 
-    Raises:
-        AddressError: Before anything is served: the address makes no sense, needs TLS
-            (PortInUseError: or is taken).
+    Raises AddressError: Before anything is served: the address makes no sense, needs TLS
+    (PortInUseError: or is taken).
     """
     listener = bind(host, port, encrypted=tls is not None)
     certificate, key = tls or (None, None)

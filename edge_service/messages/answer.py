@@ -18,16 +18,14 @@ class PreloadAnswer(PreloadEstimate):
 
     Attributes:
         condition, reasons: of the axis, and why.
-        of_fresh: preload in percent of the fresh screw's.
         measured_time_ns: UNIX time of the newest sample behind it, ns; `measured_at` in JSON.
-        age_s: time since then, s.
     """
 
     axis: str
     condition: AxisCondition
-    of_fresh: Interval | None
+    of_fresh: Interval | None  # preload in percent of the fresh screw's
     measured_time_ns: TimeNs | None = Field(alias="measured_at")
-    age_s: float | None
+    age_s: float | None  # time since then, s
 
 
 class AxisRow(Frozen):
@@ -77,22 +75,14 @@ def axis_row(health: AxisHealth, now_ns: int) -> AxisRow:
 
 @dataclass(frozen=True, slots=True)
 class AxisAnswer:
-    """Answer about one axis: all that may be read now, and nothing else.
-
-    Attributes:
-        estimate: numbers are None unless its status is `estimated` and it is fresh.
-        measured_ns: UNIX time of the newest sample behind it, ns; None before the first.
-        health: UNAVAILABLE as soon as it rests on something stale.
-        is_heard: estimates and conditions come in.
-        header: of the estimate's message; None before the first.
-    """
+    """Answer about one axis: all that may be read now, and nothing else."""
 
     axis: str
-    estimate: PreloadEstimate
-    measured_ns: int | None
-    health: AxisHealth
-    is_heard: bool
-    header: Header | None = None
+    estimate: PreloadEstimate  # numbers are None unless its status is `estimated` and it is fresh
+    measured_ns: int | None  # UNIX time of the newest sample behind it, ns; None before the first
+    health: AxisHealth  # UNAVAILABLE as soon as it rests on something stale
+    is_heard: bool  # estimates and conditions come in
+    header: Header | None = None  # of the estimate's message; None before the first
 
     @property
     def of_fresh(self) -> Interval | None:

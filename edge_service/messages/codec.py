@@ -32,20 +32,14 @@ class CodecError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Identity and times of one payload.
+    """Identity and times of one payload."""
 
-    Attributes:
-        sequence: counts up by one per payload and publisher, from 0; a jump is a loss.
-        boot_epoch: UNIX time in ns at which the publisher started; a new value means a restart,
-            after which `sequence` begins again.
-        source_time_ns: UNIX time in ns of the newest sample that the payload rests on.
-        monotonic_time_ns: the publishing host's monotonic clock in ns at publication.
-    """
-
-    sequence: int
+    sequence: int  # counts up by one per payload and publisher, from 0; a jump is a loss
+    # UNIX time in ns at which the publisher started; a new value means a restart, after which
+    # `sequence` begins again
     boot_epoch: int
-    source_time_ns: int
-    monotonic_time_ns: int
+    source_time_ns: int  # UNIX time in ns of the newest sample that the payload rests on
+    monotonic_time_ns: int  # the publishing host's monotonic clock in ns at publication
 
 
 _HEADER = tuple(each.name for each in fields(Header))
@@ -53,26 +47,17 @@ _HEADER = tuple(each.name for each in fields(Header))
 
 @dataclass(frozen=True)
 class Topic(ABC, Generic[T]):
-    """One row of the table of topics.
+    """One row of the table of topics."""
 
-    Attributes:
-        name: last part of the key.
-        schema: name of the payload type and its version, `type/version`.
-        rate_hz: nominal rate on the wire.
-        stale_after_s: without a new payload for this long, a reader must treat it as missing.
-        most_bytes: a longer payload is refused unread.
-        most_hz: more payloads of one key than this, over a second, are refused unread.
-        keeps_last: a query on the same key is answered with the last payload.
-        cached: payloads that a publisher keeps for readers that come later, or were away.
-    """
-
-    name: str
-    schema: str
-    rate_hz: float
-    stale_after_s: float
-    most_bytes: int
-    most_hz: float
+    name: str  # last part of the key
+    schema: str  # name of the payload type and its version, `type/version`
+    rate_hz: float  # nominal rate on the wire
+    stale_after_s: float  # without a new payload for this long, a reader must treat it as missing
+    most_bytes: int  # a longer payload is refused unread
+    most_hz: float  # more payloads of one key than this, over a second, are refused unread
+    # a query on the same key is answered with the last payload
     keeps_last: bool = field(default=True, kw_only=True)
+    # payloads that a publisher keeps for readers that come later, or were away
     cached: int = field(default=0, kw_only=True)
     encoding: ClassVar[str]
     """The Zenoh encoding that a publisher declares."""
@@ -114,14 +99,10 @@ class Topic(ABC, Generic[T]):
 
 @dataclass(frozen=True)
 class JsonTopic(Topic[_Payload]):
-    """Topic of one model: its members beside those of every message.
-
-    Attributes:
-        strict: refuse values of another type even where they could be converted.
-    """
+    """Topic of one model: its members beside those of every message."""
 
     model: type[_Payload]
-    strict: bool = True
+    strict: bool = True  # refuse values of another type even where they could be converted
     encoding = JSON_ENCODING
 
     def encode(self, axis: str | None, header: Header, payload: _Payload) -> bytes:

@@ -39,11 +39,7 @@ Kind = Annotated[str, AfterValidator(_check_kind)]
 
 
 def check_recording(name: str, axis: str | None = None) -> str:
-    """Return `name` if it can be that of a recording by the service; raise ValueError if not.
-
-    Args:
-        axis: whose recording it must be; None for any.
-    """
+    """Return `name` if it can be that of a recording by the service; raise ValueError if not."""
     found = _RECORDING.fullmatch(name)
     if found is None or axis not in (None, found[1]):
         raise ValueError(f"{name!r:.60} is no name of a recording by the service")

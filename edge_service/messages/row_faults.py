@@ -38,21 +38,13 @@ def run_starts(values: Floats) -> npt.NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClockPart:
-    """Rows of one clock; rows without a time (NaN) are neither repeated nor backwards.
+    """Rows of one clock; rows without a time (NaN) are neither repeated nor backwards."""
 
-    Attributes:
-        rows: which of all.
-        repeated: rows with the newest time so far, (n,).
-        backwards: rows older than that, (n,).
-        newest_s: time at the end of the part; -inf before any.
-        new_clock: the first row begins a new clock.
-    """
-
-    rows: slice
-    repeated: Booleans
-    backwards: Booleans
-    newest_s: float
-    new_clock: bool
+    rows: slice  # which of all
+    repeated: Booleans  # rows with the newest time so far, (n,)
+    backwards: Booleans  # rows older than that, (n,)
+    newest_s: float  # time at the end of the part; -inf before any
+    new_clock: bool  # the first row begins a new clock
 
 
 def clock_parts(time_s: Floats, newest_s: float = -np.inf) -> Iterator[ClockPart]:

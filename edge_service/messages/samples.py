@@ -127,21 +127,13 @@ def is_uncertain(codes: Qualities) -> Booleans:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waveform:
-    """Consecutive values of one sensor at a rate of its own.
+    """Consecutive values of one sensor at a rate of its own."""
 
-    Attributes:
-        sensor: its name, e.g. `nut_acceleration`.
-        unit: of the values, e.g. `m/s^2`.
-        start_s: time of the first value on the axis' clock, s.
-        period_s: between two values, s.
-        values: shape (n,); NaN is a missing value.
-    """
-
-    sensor: str
-    unit: str
-    start_s: float
-    period_s: float
-    values: Floats
+    sensor: str  # its name, e.g. `nut_acceleration`
+    unit: str  # of the values, e.g. `m/s^2`
+    start_s: float  # time of the first value on the axis' clock, s
+    period_s: float  # between two values, s
+    values: Floats  # shape (n,); NaN is a missing value
 
     def __len__(self) -> int:
         return len(self.values)
@@ -159,20 +151,16 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleFrame:
-    """A run of consecutive samples of one axis.
+    """A run of consecutive samples of one axis."""
 
-    Attributes:
-        time_s: the axis' own clock, s, shape (n,).
-        channels: channel name -> values in SI units, shape (n,) each; NaN is a missing value.
-            Times may repeat, jump or run backwards: judging that is the downsampler's work.
-        quality: channel name -> code of `Quality` per sample, shape (n,); a channel without is
-            good where it has a number.
-        waveforms: what faster sensors of the axis measured meanwhile, on the same clock.
-    """
-
-    time_s: Floats
+    time_s: Floats  # the axis' own clock, s, shape (n,)
+    # channel name -> values in SI units, shape (n,) each; NaN is a missing value. Times may repeat,
+    # jump or run backwards: judging that is the downsampler's work
     channels: Mapping[str, Floats]
+    # channel name -> code of `Quality` per sample, shape (n,); a channel without is good where it
+    # has a number
     quality: Mapping[str, Qualities] = field(default_factory=dict)
+    # what faster sensors of the axis measured meanwhile, on the same clock
     waveforms: tuple[Waveform, ...] = ()
 
     def __post_init__(self) -> None:

@@ -64,9 +64,8 @@ StoredFloats = Annotated[
 class Stored(Generic[T]):
     """Round trip of one type, chiefly a dataclass.
 
-    Args:
-        of: its fields have the types of this module, or plain ones. A default is that of a new
-            state; a value that is missing where one is stored is an error.
+    Its fields have the types of this module, or plain ones. A default is that of a new state; a
+    value that is missing where one is stored is an error.
     """
 
     def __init__(self, of: Any) -> None:

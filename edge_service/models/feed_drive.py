@@ -68,14 +68,10 @@ class FeedDriveSettings:
     def of_machine(
         cls, machine: Machine, rate_hz: float = 1000.0, effects: Sequence[ActiveEffect] = ()
     ) -> "FeedDriveSettings":
-        """The axis that a machine file describes, completed by the thesis' test bench.
+        """The axis of a machine file with more effects, completed by the thesis' test bench.
 
-        Args:
-            effects: in addition to those of the machine file.
-
-        Raises:
-            ValueError: the table is heavier than the whole inertia, or an effect of the machine
-                file is unknown or out of its bounds.
+        Raises ValueError: the table is heavier than the whole inertia, or an effect of the machine
+        file is unknown or out of its bounds.
         """
         ratio, inertia = machine.transmission_ratio_m_per_rad, machine.model.inertia_kg_m2.value
         max_torque = machine.axis.max_torque_nm or MAX_TORQUE_NM
@@ -138,8 +134,7 @@ class FeedDrive:
             added_mass_kg: on the table beside the plant's own; none unless given.
             temperature_c: of the nut's housing; unless given `AMBIENT_C`, and what effects add.
 
-        Raises:
-            ValueError: an input has another length, or holds a value that is not finite.
+        Raises ValueError: an input has another length, or holds a value that is not finite.
         """
         count, settings = len(setpoints), self.settings
         time_s = np.arange(self._sample, self._sample + count) / settings.rate_hz
@@ -179,8 +174,7 @@ class FeedDrive:
     def take_on(self, effects: Sequence[ActiveEffect]) -> None:
         """Add effects from the next sample on; the encoders stay as homed.
 
-        Raises:
-            ValueError: the effects do not go together.
+        Raises ValueError: the effects do not go together.
         """
         before = self._loop
         self.settings = replace(self.settings, effects=(*self.settings.effects, *effects))

@@ -51,14 +51,6 @@ def adopt(
 ) -> Answer:
     """Write the machine file; returns what was understood.
 
-    Args:
-        axis_number: the controller's number of the axis, or its place among the axes of the file.
-        name: of the axis; as the file spells it, or X, unless given.
-        sheet: keys of the machine file that are stated.
-        columns: `QUANTITY=COLUMN[:UNIT]`.
-        picture: file for a picture of the channels.
-        ask: asks whoever is at the terminal; None if nobody is.
-
     Raises ConfigError, TraceError: one line.
     """
     if any(out.resolve() == given.resolve() for given in files):

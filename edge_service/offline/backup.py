@@ -120,10 +120,6 @@ def restore(backup: Path, config: Path, *, force: bool = False) -> Answer:
 
     What is replaced stays beside it, as `NAME.before-TIME`.
 
-    Args:
-        config: configuration file to write, beside it the files that it names.
-        force: replace files of the configuration that differ, and a store that is there.
-
     Raises BackupError: the backup does not fit, or a service is running; nothing changed.
     """
     try:
@@ -192,7 +188,14 @@ def _restored(archive: ZipFile, config: Path, stages: ExitStack, *, force: bool)
     else:
         folder = Path(os.path.normpath(folder))
         lines.append(f"{folder}: restored")
-    _check_others(place, written, folder, force=force)
+    for there in place.rglob("*") if place.exists() else ():
+        if there.is_dir() or (folder is not None and there.is_relative_to(folder)):
+            continue
+        path = written / there.relative_to(place)
+        if not path.is_file():
+            raise BackupError(f"{there} is no part of the backup; restore to a folder of its own")
+        if not force and there.read_bytes() != path.read_bytes():
+            raise BackupError(f"{there} is there already, and differs; --force replaces it")
     if folder is not None:
         if not force and folder.exists() and any(folder.iterdir()):
             raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
@@ -205,18 +208,6 @@ def _restored(archive: ZipFile, config: Path, stages: ExitStack, *, force: bool)
         places = places if is_inside else [(stage, folder), *places]
     _all_in_place(places)
     return lines
-
-
-def _check_others(place: Path, written: Path, state: Path | None, *, force: bool) -> None:
-    """Refuse to take the place of a folder with other files than the backup's and the state's."""
-    for there in place.rglob("*") if place.exists() else ():
-        if there.is_dir() or (state is not None and there.is_relative_to(state)):
-            continue
-        path = written / there.relative_to(place)
-        if not path.is_file():
-            raise BackupError(f"{there} is no part of the backup; restore to a folder of its own")
-        if not force and there.read_bytes() != path.read_bytes():
-            raise BackupError(f"{there} is there already, and differs; --force replaces it")
 
 
 def _stage(place: Path, stages: ExitStack) -> Path:

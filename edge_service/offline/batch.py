@@ -63,8 +63,6 @@ def run_batch(
     Args:
         work: a picklable function; what is wrong with one case stops no other.
         written: files of `work`; those of an earlier run that it does not write anew are removed.
-        given: recordings, and folders with those of one session each.
-        jobs: processes of this computer.
         cluster: tls://HOST:PORT of a Dask scheduler, or with `insecure` tcp://HOST:PORT; its
             workers see the same files.
 

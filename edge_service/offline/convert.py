@@ -32,13 +32,6 @@ def convert(
 ) -> Answer:
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
-    Args:
-        source: in any form of a recording.
-        out: ends in .csv, .parquet or .mcap; appears whole or not at all.
-        machine: its [columns], and its lead where `axis` has none.
-        axis: which axis of a controller's recording, and what its units need.
-        keep_all: also write the columns that are no channel, under their own names.
-
     Raises TraceError: one line with the file, what was wrong and what was expected.
     """
     if keep_all and out.suffix.lower() == CSV_SUFFIX:

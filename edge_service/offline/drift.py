@@ -137,9 +137,7 @@ def drift(
 ) -> Answer:
     """Compare recordings, oldest first; with `out` write `drift.json` there.
 
-    Args:
-        by: columns whose values must be alike as well; by default tool and block, where every
-            recording has them.
+    The columns `by` must be alike as well; by default tool and block, where all have them.
 
     Raises ConfigError, TraceError.
     """

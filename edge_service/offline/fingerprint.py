@@ -32,17 +32,13 @@ RESPONSE = "frequency_response"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FingerprintDocument(AxisFingerprint):
-    """Content of `fingerprint.json`; null is left out there.
+    """Content of `fingerprint.json`; null is left out there."""
 
-    Attributes:
-        verdict: one sentence.
-        changes, appeared: against the baseline.
-        stated, modes: of a servo tuning: what the control states, notches and peaks.
-    """
-
-    verdict: str
+    verdict: str  # one sentence
+    # changes, appeared: against the baseline
     changes: list[dict[str, Any]] | None = None
     appeared: tuple[str, ...] | None = None
+    # stated, modes: of a servo tuning: what the control states, notches and peaks
     stated: dict[str, float] | None = None
     modes: list[Mode] | None = None
 
@@ -61,9 +57,6 @@ def fingerprint(
     Moves that several recordings repeat are compared, with the first as the oldest (`drift.json`).
     A servo tuning or frequency response of a SINUMERIK is a recording as well; on its own it needs
     no machine file.
-
-    Args:
-        by: columns whose values must be alike for moves to be compared.
 
     Raises ConfigError, TraceError, FingerprintError, ExaminationError.
     """

@@ -39,20 +39,15 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Files to be written, and where.
-
-    Attributes:
-        machine: a machine file that is there; None if one is written beside the configuration.
-        sheet: what stands in the one that is written.
-        force: overwrite what is there.
-    """
+    """Files to be written, and where."""
 
     source: Source
     out: Path
+    # a machine file that is there; None if one is written beside the configuration
     machine: Path | None = None
     axis: str = "X"
-    sheet: Sheet = field(default_factory=dict)
-    force: bool = False
+    sheet: Sheet = field(default_factory=dict)  # what stands in the one that is written
+    force: bool = False  # overwrite what is there
 
 
 def init(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:

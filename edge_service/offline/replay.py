@@ -26,11 +26,7 @@ async def replay_trace(
     announce: Callable[[str], None],
     axis_number: int | None = None,
 ) -> Answer:
-    """Run every node on a recording until its end (for ever with `hold`).
-
-    Args:
-        axis_number: the controller's number of the axis, in place of the machine file's.
-    """
+    """Run every node on a recording until its end (for ever with `hold`)."""
     name = load_machine(machine).axis.name
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": False}
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)

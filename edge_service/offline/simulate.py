@@ -53,23 +53,17 @@ class CommandedMotion:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of a simulation.
+    """Settings of a simulation."""
 
-    Attributes:
-        motion: name of the commanded motion, or NAME:duration_s=SECONDS.
-        effects: beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20
-            is weight on the table that the drive does not know of, external_force:file=f.csv
-            (time_s, force_n) a force along x that stands in the record.
-        duration_s: axis time; the motion's own unless given.
-        preload_percent: of the dynamic load rating; the machine file's fresh preload unless given.
-        seed: of noise and motion; the same seed gives the same bytes.
-    """
-
-    motion: str = "production"
+    motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
+    # beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20 is weight
+    # on the table that the drive does not know of, external_force:file=f.csv (time_s, force_n) a
+    # force along x that stands in the record
     effects: tuple[str, ...] = ()
-    duration_s: float | None = None
+    duration_s: float | None = None  # axis time; the motion's own unless given
+    # of the dynamic load rating; the machine file's fresh preload unless given
     preload_percent: float | None = None
-    seed: int = 1
+    seed: int = 1  # of noise and motion; the same seed gives the same bytes
     rate_hz: float = 1000.0
 
 
@@ -95,15 +89,20 @@ def simulate_session(
     begins and ends at rest at home. The files are called 01_friction.parquet, 02_warmup.parquet,
     ..., and appear once all are recorded.
 
-    Args:
-        settings: of the axis; its own motion and duration are not used.
-        motions: each NAME, or NAME:duration_s=SECONDS.
-
     Raises SimulationError, TraceError.
     """
     axis = _Axis(machine, settings)
     session = [axis.commanded(k, motion, returns=True) for k, motion in enumerate(motions, 1)]
     return axis.recorded(session, _numbered(out, [each.name for each in session]), progress)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommandedMotion:
+    """One motion from home on: its name, its setpoints and how many of them are wanted."""
+
+    name: str
+    setpoints: Setpoints
+    count: int
 
 
 class _Axis:
@@ -152,7 +151,20 @@ class _Axis:
         with contextlib.ExitStack() as files:
             writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
             for commanded, writer, path in zip(session, writers, paths, strict=True):
-                self._record(commanded, writer, progress, first)
+                rate_hz, count = self._settings.rate_hz, commanded.count
+                force_s, force_n = self._force
+                block = round(_BLOCK_S * rate_hz)
+                for done in range(0, count, block):
+                    rows = min(block, count - done)
+                    time_s = (first + done + np.arange(rows)) / rate_hz
+                    frame = self._drive.advance(
+                        commanded.setpoints.take(rows),
+                        np.full(rows, self._preload_percent),
+                        external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
+                        added_mass_kg=np.full(rows, self._load_kg),
+                    )
+                    writer.write(frame)
+                    progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
                 first += commanded.count
                 duration_s = commanded.count / self._settings.rate_hz
                 lines.append(
@@ -163,25 +175,6 @@ class _Axis:
                 recording |= {"motion": commanded.name, "preload_percent": self._preload_percent}
                 recordings.append(recording | {"effects": effects})
         return Answer("\n".join(lines), {"recordings": recordings})
-
-    def _record(
-        self, commanded: CommandedMotion, writer: TraceWriter, progress: Progress, first: int
-    ) -> None:
-        """Run a motion; `first` rows were recorded before."""
-        rate_hz, count = self._settings.rate_hz, commanded.count
-        force_s, force_n = self._force
-        block = round(_BLOCK_S * rate_hz)
-        for done in range(0, count, block):
-            rows = min(block, count - done)
-            time_s = (first + done + np.arange(rows)) / rate_hz
-            frame = self._drive.advance(
-                commanded.setpoints.take(rows),
-                np.full(rows, self._preload_percent),
-                external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
-                added_mass_kg=np.full(rows, self._load_kg),
-            )
-            writer.write(frame)
-            progress(f"recording {commanded.name}: {100 * (done + rows) // count} %")
 
 
 def parse_motion(text: str, duration_s: float | None = None) -> tuple[str, float | None]:
@@ -294,3 +287,64 @@ def _force(path: Path) -> Floats:
     if rows.shape[1] != 2 or not np.isfinite(rows).all() or np.any(np.diff(rows[:, 0]) <= 0.0):
         raise SimulationError(f"{path}: expected columns time_s, force_n, with rising times")
     return np.asarray(rows.T, dtype=np.float64)
+
+
+def parse_motion(text: str, duration_s: float | None = None) -> tuple[str, float | None]:
+    """Name and duration of NAME or NAME:duration_s=SECONDS; `duration_s` where it says none.
+
+    Raises MotionError: no such motion, or no such duration.
+
+    >>> parse_motion("warmup:duration_s=300")
+    ('warmup', 300.0)
+    """
+    name, _, rest = text.partition(":")
+    if name not in MOTIONS:
+        raise MotionError(f"motion: {name!r} is not one of {', '.join(sorted(MOTIONS))}")
+    if rest:
+        key, _, number = rest.partition("=")
+        if duration_s is not None:
+            raise MotionError(f"motion {name}: has two durations; expected one")
+        if key.strip() != "duration_s":
+            raise MotionError(f"motion {name}: {rest!r}, expected duration_s=SECONDS")
+        try:
+            duration_s = float(number)
+        except ValueError:
+            raise MotionError(f"motion {name}: duration_s: {number!r} is no number") from None
+    if duration_s is not None and not 0.0 < duration_s < math.inf:
+        raise MotionError(f"duration: expected a time above 0 s, got {duration_s:g} s")
+    return name, duration_s
+
+
+def commanded_motion(
+    name: str,
+    duration_s: float | None,
+    limits: MotionLimits,
+    rate_hz: float,
+    random: np.random.Generator,
+    *,
+    returns: bool = False,
+) -> CommandedMotion:
+    """The motion to its end, or for a duration and then no longer, even within a move.
+
+    Args:
+        returns: in whole moves, and then the way home, so that another can follow.
+
+    Raises MotionError: the axis does not allow it, or it takes longer than the duration.
+    """
+    motion = MOTIONS[name]
+    if duration_s is None and motion.duration_s(limits) is None:
+        duration_s = ENDLESS_DURATION_S
+    if duration_s is not None and not returns:
+        count = max(round(duration_s * rate_hz), 1)
+        setpoints = Setpoints(motion(limits, random), limits.low_m, rate_hz)
+        return CommandedMotion(name, setpoints, count)
+    if returns:
+        segments = list(motion.plan(limits, random, duration_s=duration_s).segments)
+        away_m = sum(segment.distance_m for segment in segments)
+        if abs(away_m) > _AT_HOME_M:
+            rapid = (limits.rapid_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
+            segments += [Move(-away_m, *rapid), Dwell(_HOME_REST_S)]
+    else:
+        segments = list(motion(limits, random))
+    count = sum(samples_of(segment, rate_hz) for segment in segments)
+    return CommandedMotion(name, Setpoints(iter(segments), limits.low_m, rate_hz), count)

@@ -28,12 +28,7 @@ class OutputUnavailableError(Exception):
 
 
 class OutputMisconfiguredError(Exception):
-    """The configuration is wrong; trying again will not help.
-
-    Args:
-        key: the key of the output's table that is wrong.
-        problem: what is wrong with it and what was expected.
-    """
+    """The configuration is wrong; trying again will not help."""
 
     def __init__(self, key: str, problem: str) -> None:
         super().__init__(f"{key}: {problem}")
@@ -55,29 +50,21 @@ class OutputConfig(Table):
 
 @dataclass(frozen=True, slots=True)
 class OutputContext:
-    """Facts that an output may need of the service.
+    """Facts that an output may need of the service."""
 
-    Attributes:
-        name: of its table.
-        axes: names of all axes.
-        folder: state folder; None without.
-        page: address at which people reach the page; empty if they cannot.
-        knows: tells whether a user's name and token fit; None lets anybody look.
-        words: texts of the page by key, of a language.
-        is_test: whether it sends one test message while the service may be running beside it.
-        gone: names of axes that were removed, of which nothing is to stay.
-    """
-
-    name: str
+    name: str  # of its table
     site: str
     machine: str
-    axes: tuple[str, ...] = ()
-    folder: Path | None = None
-    page: str = ""
+    axes: tuple[str, ...] = ()  # names of all axes
+    folder: Path | None = None  # state folder; None without
+    page: str = ""  # address at which people reach the page; empty if they cannot
+    # tells whether a user's name and token fit; None lets anybody look
     knows: Callable[[str, str], bool] | None = None
+    # texts of the page by key, of a language
     words: Callable[[str], Mapping[str, str]] = lambda _language: {}
+    # whether it sends one test message while the service may be running beside it
     is_test: bool = False
-    gone: tuple[str, ...] = ()
+    gone: tuple[str, ...] = ()  # names of axes that were removed, of which nothing is to stay
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,14 +85,6 @@ class Output(ABC):
     `open`, `take` and `close` may be called in any order and twice; `open` does nothing while it is
     open. Each raises OutputUnavailableError while the other side is away; `take` raises it before
     `open` as well, and RefusedError for events that the other side will never take.
-
-    Args:
-        config: its table.
-        context: see above. Raises OutputMisconfiguredError.
-
-    Attributes:
-        takes_answers: whether it is handed answers, each as it changes and at least every second.
-        receivers: names of those whom events are sent to, each with a queue of its own.
     """
 
     config_model: ClassVar[type[OutputConfig]]
@@ -115,7 +94,9 @@ class Output(ABC):
     """Events of this time go together, s."""
     most_per_hour: ClassVar[int | None] = None
     """Messages with events in an hour; then events wait, and go together."""
+    # whether it is handed answers, each as it changes and at least every second
     takes_answers: bool = True
+    # names of those whom events are sent to, each with a queue of its own
     receivers: tuple[str, ...] = ()
 
     def __init__(self, config: Any, context: OutputContext) -> None:

@@ -79,8 +79,6 @@ class MetricsOutput(Output):
         """The text format of Prometheus; a number that does not exist has no sample.
 
         Args:
-            configuration: its digest.
-            temperature_c: by axis, where it is measured.
             dropped: payloads that were not used, by topic and reason.
             outboxes: by output: events that wait, dead letters, UNIX time of the oldest, ns.
         """

@@ -38,14 +38,10 @@ ONLINE, OFFLINE = "online", "offline"
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
-    """`[outputs.mqtt]`.
-
-    Attributes:
-        prefix: first part of the topics of JSON.
-    """
+    """`[outputs.mqtt]`."""
 
     format: Literal["json", "home-assistant", "sparkplug"] = "json"
-    prefix: str = "feeddrive"
+    prefix: str = "feeddrive"  # first part of the topics of JSON
 
     @field_validator("prefix")
     @classmethod
@@ -115,7 +111,19 @@ class MqttOutput(Output):
         if isinstance(message, AxisAnswer):
             now_s = time.monotonic()
             if now_s - self._sent_s.get(message.axis, -PERIOD_S) >= PERIOD_S:
-                await self._tell(message)
+                preload, health = preload_of(message), health_of(message)
+                if self._node is None:
+                    await self._publish(
+                        f"{self._root}/{message.axis}/{PRELOAD.name}", preload, retain=True
+                    )
+                    await self._publish(
+                        f"{self._root}/{message.axis}/{HEALTH.name}", health, retain=True
+                    )
+                elif message.is_heard:
+                    values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
+                    await self._tell_device(message.axis, values)
+                else:
+                    await self._tell_device(message.axis, None)
                 self._sent_s[message.axis] = now_s
             return
         for event in message.events:
@@ -135,17 +143,6 @@ class MqttOutput(Output):
                 async with asyncio.timeout(ANSWER_S):
                     await self._publish(*self._death(), retain=self._node is None)
         await self._disconnect()
-
-    async def _tell(self, answer: AxisAnswer) -> None:
-        preload, health = preload_of(answer), health_of(answer)
-        if self._node is None:
-            await self._publish(f"{self._root}/{answer.axis}/{PRELOAD.name}", preload, retain=True)
-            await self._publish(f"{self._root}/{answer.axis}/{HEALTH.name}", health, retain=True)
-        elif answer.is_heard:
-            values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
-            await self._tell_device(answer.axis, values)
-        else:
-            await self._tell_device(answer.axis, None)
 
     async def _tell_device(self, axis: str, values: dict[str, Any] | None) -> None:
         assert self._node is not None

@@ -50,16 +50,12 @@ Values = dict[tuple[str, str], tuple[str, ...]]
 
 
 class MtconnectConfig(ListeningConfig):
-    """`[outputs.mtconnect]`.
-
-    Attributes:
-        endpoint: where agents connect.
-        allow_plain: also beyond loopback, where others may read along; the protocol has neither
-            encryption nor login.
-    """
+    """`[outputs.mtconnect]`."""
 
     scheme, usual_port = "tcp", 7878
-    endpoint: str = "tcp://127.0.0.1:7878"
+    endpoint: str = "tcp://127.0.0.1:7878"  # where agents connect
+    # also beyond loopback, where others may read along; the protocol has neither encryption nor
+    # login
     allow_plain: bool = False
 
     @model_validator(mode="after")

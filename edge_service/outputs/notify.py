@@ -62,17 +62,12 @@ class _Status(logging.Handler):
 
 
 class NotifyConfig(OutputConfig):
-    """`[outputs.notify]`.
+    """`[outputs.notify]`."""
 
-    Attributes:
-        urls_file: a URL of apprise a line, for its owner alone, as it may hold secrets.
-        events: kinds of the events that are told.
-        level: the least that is told.
-    """
-
-    urls_file: Path
+    urls_file: Path  # a URL of apprise a line, for its owner alone, as it may hold secrets
+    # kinds of the events that are told
     events: tuple[str, ...] = Field(("alarm_raised", "alarm_cleared"), min_length=1)
-    level: Literal["NORMAL", "WARNING", "FAULT"] = "WARNING"
+    level: Literal["NORMAL", "WARNING", "FAULT"] = "WARNING"  # the least that is told
     language: Literal["en", "de"] = "en"
 
 

@@ -55,16 +55,12 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all th
 
 
 class OpcuaConfig(ListeningConfig):
-    """`[outputs.opcua]`.
-
-    Attributes:
-        endpoint: where clients connect.
-        certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both
-            are needed beyond loopback.
-    """
+    """`[outputs.opcua]`."""
 
     scheme, usual_port = "opc.tcp", 4840
-    endpoint: str = "opc.tcp://127.0.0.1:4840"
+    endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
+    # certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both are
+    # needed beyond loopback
     certificate: Path | None = None
     private_key: Path | None = None
 
@@ -257,11 +253,7 @@ class _Sessions(InternalServer):
 
 
 class BoundedServer(Server):
-    """Server with bounded sessions, messages and buffers.
-
-    Args:
-        user_manager: answers who is let in.
-    """
+    """Server with bounded sessions, messages and buffers."""
 
     def __init__(self, user_manager: Any) -> None:
         bounds = _Sessions(user_manager)

@@ -64,19 +64,13 @@ Nodes = dict[str, list[ua.NodeId]]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One variable of an axis.
+    """One variable of an axis."""
 
-    Attributes:
-        kind: type of its value.
-        read: its path in an answer, or what finds it there; None where there is none.
-        unit: of a number.
-        default: in place of None.
-    """
-
-    kind: ua.VariantType
+    kind: ua.VariantType  # type of its value
+    # its path in an answer, or what finds it there; None where there is none
     read: str | Callable[[AxisAnswer], Any]
-    unit: str = ""
-    default: str | None = None
+    unit: str = ""  # of a number
+    default: str | None = None  # in place of None
 
 
 def _device_health(answer: AxisAnswer) -> int | None:

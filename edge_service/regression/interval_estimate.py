@@ -20,23 +20,17 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
-    """One identified quantity; in a document null stands for what is not finite.
+    """One identified quantity; in a document null stands for what is not finite."""
 
-    Attributes:
-        value: the estimate; NaN where the data says nothing.
-        low, high: bounds that hold the truth with probability `LEVEL`; infinite where the data
-            sets none.
-        unit: of the three.
-        n_effective: independent observations behind it; a correlated residual has fewer than rows.
-        note: why it is undetermined, or what to keep in mind.
-    """
-
-    value: _Value
+    value: _Value  # the estimate; NaN where the data says nothing
+    # low, high: bounds that hold the truth with probability `LEVEL`; infinite where the data sets
+    # none
     low: _Low
     high: _High
-    unit: str
+    unit: str  # of the three
+    # independent observations behind it; a correlated residual has fewer than rows
     n_effective: _High
-    note: str = ""
+    note: str = ""  # why it is undetermined, or what to keep in mind
 
     @property
     def determined(self) -> bool:
@@ -64,11 +58,7 @@ def normal_quantile() -> float:
 
 
 def student_quantile(freedom: float) -> float:
-    """Half width of the interval in estimated standard deviations, Student's t.
-
-    Args:
-        freedom: effective observations less the parameters; below 1 there is no finite interval.
-    """
+    """Half width of the interval in estimated standard deviations, Student's t; may be infinite."""
     return float(stats.t.ppf(0.5 + 0.5 * LEVEL, freedom)) if freedom >= 1.0 else math.inf
 
 

@@ -33,19 +33,12 @@ _LEAST_SHARE = 0.1  # of the residual that is the torque's own noise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseDynamics:
-    """Inverse model of an axis.
+    """Inverse model of an axis."""
 
-    Attributes:
-        parameters: by the names of `UNITS`.
-        fit: the regression behind it.
-        method: `least_squares`, `instrumental` or `total`.
-        seconds: of motion used.
-    """
-
-    parameters: Mapping[str, IntervalEstimate]
-    fit: LinearFit
-    method: str
-    seconds: float
+    parameters: Mapping[str, IntervalEstimate]  # by the names of `UNITS`
+    fit: LinearFit  # the regression behind it
+    method: str  # `least_squares`, `instrumental` or `total`
+    seconds: float  # of motion used
 
 
 def identify_inverse_dynamics(

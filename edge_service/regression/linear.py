@@ -24,27 +24,16 @@ LEAST_SIGNAL = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearFit:
-    """Coefficients of target = design @ coefficients, with what is known about them.
+    """Coefficients of target = design @ coefficients, with what is known about them."""
 
-    Attributes:
-        names: of the regressors.
-        coefficients: (p,); of smallest norm where the data leaves a choice.
-        covariance: (p, p); infinite on the diagonal of what is undetermined.
-        residual: target - design @ coefficients, (n,).
-        residual_std: with n - p degrees of freedom, in the unit of the target.
-        observations: (p,), effective number behind each coefficient.
-        n_effective: of the residual.
-        notes: why a regressor is undetermined, by its name.
-    """
-
-    names: tuple[str, ...]
-    coefficients: Floats
-    covariance: Floats
-    residual: Floats
-    residual_std: float
-    observations: Floats
-    n_effective: float
-    notes: dict[str, str]
+    names: tuple[str, ...]  # of the regressors
+    coefficients: Floats  # (p,); of smallest norm where the data leaves a choice
+    covariance: Floats  # (p, p); infinite on the diagonal of what is undetermined
+    residual: Floats  # target - design @ coefficients, (n,)
+    residual_std: float  # with n - p degrees of freedom, in the unit of the target
+    observations: Floats  # (p,), effective number behind each coefficient
+    n_effective: float  # of the residual
+    notes: dict[str, str]  # why a regressor is undetermined, by its name
 
     def interval_estimate(self, name: str, unit: str) -> IntervalEstimate:
         """One coefficient with its interval. Raises ValueError for an unknown name."""
@@ -87,9 +76,6 @@ def least_squares(
     """Ordinary least squares by a rank-revealing singular value decomposition.
 
     Args:
-        names: of the p regressors.
-        design: (n, p).
-        target: (n,).
         noise_rms: noise within each regressor, (p,), in its unit; one that is little more than
             its noise is left out as undetermined instead of being found to be nothing.
 
@@ -115,12 +101,7 @@ def instrumental_variables(
 
     Consistent where regressors carry noise, or where a controller feeds the residual back into
     them, if the instruments follow the motion and know nothing of the noise: the same regressors
-    from the commanded motion (Janot, Vandanjon and Gautier, 2014).
-
-    Args:
-        design: (n, p).
-        target: (n,).
-        instruments: Z, (n, p), one per regressor.
+    from the commanded motion (Janot, Vandanjon and Gautier, 2014). Z is (n, p) as X is.
 
     Raises ValueError: like `least_squares`; shapes differ.
     """
@@ -155,8 +136,6 @@ def total_least_squares(
     with lambda^2 noise^2 taken off the diagonal of X' X, which gives the influence of each row.
 
     Args:
-        design: (n, p).
-        target: (n,).
         noise_rms: (p,), noise within each regressor; 0 is exact. Noises are independent.
         target_noise_rms: greater than 0.
 

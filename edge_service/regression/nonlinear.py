@@ -22,37 +22,27 @@ _BOUND_SHARE = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One parameter of a nonlinear model.
-
-    Attributes:
-        low, high: hard bounds, finite.
-        unit: of the parameter.
-        logarithmic: searched in its logarithm, for scales of speed or stiffness; low is then
-            greater than 0. A bound that the data does not rule out stands for 0 or infinity.
-        floor: what the lower bound stands for, where it is not logarithmic and means "none".
-    """
+    """One parameter of a nonlinear model."""
 
     name: str
+    # low, high: hard bounds, finite
     low: float
     high: float
-    unit: str
+    unit: str  # of the parameter
+    # searched in its logarithm, for scales of speed or stiffness; low is then greater than 0. A
+    # bound that the data does not rule out stands for 0 or infinity
     logarithmic: bool = False
+    # what the lower bound stands for, where it is not logarithmic and means "none"
     floor: float = -math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NonlinearFit:
-    """The best fit of all starts.
+    """The best fit of all starts."""
 
-    Attributes:
-        values: (p,), in the units of the unknowns.
-        parameters: by name, with their intervals.
-        residual: weighted, (n,).
-    """
-
-    values: Floats
-    parameters: dict[str, IntervalEstimate]
-    residual: Floats
+    values: Floats  # (p,), in the units of the unknowns
+    parameters: dict[str, IntervalEstimate]  # by name, with their intervals
+    residual: Floats  # weighted, (n,)
 
 
 Residual = Callable[[Floats], Floats]

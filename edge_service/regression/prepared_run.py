@@ -49,21 +49,14 @@ _REACH_PERIODS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class PreparationSettings:
-    """Settings for the filtering of recordings.
+    """Settings for the filtering of recordings."""
 
-    Attributes:
-        ratio_m_per_rad: R_t of (4.3.5); a recording without a rotary encoder gets x / R_t.
-        cutoff_hz: of the low-pass, run forwards and backwards.
-        edge_s: cut from both ends of a run, where the filters have no past or no future.
-        standstill_rad_s: motor speed below which friction is undetermined.
-        torque_delay_s: by how much the middle of a torque's action lies after its time stamp; half
-            a period for a command that is held until the next. 0 takes it as a continuous signal.
-    """
-
-    ratio_m_per_rad: float
-    cutoff_hz: float = 100.0
-    edge_s: float = 0.02
-    standstill_rad_s: float = 0.1
+    ratio_m_per_rad: float  # R_t of (4.3.5); a recording without a rotary encoder gets x / R_t
+    cutoff_hz: float = 100.0  # of the low-pass, run forwards and backwards
+    edge_s: float = 0.02  # cut from both ends of a run, where the filters have no past or no future
+    standstill_rad_s: float = 0.1  # motor speed below which friction is undetermined
+    # by how much the middle of a torque's action lies after its time stamp; half a period for a
+    # command that is held until the next. 0 takes it as a continuous signal
     torque_delay_s: float = 0.0
 
     @classmethod
@@ -72,9 +65,7 @@ class PreparationSettings:
     ) -> "PreparationSettings":
         """Settings for recordings of a torque that is held from sample to sample.
 
-        Args:
-            cutoff_hz: of the low-pass; less where the samples are too far apart for it.
-
+        The cutoff is less where the samples are too far apart for it.
         Raises ValueError: a clock that stands.
         """
         steps = np.concatenate([np.diff(frame.time_s) for frame in frames])
@@ -91,25 +82,18 @@ class PreparationSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedRun:
-    """One unbroken run: low-passed channels and the motion that follows from them.
+    """One unbroken run: low-passed channels and the motion that follows from them."""
 
-    Attributes:
-        start_s, period_s: of the samples, before decimation, s.
-        channels: low-passed, shape (n,); the angle is always there.
-        speed_rad_s, acceleration_rad_s2: of the motor, (n,).
-        moving: samples not at, nor within the reach of the low-pass of, a standstill, (n,).
-        noise_rms: white noise of the raw position channels, by channel.
-        settings: what it was prepared with.
-    """
-
+    # start_s, period_s: of the samples, before decimation, s
     start_s: float
     period_s: float
-    channels: Mapping[str, Floats]
+    channels: Mapping[str, Floats]  # low-passed, shape (n,); the angle is always there
+    # speed_rad_s, acceleration_rad_s2: of the motor, (n,)
     speed_rad_s: Floats
     acceleration_rad_s2: Floats
-    moving: Booleans
-    noise_rms: Mapping[str, float]
-    settings: PreparationSettings
+    moving: Booleans  # samples not at, nor within the reach of the low-pass of, a standstill, (n,)
+    noise_rms: Mapping[str, float]  # white noise of the raw position channels, by channel
+    settings: PreparationSettings  # what it was prepared with
 
     def __len__(self) -> int:
         return len(self.speed_rad_s)
@@ -140,10 +124,7 @@ def prepare(
 ) -> Iterator[PreparedRun]:
     """Clean, filter and differentiate one recording, run by run, in bounded memory.
 
-    Args:
-        frames: one recording in its order.
-        required: channels that every row must have, beside a position of motor or table.
-
+    Every row must have the required channels, beside a position of motor or table.
     Raises ValueError: a channel is missing, or the low-pass lies above half of the sampling rate.
     """
     angled = with_angle(frames, settings.ratio_m_per_rad)

@@ -24,13 +24,9 @@ _ROWS_PER_CUTOFF = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filter:
-    """Zero-phase low-pass that keeps every `step`-th sample.
+    """Zero-phase low-pass that keeps every `step`-th sample."""
 
-    Attributes:
-        taps: symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,).
-    """
-
-    taps: Floats
+    taps: Floats  # symmetric impulse response of a Butterworth filter run both ways, (2 m + 1,)
     step: int
     period_s: float
 
@@ -90,30 +86,22 @@ def is_below(period_s: float, least_hz: float) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Unbroken run at its native rate, edges cut off; all arrays (n,).
+    """Unbroken run at its native rate, edges cut off; all arrays (n,)."""
 
-    Attributes:
-        motion: of the motor, from the filtered angle, with what the baseline says of it.
-        moving: samples that are not at rest.
-        resolved: samples whose acceleration the sampling follows; all, unless it is slow.
-        clipped: samples near which the motion takes more torque than the drive's limit, and the
-            reading stays there: the torque is not known but for its least size.
-        transmission_m: table position minus that of the angle; None without a linear encoder.
-        temperature_c, setpoint_m: None where not recorded.
-        recording: number of the file that it comes from.
-        noise: white noise of the raw channels, by channel.
-    """
-
-    motion: Motion
-    moving: Booleans
-    resolved: Booleans
+    motion: Motion  # of the motor, from the filtered angle, with what the baseline says of it
+    moving: Booleans  # samples that are not at rest
+    resolved: Booleans  # samples whose acceleration the sampling follows; all, unless it is slow
+    # samples near which the motion takes more torque than the drive's limit, and the reading stays
+    # there: the torque is not known but for its least size
     clipped: Booleans
+    # table position minus that of the angle; None without a linear encoder
     transmission_m: Floats | None
+    # temperature_c, setpoint_m: None where not recorded
     temperature_c: Floats | None
     setpoint_m: Floats | None
-    recording: int
+    recording: int  # number of the file that it comes from
     low_pass: Filter
-    noise: dict[str, float]
+    noise: dict[str, float]  # white noise of the raw channels, by channel
 
     @property
     def period_s(self) -> float:

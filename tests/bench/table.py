@@ -23,19 +23,13 @@ class BenchError(BadInputError):
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table.
+    """One table."""
 
-    Attributes:
-        heads: of the columns.
-        rows: cells of each row, as many as heads; numbers are flush right.
-        notes: what must be known to read them.
-        figures: that the rows show, for programs.
-    """
-
-    heads: tuple[str, ...]
+    heads: tuple[str, ...]  # of the columns
+    # cells of each row, as many as heads; numbers are flush right
     rows: tuple[tuple[object, ...], ...]
-    notes: tuple[str, ...] = ()
-    figures: "tuple[Figure, ...]" = ()
+    notes: tuple[str, ...] = ()  # what must be known to read them
+    figures: "tuple[Figure, ...]" = ()  # that the rows show, for programs
 
     @classmethod
     def of(cls, rows: Iterable[Mapping[str, object]], *notes: str) -> "Table":
@@ -92,19 +86,14 @@ def cell(figure: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A measured number beside a peer's and an aim.
-
-    Attributes:
-        theirs: the same of a peer, in `unit`; less is better.
-        peer: its name.
-        at_least, at_most: the aim; of the ratio if there is a peer, else of the value.
-    """
+    """A measured number beside a peer's and an aim."""
 
     name: str
     value: float
     unit: str
-    theirs: float | None = None
-    peer: str = ""
+    theirs: float | None = None  # the same of a peer, in `unit`; less is better
+    peer: str = ""  # its name
+    # at_least, at_most: the aim; of the ratio if there is a peer, else of the value
     at_least: float | None = None
     at_most: float | None = None
 

@@ -62,7 +62,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, in
     folder = tmp_path_factory.mktemp("proxied")
     (folder / "certificates").mkdir()
     write_certificates(folder / "certificates", "edge-box")
-    text = DEFAULT_CONFIG.read_text().replace('"commissioned.toml"', f'"{_machine()}"')
+    machine = DEFAULT_CONFIG.parent / "commissioned.toml"
+    text = DEFAULT_CONFIG.read_text().replace('"commissioned.toml"', f'"{machine}"')
     text = text.replace("port = 8080", 'port = 0\nurl = "https://edge-box/"')
     text = text.replace("tcp/127.0.0.1:7447", "tcp/127.0.0.1:0")
     text = text.replace('# folder = "state"', 'folder = "state"')
@@ -73,10 +74,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, in
         assert program.stdout is not None
         port = int(program.stdout.readline().rstrip("/\n").rpartition(":")[2])
         yield folder, port, token
-
-
-def _machine() -> Path:
-    return DEFAULT_CONFIG.parent / "commissioned.toml"
 
 
 def nginx(folder: Path, own: int, port: int) -> list[str]:

@@ -24,21 +24,13 @@ Action = Callable[[], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class DriverBench:
-    """A source and the drivers that read it.
+    """A source and the drivers that read it."""
 
-    Attributes:
-        make: a new driver for the source.
-        lose: takes the source away; None where it cannot go.
-        bring_back: puts it back.
-        spoil: from now on the source's values are bad; None where it has none.
-        heal: from now on they are good again.
-    """
-
-    make: Callable[[], Driver]
-    lose: Action | None = None
-    bring_back: Action | None = None
-    spoil: Action | None = None
-    heal: Action | None = None
+    make: Callable[[], Driver]  # a new driver for the source
+    lose: Action | None = None  # takes the source away; None where it cannot go
+    bring_back: Action | None = None  # puts it back
+    spoil: Action | None = None  # from now on the source's values are bad; None where it has none
+    heal: Action | None = None  # from now on they are good again
 
 
 @asynccontextmanager

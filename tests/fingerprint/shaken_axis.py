@@ -20,24 +20,17 @@ TICKS = 5
 
 @dataclass(frozen=True)
 class Axis:
-    """Motor, screw and table; a nut of two opposed contacts F ~ d^n; SI units.
-
-    Attributes:
-        share: of the nut in the compliance, fresh.
-        softer: compliance of the rest over that at first.
-        base_hz, base_kg: a machine bed under the table; no bed without a mass.
-        delay_s: of the recorded angle after the recorded torque.
-    """
+    """Motor, screw and table; a nut of two opposed contacts F ~ d^n; SI units."""
 
     inertia_kg_m2: float = 1.5e-3
     table_kg: float = 60.0
     lead_m: float = 0.02
     antiresonance_hz: float = 98.0
-    share: float = 0.25
+    share: float = 0.25  # of the nut in the compliance, fresh
     contact: float = 1.5
     preload_n: float = 2000.0
     preload: float = 1.0
-    softer: float = 1.0
+    softer: float = 1.0  # compliance of the rest over that at first
     payload_kg: float = 0.0
     hanging_n: float = 0.0
     nut_nm: float = 0.2
@@ -46,9 +39,10 @@ class Axis:
     damping: float = 0.03
     friction: float = 1.0
     torque_factor: float = 1.0
+    # base_hz, base_kg: a machine bed under the table; no bed without a mass
     base_hz: float = 0.0
     base_kg: float = 0.0
-    delay_s: float = 5e-4
+    delay_s: float = 5e-4  # of the recorded angle after the recorded torque
     feedforward: bool = True
 
     @property

@@ -8,7 +8,7 @@ import pytest
 
 from edge_service.fingerprint.compare import Drift, SectionDrift, compare_moves
 from edge_service.fingerprint.moves import Move, find_moves
-from edge_service.messages.samples import TIME, Floats, SampleFrame
+from edge_service.messages.samples import TIME, SampleFrame
 from edge_service.offline.drift import DriftReport
 
 from .. import foreign_plant as plant
@@ -22,17 +22,11 @@ _MOVES = ((0.25, 0.1), (0.20, 0.1), (0.50, 0.4), (0.20, 0.4))
 
 @dataclass(frozen=True, slots=True)
 class Day:
-    """State of the axis on one day.
+    """State of the axis on one day."""
 
-    Attributes:
-        preload_share: of the fresh preload.
-        friction: factor on all dry friction.
-        warm: whether it is warm from the start.
-    """
-
-    preload_share: float = 1.0
-    friction: float = 1.0
-    warm: bool = False
+    preload_share: float = 1.0  # of the fresh preload
+    friction: float = 1.0  # factor on all dry friction
+    warm: bool = False  # whether it is warm from the start
 
     def events(self) -> tuple[Any, ...]:
         """Settings that the plant is told."""
@@ -44,9 +38,13 @@ class Day:
 def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
     """Moves of a recording of that day."""
     machine = plant.Machine()
+    route = Route(0.2)
+    for _ in range(REPEATS):
+        for place_m, speed_m_s in _MOVES:
+            route.to(place_m, speed_m_s, 2.0, 0.2)
     case = plant.axis_case(
         day.preload_share * machine.preload_percent,
-        setpoint_m=_part(),
+        setpoint_m=route.positions(),
         events=day.events(),
         seed=seed,
         axis_seed=axis_seed,
@@ -58,14 +56,6 @@ def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
 def compared(*days: Day, seed: int = 1) -> tuple[SectionDrift, ...]:
     """Comparison of recordings of these days, each with a noise of its own."""
     return compare_moves([moves_of(day, 100 * seed + k) for k, day in enumerate(days)])
-
-
-def _part() -> Floats:
-    route = Route(0.2)
-    for _ in range(REPEATS):
-        for place_m, speed_m_s in _MOVES:
-            route.to(place_m, speed_m_s, 2.0, 0.2)
-    return route.positions()
 
 
 SLOW = 0

@@ -26,17 +26,13 @@ EXPONENTIAL = {
 ERROR_NM = 1e-3
 
 
-def points_on(torque_nm: Floats, speed_rad_s: Floats, seed: int) -> list[FrictionPoint]:
+def exponential_points(seed: int, speed_rad_s: Floats = BOTH_WAYS) -> list[FrictionPoint]:
+    torque_nm = exponential_friction(speed_rad_s, 0.3, 0.42, 4.0, 5e-3) - 0.02
     noise = ERROR_NM * np.random.default_rng(seed).standard_normal(len(torque_nm))
     return [
         FrictionPoint(0.0, float(v), float(u), ERROR_NM)
         for v, u in zip(speed_rad_s, torque_nm + noise, strict=True)
     ]
-
-
-def exponential_points(seed: int, speed_rad_s: Floats = BOTH_WAYS) -> list[FrictionPoint]:
-    friction = exponential_friction(speed_rad_s, 0.3, 0.42, 4.0, 5e-3)
-    return points_on(friction - 0.02, speed_rad_s, seed)
 
 
 def test_the_exponential_form_is_found_within_its_intervals() -> None:

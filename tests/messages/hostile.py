@@ -2,7 +2,6 @@
 
 import json
 import struct
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -38,10 +37,17 @@ def payloads(topic: Topic[Any]) -> st.SearchStrategy[bytes]:
     """Bytes that claim to be of a topic."""
     good = example(topic)
     inside = _blocks if topic.encoding == BLOCK_ENCODING else _messages
+
+    def flip(bits: list[int]) -> bytes:
+        damaged = bytearray(good)
+        for bit in bits:
+            damaged[bit // 8] ^= 1 << bit % 8
+        return bytes(damaged)
+
     return st.one_of(
         st.binary(max_size=200),
         st.integers(0, len(good)).map(lambda end: good[:end]),
-        st.lists(st.integers(0, 8 * len(good) - 1), min_size=1, max_size=8).map(_flipped(good)),
+        st.lists(st.integers(0, 8 * len(good) - 1), min_size=1, max_size=8).map(flip),
         inside(good),
         inside(good),
         inside(good),
@@ -53,16 +59,6 @@ def hostile() -> st.SearchStrategy[tuple[str, bytes]]:
     return st.sampled_from(sorted(TOPICS)).flatmap(
         lambda name: st.tuples(st.just(name), payloads(TOPICS[name]))
     )
-
-
-def _flipped(good: bytes) -> Callable[[list[int]], bytes]:
-    def flip(bits: list[int]) -> bytes:
-        damaged = bytearray(good)
-        for bit in bits:
-            damaged[bit // 8] ^= 1 << bit % 8
-        return bytes(damaged)
-
-    return flip
 
 
 def _bytes(value: Any) -> bytes:

@@ -1,4 +1,4 @@
-"""What fails in one axis or output stays there; what fails elsewhere ends the process in a line."""
+"""A failing axis or output stops alone; another failure ends the process with one line."""
 
 import asyncio
 import logging

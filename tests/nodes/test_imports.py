@@ -1,4 +1,4 @@
-"""What a service loads that nobody asked for more: memory on a small computer."""
+"""Libraries that are loaded at the start: none that a small computer may never need."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ def test_the_nodes_load_no_library_before_it_is_needed() -> None:
 
 
 def test_the_command_line_loads_no_arithmetic_before_it_is_needed() -> None:
-    """Help, and what a shell completes, must be there at once."""
+    """Help and completion by the shell must answer at once."""
     code = "import sys; import edge_service.cli.entry; print('numpy' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "False"

@@ -1,5 +1,4 @@
-"""What one command finds wrong in a recording the others say in the same words, and so does a
-running axis."""
+"""All commands, and a running axis, name a fault of a recording in the same words."""
 
 import json
 from collections.abc import Callable

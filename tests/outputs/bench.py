@@ -18,21 +18,16 @@ SECRET = "hush-hush-1234"
 
 @dataclass(frozen=True, slots=True)
 class OutputBench:
-    """The other side of an output, and outputs that tell it.
+    """The other side of an output, and outputs that tell it."""
 
-    Attributes:
-        make: a new output for the other side.
-        heard: whether the other side has heard of axis X.
-        lose, bring_back: take the other side away, or what the output needs to listen.
-        hanging: an output whose other side answers nothing; None where there is none.
-        refusing: an output whose other side takes no event; None where there is none.
-    """
-
-    make: Callable[[], Output]
-    heard: Callable[[], Awaitable[bool]]
+    make: Callable[[], Output]  # a new output for the other side
+    heard: Callable[[], Awaitable[bool]]  # whether the other side has heard of axis X
+    # lose, bring_back: take the other side away, or what the output needs to listen
     lose: Callable[[], Awaitable[None]]
     bring_back: Callable[[], Awaitable[None]]
+    # an output whose other side answers nothing; None where there is none
     hanging: Callable[[], Output] | None = None
+    # an output whose other side takes no event; None where there is none
     refusing: Callable[[], Output] | None = None
 
 

@@ -38,19 +38,12 @@ _WINDOW_BINS = 1.5
 
 @dataclass(frozen=True, slots=True)
 class FrictionPoint:
-    """Torque at one constant speed.
+    """Torque at one constant speed."""
 
-    Attributes:
-        time_s: middle of the cruise, s.
-        speed_rad_s: mean motor speed, signed, rad/s.
-        torque_nm: mean torque, signed, N m; what its mean acceleration needs is taken off.
-        standard_error_nm: of that mean, from the effective number of samples, N m.
-    """
-
-    time_s: float
-    speed_rad_s: float
-    torque_nm: float
-    standard_error_nm: float
+    time_s: float  # middle of the cruise, s
+    speed_rad_s: float  # mean motor speed, signed, rad/s
+    torque_nm: float  # mean torque, signed, N m; what its mean acceleration needs is taken off
+    standard_error_nm: float  # of that mean, from the effective number of samples, N m
 
     @property
     def forward(self) -> bool:
@@ -61,12 +54,7 @@ class FrictionPoint:
 def friction_points(
     runs: Iterable[PreparedRun], inertia_kg_m2: float = 0.0
 ) -> Iterator[FrictionPoint]:
-    """One point per cruise.
-
-    Args:
-        runs: with torque.
-        inertia_kg_m2: of the axis at the motor, for the small acceleration that is left.
-    """
+    """One point per cruise; the axis' inertia takes off the small acceleration that is left."""
     for run in runs:
         for cruise in cruises(run):
             torque = run.channels[TORQUE][cruise] - inertia_kg_m2 * run.acceleration_rad_s2[cruise]
@@ -128,9 +116,6 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     Welch's average over segments of whole revolutions, sampled evenly over the angle. Balls pass
     at orders that need their number and diameter; without them their band is given as a whole.
     Orders that the low-pass of the preparation weakens at this speed are left out.
-
-    Args:
-        balls: orders of the balls; None where the machine file does not know them.
 
     Raises ValueError: no cruise is long enough.
     """

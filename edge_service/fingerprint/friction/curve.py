@@ -68,14 +68,10 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionParts:
-    """Parts of a friction curve.
+    """Parts of a friction curve."""
 
-    Attributes:
-        parameters: with intervals.
-        values: of the curve, by the same names; a part that is missing is not in it.
-    """
-
-    parameters: Mapping[str, IntervalEstimate]
+    parameters: Mapping[str, IntervalEstimate]  # with intervals
+    # of the curve, by the same names; a part that is missing is not in it
     values: Mapping[str, float]
 
     def torque_nm(self, speed_rad_s: Floats) -> Floats:
@@ -108,7 +104,30 @@ def friction_parts(points: Sequence[FrictionPoint]) -> FrictionParts:
         sigma_below = (excess.value - excess.low) / normal_quantile()
         if excess.value > STRIBECK_SIGMAS * sigma_below:
             return full
-    return _straight(points)
+    speed = np.array([point.speed_rad_s for point in points])
+    torque = np.array([point.torque_nm for point in points])
+    error = np.array([point.standard_error_nm for point in points])
+    weight = 1.0 / np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
+    both = bool((speed > 0.0).any() and (speed < 0.0).any())
+    names = {"coulomb_nm": "N m", "viscous_nm_s_per_rad": "N m s/rad"}
+    columns = [np.sign(speed), speed]
+    if both:
+        names["offset_nm"] = "N m"
+        columns.append(np.ones_like(speed))
+    design = np.column_stack(columns) * weight[:, None]
+    inverse = np.linalg.pinv(design)
+    found = inverse @ (torque * weight)
+    freedom = max(len(points) - len(names), 1)
+    chi2 = float(np.sum((torque * weight - design @ found) ** 2)) / freedom
+    sigma = np.sqrt(np.diag(inverse @ inverse.T) * max(chi2, 1.0))
+    count = float(len(points))
+    parameters = {
+        name: around(float(found[k]), float(sigma[k]), unit, count, len(names))
+        for k, (name, unit) in enumerate(names.items())
+    }
+    parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
+    parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
+    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
 def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
@@ -143,7 +162,11 @@ def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
 
     def misfit_nm(values: Floats) -> Floats:
         named = dict(zip(names, values.tolist(), strict=True))
-        return np.asarray(_torque_nm(named, speed) - torque, dtype=np.float64)
+        level, excess = named["coulomb_nm"], named["stribeck_excess_nm"]
+        scale, viscous = named["stribeck_speed_rad_s"], named["viscous_nm_s_per_rad"]
+        friction = exponential_friction(speed, level, level + excess, scale, viscous)
+        torque_nm = np.asarray(friction + named.get("offset_nm", 0.0), dtype=np.float64)
+        return np.asarray(torque_nm - torque, dtype=np.float64)
 
     first = best_values(lambda values: misfit_nm(values) / error, unknowns, starts)
     share = unexplained_share(misfit_nm(first), error, np.abs(torque), len(unknowns))
@@ -156,42 +179,6 @@ def fit_friction(points: Sequence[FrictionPoint]) -> FrictionParts:
             "N m", "one direction only: cannot be told from coulomb_nm", float(len(points))
         )
     return FrictionParts(parameters, values)
-
-
-def _torque_nm(values: Mapping[str, float], speed_rad_s: Floats) -> Floats:
-    """Friction torque; the force equations hold for torque and speed at the motor as they are."""
-    level, excess = values["coulomb_nm"], values["stribeck_excess_nm"]
-    scale, viscous = values["stribeck_speed_rad_s"], values["viscous_nm_s_per_rad"]
-    friction = exponential_friction(speed_rad_s, level, level + excess, scale, viscous)
-    return np.asarray(friction + values.get("offset_nm", 0.0), dtype=np.float64)
-
-
-def _straight(points: Sequence[FrictionPoint]) -> FrictionParts:
-    """Weighted least squares of F_c sgn(v) + D v + f_offset, the scatter making the intervals."""
-    speed = np.array([point.speed_rad_s for point in points])
-    torque = np.array([point.torque_nm for point in points])
-    error = np.array([point.standard_error_nm for point in points])
-    weight = 1.0 / np.hypot(error, LEAST_ERROR_SHARE * np.abs(torque))
-    both = bool((speed > 0.0).any() and (speed < 0.0).any())
-    names = {"coulomb_nm": "N m", "viscous_nm_s_per_rad": "N m s/rad"}
-    columns = [np.sign(speed), speed]
-    if both:
-        names["offset_nm"] = "N m"
-        columns.append(np.ones_like(speed))
-    design = np.column_stack(columns) * weight[:, None]
-    inverse = np.linalg.pinv(design)
-    found = inverse @ (torque * weight)
-    freedom = max(len(points) - len(names), 1)
-    chi2 = float(np.sum((torque * weight - design @ found) ** 2)) / freedom
-    sigma = np.sqrt(np.diag(inverse @ inverse.T) * max(chi2, 1.0))
-    count = float(len(points))
-    parameters = {
-        name: around(float(found[k]), float(sigma[k]), unit, count, len(names))
-        for k, (name, unit) in enumerate(names.items())
-    }
-    parameters["stribeck_excess_nm"] = undetermined("N m", NO_STRIBECK, count)
-    parameters["stribeck_speed_rad_s"] = undetermined("rad/s", NO_STRIBECK, count)
-    return FrictionParts(parameters, dict(zip(names, found.tolist(), strict=True)))
 
 
 def _both_ways(points: Sequence[FrictionPoint]) -> dict[str, dict[bool, list[FrictionPoint]]]:
@@ -223,17 +210,13 @@ def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionTest:
-    """One friction test.
+    """One friction test."""
 
-    Attributes:
-        name: of its recording.
-        start_s, end_s: of its cruises, s.
-        speeds: rpm -> forward or not -> points in time order.
-    """
-
-    name: str
+    name: str  # of its recording
+    # start_s, end_s: of its cruises, s
     start_s: float
     end_s: float
+    # rpm -> forward or not -> points in time order
     speeds: Mapping[str, Mapping[bool, Sequence[FrictionPoint]]]
 
 
@@ -242,9 +225,6 @@ def measure_friction_runs(recordings: Mapping[str, Sequence[FrictionPoint]]) -> 
 
     Figures: the change at the middle one of the speeds that all tests share, then at each, then
     the level of each test at the middle one. Curves: one for each test, in their order.
-
-    Args:
-        recordings: points by the name of their recording.
 
     Raises ValueError: fewer than two friction tests, or none of their speeds is shared.
     """

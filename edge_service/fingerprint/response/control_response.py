@@ -52,16 +52,12 @@ _ALIKE = math.log(2.0)
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """A notch with the peak behind it, as they stand in the response.
+    """A notch with the peak behind it, as they stand in the response."""
 
-    Attributes:
-        antiresonance_hz, resonance_hz: of notch and peak.
-        height: peak over notch against a rigid axis, 1.
-    """
-
+    # antiresonance_hz, resonance_hz: of notch and peak
     antiresonance_hz: float
     resonance_hz: float
-    height: float
+    height: float  # peak over notch against a rigid axis, 1
 
 
 def servo_tuning(measured: MeasuredResponse) -> tuple[Section, list[Mode]]:

@@ -43,26 +43,19 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyResponse:
-    """A response over frequency; only frequencies with excitation are in it.
+    """A response over frequency; only frequencies with excitation are in it."""
 
-    Attributes:
-        frequency_hz: (n,).
-        response: output over input, complex, (n,).
-        relative_error: standard deviation of the response over its magnitude, (n,).
-        coherence: share of the output's power that the reference explains, 0 to 1, (n,).
-        period_s: of the samples, between which the torque was held, corrected for a rigid axis; 0
-            where it is continuous.
-        resolution_hz: distance of the bins over which a Hann window has smoothed; 0 is not at all.
-        place_rad, spread_rad: mean and standard deviation of the motor's angle at which each
-            frequency was excited, (n,); empty where nobody knows.
-    """
-
-    frequency_hz: Floats
-    response: Complexes
-    relative_error: Floats
-    coherence: Floats
+    frequency_hz: Floats  # (n,)
+    response: Complexes  # output over input, complex, (n,)
+    relative_error: Floats  # standard deviation of the response over its magnitude, (n,)
+    coherence: Floats  # share of the output's power that the reference explains, 0 to 1, (n,)
+    # of the samples, between which the torque was held, corrected for a rigid axis; 0 where it is
+    # continuous
     period_s: float = 0.0
+    # distance of the bins over which a Hann window has smoothed; 0 is not at all
     resolution_hz: float = 0.0
+    # place_rad, spread_rad: mean and standard deviation of the motor's angle at which each
+    # frequency was excited, (n,); empty where nobody knows
     place_rad: Floats = field(default_factory=lambda: np.empty(0))
     spread_rad: Floats = field(default_factory=lambda: np.empty(0))
 

@@ -40,25 +40,15 @@ MOST_DAMPING = math.sqrt(0.5)
 
 
 class TwoMasses(NamedTuple):
-    """Two masses with the spring that lies where the motor stands at `place_rad`.
+    """Two masses with the spring that lies where the motor stands at `place_rad`."""
 
-    Attributes:
-        inertia: J1 + J2 at the motor, kg m^2.
-        antiresonance: w_a / 2 pi of the table against a motor that is held, Hz.
-        damping: damping ratio of that, 1.
-        ratio: w_r / w_a = sqrt((J1 + J2) / J1), 1.
-        delay: of the torque path, s.
-        viscous: D between motor and ground, N m s/rad.
-        slope: relative change of the compliance per turn of the motor, 1/rad.
-    """
-
-    inertia: float
-    antiresonance: float
-    damping: float
-    ratio: float
-    delay: float
-    viscous: float
-    slope: float = 0.0
+    inertia: float  # J1 + J2 at the motor, kg m^2
+    antiresonance: float  # w_a / 2 pi of the table against a motor that is held, Hz
+    damping: float  # damping ratio of that, 1
+    ratio: float  # w_r / w_a = sqrt((J1 + J2) / J1), 1
+    delay: float  # of the torque path, s
+    viscous: float  # D between motor and ground, N m s/rad
+    slope: float = 0.0  # relative change of the compliance per turn of the motor, 1/rad
 
     def at(self, turned_rad: Floats) -> tuple[Floats, Floats, Floats]:
         """w_r in rad/s, its damping ratio, and 1 / w_a^2 - 1 / w_r^2 in s^2, in that shape.
@@ -105,18 +95,12 @@ class Sight:
     2/3, 1/6 of neighbouring bins have; unless it is allowed for, a resonance seems to be damped
     more. So does one that moves with the nut: two places a standard deviation before and behind the
     mean one stand for the way.
-
-    Attributes:
-        s: at the frequencies, and behind them at those a bin below and above, (k n,), 1/s.
-        differences: what turns the angle to a held torque into speed, (k n,).
-        turned_rad: of the places from the middle one, (2, k n).
-        period_s: of the samples; 0 where the torque is continuous.
     """
 
-    s: Complexes
-    differences: Complexes
-    turned_rad: Floats
-    period_s: float
+    s: Complexes  # at the frequencies, and behind them at those a bin below and above, (k n,), 1/s
+    differences: Complexes  # what turns the angle to a held torque into speed, (k n,)
+    turned_rad: Floats  # of the places from the middle one, (2, k n)
+    period_s: float  # of the samples; 0 where the torque is continuous
     count: int
 
     @classmethod
@@ -168,28 +152,18 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class TwoMassFit:
-    """Inertias and resonance of the axis, in the middle of the recorded travel.
+    """Inertias and resonance of the axis, in the middle of the recorded travel."""
 
-    Attributes:
-        inertia: J1 + J2 at the motor, kg m^2.
-        antiresonance: of the table against a motor that is held, w_a, Hz.
-        resonance: of both against each other, w_r, Hz.
-        antiresonance_damping, resonance_damping: damping ratios, 1.
-        table_share: J2 / (J1 + J2) = 1 - (w_a / w_r)^2, 1.
-        delay: of the torque path, s.
-        viscous: D of (5.3.19), between motor and ground, N m s/rad.
-        place_rad: angle of the motor to which the modes belong.
-    """
-
-    inertia: IntervalEstimate
-    antiresonance: IntervalEstimate
-    resonance: IntervalEstimate
+    inertia: IntervalEstimate  # J1 + J2 at the motor, kg m^2
+    antiresonance: IntervalEstimate  # of the table against a motor that is held, w_a, Hz
+    resonance: IntervalEstimate  # of both against each other, w_r, Hz
+    # antiresonance_damping, resonance_damping: damping ratios, 1
     antiresonance_damping: IntervalEstimate
     resonance_damping: IntervalEstimate
-    table_share: IntervalEstimate
-    delay: IntervalEstimate
-    viscous: IntervalEstimate
-    place_rad: float
+    table_share: IntervalEstimate  # J2 / (J1 + J2) = 1 - (w_a / w_r)^2, 1
+    delay: IntervalEstimate  # of the torque path, s
+    viscous: IntervalEstimate  # D of (5.3.19), between motor and ground, N m s/rad
+    place_rad: float  # angle of the motor to which the modes belong
     model: TwoMasses
 
     def response(self, frequency_hz: Floats) -> Complexes:

@@ -36,17 +36,11 @@ LEAST_GAIN = 25.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadReversal:
-    """Column of the force at which the load on the spring reverses.
+    """Column of the force at which the load on the spring reverses."""
 
-    Attributes:
-        column: -1, 0 or 1, and in between where the flank turns, (n,).
-        whole: rows where it does not turn, (n,).
-        shown: rows on the other flank are left, and not only rows that have to be left out.
-    """
-
-    column: Floats
-    whole: Booleans
-    shown: bool
+    column: Floats  # -1, 0 or 1, and in between where the flank turns, (n,)
+    whole: Booleans  # rows where it does not turn, (n,)
+    shown: bool  # rows on the other flank are left, and not only rows that have to be left out
 
 
 def find_load_reversal(

@@ -33,34 +33,24 @@ _REVERSAL = "turned flank"
 
 @dataclass(frozen=True, slots=True)
 class StiffnessPoint:
-    """The axis at one place of its stroke.
+    """The axis at one place of its stroke."""
 
-    Attributes:
-        position_m: of the table.
-        stiffness: of all springs in series, N/m.
-        locked_resonance: of the table against a motor that is held, Hz: 1 / (2 pi sqrt(C m));
-            known without the mass.
-        lost_motion: difference of the stretch between the two directions, m: wind-up by the guide
-            force, and backlash.
-    """
-
-    position_m: float
-    stiffness: IntervalEstimate
+    position_m: float  # of the table
+    stiffness: IntervalEstimate  # of all springs in series, N/m
+    # of the table against a motor that is held, Hz: 1 / (2 pi sqrt(C m)); known without the mass
     locked_resonance: IntervalEstimate
+    # difference of the stretch between the two directions, m: wind-up by the guide force, and
+    # backlash
     lost_motion: IntervalEstimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessFit:
-    """Quantities identified from the stretch.
+    """Quantities identified from the stretch."""
 
-    Attributes:
-        points: along the stroke.
-        play: b, m, one for the whole stroke; undetermined unless the axis brakes harder than its
-            guides do and play shows.
-    """
-
-    points: tuple[StiffnessPoint, ...]
+    points: tuple[StiffnessPoint, ...]  # along the stroke
+    # b, m, one for the whole stroke; undetermined unless the axis brakes harder than its guides do
+    # and play shows
     play: IntervalEstimate
 
     def curve(self, name: str, values: Sequence[IntervalEstimate], unit: str) -> Curve:
@@ -106,12 +96,8 @@ def fit_stiffness(
     """Compliance and lost motion at given places, linear in between and beyond.
 
     The compliance of a screw that is fixed at one end is linear in the position (5.3.9), that of
-    one fixed at both ends a parabola (5.3.10), which a few places follow.
-
-    Args:
-        runs: with both encoders.
-        positions_m: rising, at least one.
-        table_mass_kg: table with workpiece; without it there is no stiffness in N/m.
+    one fixed at both ends a parabola (5.3.10), which a few places follow. Without the mass of table
+    and workpiece there is no stiffness in N/m.
 
     Raises ValueError: no linear encoder, positions that do not rise, too little motion.
     """

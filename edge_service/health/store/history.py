@@ -68,10 +68,8 @@ ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
 class History:
     """Estimates of all axes.
 
-    `append` never waits and may be called from an event loop; all else is for any thread.
-
-    Args:
-        budget_mb: greatest size of the file; the oldest seconds make room first, then minutes.
+    `append` never waits and may be called from an event loop; all else is for any thread. Where the
+    file grows beyond the budget, the oldest seconds make room first, then minutes.
     """
 
     def __init__(self, store: Store, budget_mb: float = MEMORY_MB) -> None:

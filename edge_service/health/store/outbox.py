@@ -28,15 +28,11 @@ FROM events WHERE (id > :cursor OR id IN (
 
 
 class Counts(NamedTuple):
-    """Letters of an output.
-
-    Attributes:
-        oldest_ns: UNIX time of the oldest one that waits, ns; None if none does.
-    """
+    """Letters of an output."""
 
     waiting: int
     dead: int
-    oldest_ns: int | None
+    oldest_ns: int | None  # UNIX time of the oldest one that waits, ns; None if none does
 
 
 class Outbox:

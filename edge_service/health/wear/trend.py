@@ -42,14 +42,10 @@ _SENTENCES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreloadSteps:
-    """Steps of a preload history.
+    """Steps of a preload history."""
 
-    Attributes:
-        step_s: length of a step, s.
-        rows: step number, count, preload (percent), half width (percent), distance (m), (n, 5).
-    """
-
-    step_s: float
+    step_s: float  # length of a step, s
+    # step number, count, preload (percent), half width (percent), distance (m), (n, 5)
     rows: StoredFloats
 
 
@@ -86,8 +82,7 @@ class PreloadHistory:
     def move(self, step_s: float, since_s: float = -math.inf) -> None:
         """The clock was set by a step, s: the distances in time stay.
 
-        Args:
-            since_s: what is older stays where it is; what comes to lie on it is joined to it.
+        What is older than `since_s` stays where it is; what comes to lie on it is joined to it.
         """
         rows = self._table()
         rows[(rows[:, 0] + 1.0) * self._step_s > since_s, 0] += step_s / self._step_s

@@ -15,15 +15,10 @@ _PARTS = 40
 
 @dataclass(frozen=True, slots=True)
 class ScrewGeometry:
-    """Geometry that turns angles and torques into travel and forces.
+    """Geometry that turns angles and torques into travel and forces."""
 
-    Attributes:
-        ratio_m_per_rad: way per angle of the motor, m/rad.
-        stroke_m: length of the stroke; None: there is no map.
-    """
-
-    ratio_m_per_rad: float
-    stroke_m: float | None
+    ratio_m_per_rad: float  # way per angle of the motor, m/rad
+    stroke_m: float | None  # length of the stroke; None: there is no map
 
 
 class UsageCounter:

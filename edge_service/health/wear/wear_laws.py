@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ...messages.samples import Booleans, Floats
 
@@ -56,23 +55,15 @@ _SIGMA_OF_HALF_WIDTH = 1.0 / 1.96
 
 @dataclass(frozen=True, slots=True)
 class WearProjection:
-    """Equally likely courses of wear through a history and beyond.
+    """Equally likely courses of wear through a history and beyond."""
 
-    Attributes:
-        level_percent: preload now, (n,).
-        slope: change per age of the history now, (n,).
-        power: of the age, with which each course goes on, (n,).
-        drift: factor on the way to a limit as far away as the history is long, its logarithm, (n,).
-        age_per_s: ages of the history per second in future, (n,).
-        basis: `time` or `distance`, whichever explains more.
-    """
-
-    level_percent: Floats
-    slope: Floats
-    power: Floats
+    level_percent: Floats  # preload now, (n,)
+    slope: Floats  # change per age of the history now, (n,)
+    power: Floats  # of the age, with which each course goes on, (n,)
+    # factor on the way to a limit as far away as the history is long, its logarithm, (n,)
     drift: Floats
-    age_per_s: Floats
-    basis: str
+    age_per_s: Floats  # ages of the history per second in future, (n,)
+    basis: str  # `time` or `distance`, whichever explains more
 
     def seconds_to(self, limit_percent: float) -> Floats:
         """Time that each course needs to reach the limit, s, (n,); inf if it never does."""
@@ -87,20 +78,14 @@ class WearProjection:
 
 @dataclass(frozen=True, slots=True)
 class _Laws:
-    """Shapes of wear over the age of a history.
+    """Shapes of wear over the age of a history."""
 
-    Attributes:
-        shape: g - 1 at each age, (n points, n laws).
-        slope, power: of each law at age 1, and with which it goes on, (n laws,).
-        by_way: whether the age is that by the way, else that by the hour, (n laws,).
-        log_prior: of each law, (n laws,); steady, power and break alike.
-    """
-
-    shape: Floats
+    shape: Floats  # g - 1 at each age, (n points, n laws)
+    # slope, power: of each law at age 1, and with which it goes on, (n laws,)
     slope: Floats
     power: Floats
-    by_way: Booleans
-    log_prior: Floats
+    by_way: Booleans  # whether the age is that by the way, else that by the hour, (n laws,)
+    log_prior: Floats  # of each law, (n laws,); steady, power and break alike
 
 
 def _laws(age: Floats, log_prior: float, *, by_way: bool) -> _Laws:
@@ -116,11 +101,6 @@ def _laws(age: Floats, log_prior: float, *, by_way: bool) -> _Laws:
         np.full(counts.size, by_way),
         log_prior - np.log(counts),
     )
-
-
-def _joined(one: _Laws, other: _Laws) -> _Laws:
-    names = ("shape", "slope", "power", "by_way", "log_prior")
-    return _Laws(*(np.concatenate([getattr(each, n) for each in (one, other)], -1) for n in names))
 
 
 def project_wear(
@@ -142,7 +122,11 @@ def project_wear(
     laws, by_way = _laws((time_s - time_s[0]) / span_s, 0.0, by_way=False), by_time
     way_m = distance_m - distance_m[0]
     if np.all(np.diff(way_m) >= 0.0) and way_m[-1] > 0.0:
-        laws = _joined(laws, _laws(way_m / way_m[-1], _WAY_WEARS, by_way=True))
+        other = _laws(way_m / way_m[-1], _WAY_WEARS, by_way=True)
+        names = ("shape", "slope", "power", "by_way", "log_prior")
+        laws = _Laws(
+            *(np.concatenate([getattr(each, n) for each in (laws, other)], -1) for n in names)
+        )
         by_way = _future_speed(time_s, distance_m, rng) / way_m[-1]
     sigma = max(float(np.median(half_width_percent)), half_width_percent[-1]) * _SIGMA_OF_HALF_WIDTH
     fits = _fits(time_s, percent, laws.shape, sigma)
@@ -185,18 +169,13 @@ def _future_speed(time_s: Floats, distance_m: Floats, rng: np.random.Generator) 
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """Every law with every kind of error: [level now, loss so far] and the log evidence.
+    """Every law with every kind of error: [level now, loss so far] and the log evidence."""
 
-    Attributes:
-        mean, root: of the two; their covariance is root root^T, (n errors, n laws, 2[, 2]).
-        scatter: standard deviation of a point about its course, (n errors,).
-        evidence: (n errors, n laws).
-    """
-
+    # mean, root: of the two; their covariance is root root^T, (n errors, n laws, 2[, 2])
     mean: Floats
     root: Floats
-    scatter: Floats
-    evidence: Floats
+    scatter: Floats  # standard deviation of a point about its course, (n errors,)
+    evidence: Floats  # (n errors, n laws)
 
     def draw(self, log_prior: Floats, rng: np.random.Generator) -> tuple[Any, Any, Floats, Floats]:
         """Numbers of errors and laws, as often as they are likely, levels and losses, (n,) each."""
@@ -238,6 +217,8 @@ def _own_errors(time_s: Floats, sigma: float) -> list[Floats]:
 
 def _fit(shape: Floats, percent: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
     """Generalised least squares of the history on [1, shape]: mean, root and log evidence."""
+    from scipy.linalg import solve_triangular  # not loaded before there is a history
+
     jitter = 1e-9 * float(np.mean(np.diagonal(covariance))) * np.eye(percent.size)
     lower = np.linalg.cholesky(covariance + jitter)
     columns = np.column_stack([np.ones_like(percent), percent, shape])

@@ -40,17 +40,13 @@ class AxisConfiguration(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class AxisConfigurations:
-    """Reading and changing configurations; all but `read` may raise RefusedError.
+    """Reading and changing configurations; all but `read` may raise RefusedError."""
 
-    Attributes:
-        read: configuration of an axis, and its table as TOML.
-        put: keeps an axis and begins it; returns whether it is new.
-        remove: removes an axis that was made so.
-    """
-
+    # configuration of an axis, and its table as TOML
     read: Callable[[str], tuple[AxisConfiguration, str]]
+    # keeps an axis and begins it; returns whether it is new
     put: Callable[[str, AxisConfiguration], Awaitable[bool]]
-    remove: Callable[[str], Awaitable[None]]
+    remove: Callable[[str], Awaitable[None]]  # removes an axis that was made so
 
 
 ConfigurationsDep = Annotated[AxisConfigurations, part("configurations")]

@@ -65,15 +65,12 @@ class OutputAction(Frozen):
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """The outputs by name; `counts` and `act` raise RefusedError.
-
-    Attributes:
-        counts: events of an output that wait, and its dead letters.
-        act: does what is asked of an output.
-    """
+    """The outputs by name; `counts` and `act` raise RefusedError."""
 
     names: tuple[str, ...]
+    # events of an output that wait, and its dead letters
     counts: Callable[[str], Awaitable[Counts]]
+    # does what is asked of an output
     act: Callable[[str, Literal["test", "requeue", "drop"]], Awaitable[None]]
 
 

@@ -33,8 +33,7 @@ class Baseline:
     def of_machine(cls, machine: Machine) -> Self:
         """The baseline of a machine file, completed by the thesis' bench where it is silent.
 
-        Raises:
-            ValueError: the table is heavier than the whole inertia.
+        Raises ValueError: the table is heavier than the whole inertia.
         """
         plant = plant_of(machine)
         ratio = plant.ratio_m_per_rad

@@ -56,13 +56,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of an effect.
-
-    Attributes:
-        tried: values of a shape from which a search begins; empty: those that its unit suggests, of
-            a place along the travel, whose name begins with `centre`, all of that travel.
-        tried_of_travel: the same as shares of the travel that a recording covers.
-    """
+    """One number of an effect."""
 
     name: str
     unit: str
@@ -74,7 +68,10 @@ class Parameter:
     role: Role = Role.AMOUNT
     whole: bool = False  # only whole numbers are allowed
     amounts: tuple[str, ...] = ()  # those that a phase or a shape belongs to; empty: all
+    # values of a shape from which a search begins; empty: those that its unit suggests, of a place
+    # along the travel, whose name begins with `centre`, all of that travel
     tried: tuple[float, ...] = ()
+    # the same as shares of the travel that a recording covers
     tried_of_travel: tuple[float, ...] = ()
 
     def problem(self, value: float) -> str | None:
@@ -153,13 +150,10 @@ def viscous_share(*tried: float) -> Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """Part of an effect that even a healthy axis has.
+    """Part of an effect that even a healthy axis has."""
 
-    Attributes:
-        prior: sampling period, s, and Coulomb level, N m -> mean and standard deviation of the
-            amount at the values `shape`; of the share of the effect where it has no amount.
-    """
-
+    # sampling period, s, and Coulomb level, N m -> mean and standard deviation of the amount at the
+    # values `shape`; of the share of the effect where it has no amount
     prior: Callable[[float, float], tuple[float, float]] | None = None
     shape: Values = field(default_factory=dict)
 
@@ -174,20 +168,7 @@ class Confirmation:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One entry of the library.
-
-    Attributes:
-        follows_own_torque: its signature holds the measured torque, and would explain that at any
-            strength but its own.
-        has_one_load: its shapes say what loads it: the difference of two loads could be any.
-        imitates: effects that it resembles in what their few numbers leave of them. Beside a
-            greater one of these it is a cause only where it adds much, or leaves nothing.
-        most_shapes, most_entries: times that it may be there in shapes of its own, and in a machine
-            file: sums of many could be anything.
-        empirical_forms: forms that it takes on a real axis beyond those of its parameters.
-        is_fault: no model is to learn it, and no search finds it: it is told from what is known of
-            the fresh machine.
-    """
+    """One entry of the library."""
 
     name: str  # as in the machine file and on the command line
     description: str  # one sentence for a maintenance engineer
@@ -197,15 +178,24 @@ class Effect:
     contributions: Callable[[Values], tuple[Contribution, ...]]  # of complete values
     term: Term | None = None  # constant of the baseline model that it is an error of
     is_thermal: bool = False  # it follows heat, where motion heats an axis in places of its own
+    # its signature holds the measured torque, and would explain that at any strength but its own
     follows_own_torque: bool = False
+    # its shapes say what loads it: the difference of two loads could be any
     has_one_load: bool = False
     least_rate_hz: float = 0.0  # of samples, below which it comes and goes between them
+    # effects that it resembles in what their few numbers leave of them. Beside a greater one of
+    # these it is a cause only where it adds much, or leaves nothing
     imitates: frozenset[str] = frozenset()
+    # most_shapes, most_entries: times that it may be there in shapes of its own, and in a machine
+    # file: sums of many could be anything
     most_shapes: int = 4
     most_entries: int = 4
     trace: Trace = Trace()
     confirmation: Confirmation | None = None
+    # forms that it takes on a real axis beyond those of its parameters
     empirical_forms: Callable[[Covered, Baseline], Iterator[EmpiricalForm]] = lambda *_: iter(())
+    # no model is to learn it, and no search finds it: it is told from what is known of the fresh
+    # machine
     is_fault: bool = False
 
     def complete(self, given: Values) -> dict[str, float]:
@@ -214,8 +204,7 @@ class Effect:
         Without any given amount the amounts are those of a typical fault; with one, the amounts
         not given are those of a healthy axis. Other parameters are those of a typical fault.
 
-        Raises:
-            ValueError: an unknown parameter, or a value out of its bounds.
+        Raises ValueError: an unknown parameter, or a value out of its bounds.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():

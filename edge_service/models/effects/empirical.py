@@ -21,14 +21,10 @@ TABLE_SHARES = (0.4, 0.8)
 
 @dataclass(frozen=True, slots=True)
 class EmpiricalForm:
-    """Columns that an effect may add to a gap; one in each of both has one amount for the two.
+    """Columns that an effect may add to a gap; one in each of both has one amount for the two."""
 
-    Attributes:
-        name: what tells it from what are no mere other shapes of it.
-        torque, transmission: curves in N m, and in m of x - R theta.
-    """
-
-    name: str
+    name: str  # what tells it from what are no mere other shapes of it
+    # torque, transmission: curves in N m, and in m of x - R theta
     torque: tuple[MotionCurve, ...] = ()
     transmission: tuple[MotionCurve, ...] = ()
 

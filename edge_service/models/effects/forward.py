@@ -104,8 +104,7 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
     Args:
         screw_drag_nm: of the fresh screw, for friction that is shared as the Coulomb level is.
 
-    Raises:
-        ValueError: the effects leave no mass on the table.
+    Raises ValueError: the effects leave no mass on the table.
     """
     parts = tuple(part for effect in effects for part in effect.contributions)
     guide_nm = plant.guide_force_n * plant.ratio_m_per_rad

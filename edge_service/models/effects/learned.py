@@ -18,7 +18,6 @@ from .contribution import (
     Change,
     Constant,
     Contribution,
-    Curve,
     DryFriction,
     Over,
     Place,
@@ -58,26 +57,20 @@ def _friction(machine: Machine, known: CommissionedConfig) -> Iterator[Contribut
     offset, asymmetry = known.torque_offset_nm, known.viscous_asymmetry_nm_s_per_rad
     yield SmoothTorque(Over.POSITION, constant(offset), Side.MOTOR)
     yield SmoothTorque(Over.SPEED, lambda speed: asymmetry * np.abs(speed), Side.MOTOR)
-    yield DryFriction(Over.SPEED, _stribeck(known), Side.MOTOR)
-    if known.stroke_map and machine.axis.stroke_m:
-        yield DryFriction(Over.POSITION, _uneven_drag(machine, known), Side.MOTOR)
 
-
-def _stribeck(known: CommissionedConfig) -> Curve:
     def excess_nm(speed_rad_s: Floats) -> Floats:
         return known.stribeck_excess_nm * stribeck_decay(speed_rad_s, known.stribeck_speed_rad_s)
 
-    return excess_nm
+    yield DryFriction(Over.SPEED, excess_nm, Side.MOTOR)
+    stroke_m = machine.axis.stroke_m
+    if known.stroke_map and stroke_m:
+        without_nm, per_percent_nm = screw_drag(machine)
+        fresh_nm = without_nm + per_percent_nm * (machine.fresh_preload_percent or 0.0)
 
+        def uneven_nm(position_m: Floats) -> Floats:
+            return fresh_nm * (preload_share(known.stroke_map, position_m / stroke_m) - 1.0)
 
-def _uneven_drag(machine: Machine, known: CommissionedConfig) -> Curve:
-    """Drag of the fresh screw at a place less its mean."""
-    stroke_m = machine.axis.stroke_m or 1.0
-    without_nm, per_percent_nm = screw_drag(machine)
-    fresh_nm = without_nm + per_percent_nm * (machine.fresh_preload_percent or 0.0)
-    return lambda position_m: (
-        fresh_nm * (preload_share(known.stroke_map, position_m / stroke_m) - 1.0)
-    )
+        yield DryFriction(Over.POSITION, uneven_nm, Side.MOTOR)
 
 
 def _give(machine: Machine, known: CommissionedConfig) -> Iterator[Contribution]:
@@ -86,8 +79,17 @@ def _give(machine: Machine, known: CommissionedConfig) -> Iterator[Contribution]
         return
     yield Change(Constant.POSITION_LAG, learned.clock_skew_s)
     yield from _compliance(machine, learned)
-    if learned.lead_map_m and machine.axis.stroke_m:
-        yield Shift(Place.NUT, Over.POSITION, _travel_error(learned, machine.axis.stroke_m))
+    stroke_m = machine.axis.stroke_m
+    if learned.lead_map_m and stroke_m:
+        from scipy.interpolate import PchipInterpolator  # 45 MB that only a diagnosis needs
+
+        nodes_m = np.linspace(0.0, stroke_m, len(learned.lead_map_m))
+        through = PchipInterpolator(nodes_m, -np.array(learned.lead_map_m))
+
+        def travel_m(position_m: Floats) -> Floats:
+            return np.asarray(through(np.clip(position_m, 0.0, stroke_m)), dtype=np.float64)
+
+        yield Shift(Place.NUT, Over.POSITION, travel_m)
 
 
 def _compliance(machine: Machine, learned: TransmissionConfig) -> Iterator[Contribution]:
@@ -105,16 +107,3 @@ def _compliance(machine: Machine, learned: TransmissionConfig) -> Iterator[Contr
     if learned.wind_up_map_m and guide_n > 0.0:
         even_m = float(np.mean(learned.wind_up_map_m))
         yield Change(Constant.COULOMB_LOAD_COMPLIANCE, even_m / guide_n)
-
-
-def _travel_error(learned: TransmissionConfig, stroke_m: float) -> Curve:
-    """Smooth curve through the nodes; level beyond them."""
-    from scipy.interpolate import PchipInterpolator  # 45 MB that only a diagnosis needs
-
-    nodes_m = np.linspace(0.0, stroke_m, len(learned.lead_map_m))
-    through = PchipInterpolator(nodes_m, -np.array(learned.lead_map_m))
-
-    def travel_m(position_m: Floats) -> Floats:
-        return np.asarray(through(np.clip(position_m, 0.0, stroke_m)), dtype=np.float64)
-
-    return travel_m

@@ -19,8 +19,7 @@ ENTRY_POINT_GROUP = "edge_service.effects"
 def effects() -> Mapping[str, Effect]:
     """All entries by name, in alphabetical order: the library's, and those of other packages.
 
-    Raises:
-        ValueError: an entry of another package cannot be loaded, or bears the name of another.
+    Raises ValueError: an entry of another package cannot be loaded, or bears the name of another.
     """
     found = {effect.name: effect for effect in _library()}
     for entry in entry_points(group=ENTRY_POINT_GROUP):
@@ -50,11 +49,7 @@ def effect_names() -> tuple[str, ...]:
 
 
 def get_effect(name: str) -> Effect:
-    """The entry of a name.
-
-    Raises:
-        ValueError: no effect has this name.
-    """
+    """The entry of a name. Raises ValueError: no effect has this name."""
     effect = effects().get(name)
     if effect is None:
         near = difflib.get_close_matches(name, effect_names(), n=1)
@@ -86,8 +81,7 @@ def fault() -> Effect:
 def active_effect(name: str, given: Mapping[str, float]) -> ActiveEffect:
     """An effect with checked values; what is not given is typical (see `Effect.complete`).
 
-    Raises:
-        ValueError: unknown effect or parameter, or a value out of its bounds.
+    Raises ValueError: unknown effect or parameter, or a value out of its bounds.
     """
     effect = get_effect(name)
     return ActiveEffect(effect, effect.complete(given))
@@ -96,8 +90,7 @@ def active_effect(name: str, given: Mapping[str, float]) -> ActiveEffect:
 def parse_effect(text: str) -> ActiveEffect:
     """An effect as the command line writes it: NAME[:key=value,...].
 
-    Raises:
-        ValueError: as `active_effect`, or a part that is no key=number.
+    Raises ValueError: as `active_effect`, or a part that is no key=number.
 
     >>> parse_effect("backlash:width_m=4e-6").values
     {'width_m': 4e-06, 'friction_share': 1.0, 'viscous_share': 0.0}
@@ -119,8 +112,7 @@ def parse_effect(text: str) -> ActiveEffect:
 def machine_effects(machine: Machine) -> tuple[ActiveEffect, ...]:
     """The effects that a machine file has already modelled.
 
-    Raises:
-        ValueError: as `active_effect`.
+    Raises ValueError: as `active_effect`.
     """
     return tuple(
         active_effect(each.name, {name: number.value for name, number in each.parameters.items()})

@@ -77,8 +77,7 @@ class MotionLimits:
 def motion_limits(machine: Machine) -> MotionLimits:
     """Limits from the machine file's axis table, and the defaults above for what it lacks.
 
-    Raises:
-        MotionError: the drag alone takes the share of the torque that is not for acceleration.
+    Raises MotionError: the drag alone takes the share of the torque that is not for acceleration.
     """
     axis, model, ratio = machine.axis, machine.model, machine.transmission_ratio_m_per_rad
     max_torque = axis.max_torque_nm or MAX_TORQUE_NM

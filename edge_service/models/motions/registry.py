@@ -68,8 +68,7 @@ class Motion:
 
         With `clip` what the axis does not allow is left out and named.
 
-        Raises:
-            MotionError: the axis or the duration does not allow it.
+        Raises MotionError: the axis or the duration does not allow it.
         """
         if self.draw is not None:
             route = Route(self.name, limits, clip=clip)

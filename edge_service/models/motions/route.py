@@ -53,8 +53,7 @@ class Route:
     ) -> bool:
         """Return whether the axis allows a part; it is left out if not.
 
-        Raises:
-            MotionError: the axis does not allow it, and nothing may be left out.
+        Raises MotionError: the axis does not allow it, and nothing may be left out.
         """
         excess = self.limits.excess(
             speed_m_s=speed_m_s, acceleration_m_s2=acceleration_m_s2, length_m=length_m
@@ -90,11 +89,7 @@ class Route:
         self.add(Dwell(duration_s))
 
     def add(self, segment: Segment) -> None:
-        """Append a segment.
-
-        Raises:
-            MotionError: it breaks a limit or leaves the stroke.
-        """
+        """Append a segment. Raises MotionError: it breaks a limit or leaves the stroke."""
         limits = self.limits
         excess = limits.excess(
             speed_m_s=segment.peak_speed_m_s, acceleration_m_s2=segment.peak_acceleration_m_s2
@@ -113,8 +108,7 @@ class Route:
     def finish(self) -> Plan:
         """The plan; back at the start, at rest.
 
-        Raises:
-            MotionError: nothing is left of the motion.
+        Raises MotionError: nothing is left of the motion.
         """
         if not self.segments:
             raise MotionError(f"{self.name}: nothing is left of it; {self.left_out[0]}")
@@ -142,7 +136,10 @@ class Setpoints:
         parts = []
         while count > 0:
             if self._taken == self._count:
-                self._next_segment()
+                self._origin_m += self._segment.distance_m
+                self._segment = next(self._segments, Dwell(1.0))
+                self._taken = 0
+                self._count = samples_of(self._segment, self._rate_hz)
                 continue
             run = min(count, self._count - self._taken)
             index = np.arange(self._taken, self._taken + run)
@@ -152,12 +149,6 @@ class Setpoints:
             self._taken += run
             count -= run
         return np.concatenate(parts) if parts else np.empty((0, 3))
-
-    def _next_segment(self) -> None:
-        self._origin_m += self._segment.distance_m
-        self._segment = next(self._segments, Dwell(1.0))
-        self._taken = 0
-        self._count = samples_of(self._segment, self._rate_hz)
 
 
 def samples_of(segment: Segment, rate_hz: float) -> int:

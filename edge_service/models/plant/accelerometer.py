@@ -36,7 +36,12 @@ class Accelerometer:
     def __init__(self, settings: AccelerometerSettings, seed: int) -> None:
         self._settings = settings
         self._random = np.random.default_rng((seed, 2))
-        self._filter = _ringing(settings)
+        # its impulse response is exp(-z w t) sin(w t) with a first swing of about 1
+        omega = 2.0 * math.pi * settings.resonance_hz / settings.rate_hz
+        radius = math.exp(-settings.damping_ratio * omega)
+        numerator = np.array([0.0, radius * math.sin(omega)])
+        denominator = np.array([1.0, -2.0 * radius * math.cos(omega), radius**2])
+        self._filter = numerator, denominator
         self._state = np.zeros(2)
         self._sample = 0
         self._last: tuple[float, float] | None = None  # time and angle up to which it has come
@@ -84,12 +89,3 @@ class Accelerometer:
     def _balls(self, angle_rad: Floats) -> Floats:
         """Balls that have passed the pit."""
         return np.floor(self._settings.ball_pass_order * angle_rad / (2.0 * math.pi))
-
-
-def _ringing(settings: AccelerometerSettings) -> tuple[Floats, Floats]:
-    """Filter whose impulse response is exp(-z w t) sin(w t) with a first swing of about 1."""
-    omega = 2.0 * math.pi * settings.resonance_hz / settings.rate_hz
-    radius = math.exp(-settings.damping_ratio * omega)
-    numerator = np.array([0.0, radius * math.sin(omega)])
-    denominator = np.array([1.0, -2.0 * radius * math.cos(omega), radius**2])
-    return numerator, denominator

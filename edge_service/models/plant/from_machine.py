@@ -22,8 +22,7 @@ LARGEST_TABLE_SHARE = 0.5  # assumption: of the whole inertia, where the table i
 def plant_of(machine: Machine) -> Plant:
     """Plant constants from a machine file, without its effects (4.3.2, 4.3.5, 5.3.2, 5.3.9).
 
-    Raises:
-        ValueError: the table is heavier than the whole inertia.
+    Raises ValueError: the table is heavier than the whole inertia.
     """
     axis, model = machine.axis, machine.model
     ratio = machine.transmission_ratio_m_per_rad

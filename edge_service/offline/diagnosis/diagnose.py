@@ -55,11 +55,6 @@ def diagnose(
 
     A run that fails leaves none of them there, not even older ones.
 
-    Args:
-        reference: recordings of the healthy machine.
-        axis_number: the controller's number of the axis, in place of the machine file's.
-        without: names of effects that the library is to lack.
-
     Raises ConfigError, TraceError, DiagnosisError, BadDataError.
     """
     try:

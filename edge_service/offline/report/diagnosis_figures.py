@@ -50,7 +50,10 @@ def draw_waterfall(channel: str, gap: ChannelGap, steps: Sequence[WaterfallStep]
 def draw_replay(channel: str, gap: ReplayedSeries) -> str:
     """SVG: the seconds with most of the gap, measured and simulated."""
     label, factor = SHOWN[channel]
-    window = _most_telling(gap)
+    energy = np.concatenate(([0.0], np.cumsum(gap.before**2)))
+    ends = np.searchsorted(gap.time_s, gap.time_s + _WINDOW_S)
+    start = int(np.argmax(energy[ends] - energy[:-1]))
+    window = slice(start, int(ends[start]))
     time_s = gap.time_s[window]
     pauses = np.flatnonzero(np.diff(time_s) > _PAUSE_S) + 1
     figure = Figure(figsize=(7.6, 2.3), layout="constrained")
@@ -62,14 +65,6 @@ def draw_replay(channel: str, gap: ReplayedSeries) -> str:
     axes.set_xlabel(LABELS["time_s"])
     axes.set_ylabel(label)
     return _svg(figure, axes, "replay")
-
-
-def _most_telling(gap: ReplayedSeries) -> slice:
-    """The rows of `_WINDOW_S` in which the gap without the effects is greatest."""
-    energy = np.concatenate(([0.0], np.cumsum(gap.before**2)))
-    ends = np.searchsorted(gap.time_s, gap.time_s + _WINDOW_S)
-    start = int(np.argmax(energy[ends] - energy[:-1]))
-    return slice(start, int(ends[start]))
 
 
 def draw_gap(channel: str, session: Session, found: Diagnosis) -> str:

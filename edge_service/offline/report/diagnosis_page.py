@@ -31,12 +31,7 @@ FLOORS = {
 def render(
     machine: Machine, names: Sequence[str], found: Diagnosis, session: Session | None = None
 ) -> str:
-    """The page as HTML; nothing in it is loaded from elsewhere.
-
-    Args:
-        names: of the recordings.
-        session: what was diagnosed; none where the data forbid it.
-    """
+    """The page as HTML; nothing in it is loaded from elsewhere."""
     claimed = {each.channel for each in found.effects}
     telling = [name for name, gap in found.gap.items() if name in claimed or gap.matters]
     shown = sorted(name for name in claimed if found.gap[name].replayed)

@@ -109,9 +109,20 @@ def _panel(
         _logarithmic(axes)
     if name == "frequency_response":
         axes.set_yscale("log")
-        _mark_modes(axes, known)
+        for key, height in (("antiresonance_hz", 0.97), ("resonance_hz", 0.85)):
+            mode = known.get(key)
+            if mode is not None and math.isfinite(mode.value):
+                axes.axvline(mode.value, color=MUTED, lw=0.8, ls="--")
+                text = f"{key.removesuffix('_hz')} {mode.value:.0f} Hz  "
+                place = (mode.value, height)
+                label = axes.annotate(text, place, xycoords=("data", "axes fraction"))
+                label.set(ha="right", va="top", bbox={"fc": "white", "ec": "none", "pad": 1.0})
     if name in _FROM_ZERO:
-        _from_zero(axes, _LEAST_SHOWN.get(name, 0.0))
+        least = _LEAST_SHOWN.get(name, 0.0)
+        drawn = axes.dataLim
+        low, high = min(drawn.y0, 0.0), max(drawn.y1, 0.0)
+        low = -least if -least < low < 0.0 else low
+        axes.set_ylim(_HEADROOM * low, _HEADROOM * max(high, least))
     if name == "signature":
         _name_orders(axes, curves[0])
     figure.legend(loc="outside upper left", ncols=7, fontsize=8, columnspacing=1.2)
@@ -127,31 +138,12 @@ def _draw(axes: Axes, curve: Curve, colour: str, label: str, line: str) -> None:
     axes.plot(curve.x, curve.y, line, marker=marker, ms=4, lw=1.3, color=colour, label=label)
 
 
-def _from_zero(axes: Axes, least: float) -> None:
-    """Zero at an edge, unless there is something beyond it, and a height of `least` or more."""
-    drawn = axes.dataLim
-    low, high = min(drawn.y0, 0.0), max(drawn.y1, 0.0)
-    low = -least if -least < low < 0.0 else low
-    axes.set_ylim(_HEADROOM * low, _HEADROOM * max(high, least))
-
-
 def _logarithmic(axes: Axes) -> None:
     """A logarithmic axis of x with plain numbers at 1, 2 and 5."""
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _mark_modes(axes: Axes, known: Mapping[str, IntervalEstimate]) -> None:
-    for key, height in (("antiresonance_hz", 0.97), ("resonance_hz", 0.85)):
-        mode = known.get(key)
-        if mode is not None and math.isfinite(mode.value):
-            axes.axvline(mode.value, color=MUTED, lw=0.8, ls="--")
-            text = f"{key.removesuffix('_hz')} {mode.value:.0f} Hz  "
-            place = (mode.value, height)
-            label = axes.annotate(text, place, xycoords=("data", "axes fraction"))
-            label.set(ha="right", va="top", bbox={"fc": "white", "ec": "none", "pad": 1.0})
 
 
 def _name_orders(axes: Axes, curve: Curve) -> None:

@@ -25,12 +25,7 @@ _PRELOAD, _PROBABILITY = "preload, % of dynamic load rating", "mode probability"
 
 
 def drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
-    """Figures by their published numbers, and what their captions state, with one seed's noise.
-
-    Args:
-        window: moving average, steps.
-        exponent: of the weighted sum.
-    """
+    """Figures by their published numbers, and what their captions state, with one seed's noise."""
     runs = {number: run_case(ThesisCase(number), seed) for number in (1, 2, 3, 4, 5)}
     _, sliding = run_case(ThesisCase(5, method="sif-imm"), seed)
     truth = {number: run.preload_percent for number, (run, _) in runs.items()}

@@ -52,19 +52,15 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Puzzle:
-    """The whole way from the linear model down.
+    """The whole way from the linear model down."""
 
-    Attributes:
-        before, fitted, floor: root mean square gap by channel of the linear model, of the same with
-            the parameters that fit best, and of what no model could explain.
-        verdicts: of the diagnoses.
-        steps: effects that they named, in the order in which they were put into the model.
-    """
-
+    # before, fitted, floor: root mean square gap by channel of the linear model, of the same with
+    # the parameters that fit best, and of what no model could explain
     before: dict[str, float]
     fitted: dict[str, float]
     floor: dict[str, float]
-    verdicts: tuple[str, ...]
+    verdicts: tuple[str, ...]  # of the diagnoses
+    # effects that they named, in the order in which they were put into the model
     steps: tuple[Step, ...]
 
     def as_text(self) -> str:

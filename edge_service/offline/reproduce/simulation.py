@@ -63,20 +63,15 @@ class ThesisCase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThesisRun:
-    """One simulated run; row k holds the input of step k and what is measured at its end.
+    """One simulated run; row k holds the input of step k and what is measured at its end."""
 
-    Attributes:
-        time_s, torque_nm, net_torque_nm, preload_percent: (N,).
-        state: angle, speed and linear position after the step, (N, 3).
-        measurement: after the step, (N, 2), rad and m.
-    """
-
+    # time_s, torque_nm, net_torque_nm, preload_percent: (N,)
     time_s: Floats
     torque_nm: Floats
     net_torque_nm: Floats
     preload_percent: Floats
-    state: Floats
-    measurement: Floats
+    state: Floats  # angle, speed and linear position after the step, (N, 3)
+    measurement: Floats  # after the step, (N, 2), rad and m
 
 
 def preload_profile(simulation: int, time_s: Floats) -> Floats:

@@ -39,40 +39,31 @@ PUBLISHED_TABLE: dict[float, tuple[tuple[float, ...], float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class LevelRow:
-    """One constant level: the published row of Table 4.2 and ours, percent.
-
-    Attributes:
-        probability, linear_percent, percent: mean over runs of constant preload.
-        sliding_percent: the same of the sliding innovation bank.
-        ramp_percent: read from the ramp of simulation 1 where it passes the level, with a centred
-            window of TABLE_WINDOW_STEPS.
-    """
+    """One constant level: the published row of Table 4.2 and ours, percent."""
 
     actual_percent: float
     published_probability: tuple[float, ...]
     published_linear_percent: float
     published_percent: float
+    # probability, linear_percent, percent: mean over runs of constant preload
     probability: tuple[float, ...]
     linear_percent: float
     percent: float
-    sliding_percent: float
+    sliding_percent: float  # the same of the sliding innovation bank
+    # read from the ramp of simulation 1 where it passes the level, with a centred window of
+    # TABLE_WINDOW_STEPS
     ramp_percent: float
 
 
 @dataclass(frozen=True, slots=True)
 class WindowRow:
-    """One causal window: mean absolute error in points of simulations 1 to 5, and its reaction.
-
-    Attributes:
-        drop_steps: most steps that any run of simulation 4 took to see the drop; None if one
-            never did.
-        false_drop_share: share of the runs of simulation 3 with a false drop.
-    """
+    """One causal window: mean absolute error in points of simulations 1 to 5, and its reaction."""
 
     window_steps: int
     mae_points: tuple[float, ...]
+    # most steps that any run of simulation 4 took to see the drop; None if one never did
     drop_steps: int | None
-    false_drop_share: float
+    false_drop_share: float  # share of the runs of simulation 3 with a false drop
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +116,7 @@ def reproduce(
     exponent: float = PUBLISHED_EXPONENT,
     progress: Progress = silent,
 ) -> Reproduction:
-    """Run the study; write `report.html` and `reproduction.json` into `out_dir`.
-
-    Args:
-        seeds: runs per case, the first with `seed`.
-        window_steps: causal moving average of the figures.
-        exponent: of the weighted sum (4.5.4).
-    """
+    """Run the study; write `report.html` and `reproduction.json` into `out_dir`."""
     runs = range(seed, seed + seeds)
     progress("Table 4.2")
     levels = _level_rows(runs, exponent)

@@ -56,15 +56,11 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class WearStudy:
-    """All that was stated of one screw, and what came, by limit in percent of fresh.
-
-    Attributes:
-        crossings_h: when a reading first lay below, h from new; inf if never.
-        stated, held: dates stated before the crossing, and bands that held it.
-    """
+    """All that was stated of one screw, and what came, by limit in percent of fresh."""
 
     stages: tuple[Stage, ...]
-    crossings_h: Mapping[float, float]
+    crossings_h: Mapping[float, float]  # when a reading first lay below, h from new; inf if never
+    # stated, held: dates stated before the crossing, and bands that held it
     stated: int
     held: int
 

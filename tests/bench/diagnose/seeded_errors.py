@@ -47,22 +47,16 @@ Columns = Mapping[str, Floats]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A real recording, and recordings of the same machine that are its reference.
-
-    Attributes:
-        place_m: position as it was commanded where the recorded one is too noisy to tell the
-            direction, (n,).
-        alike: effects that its motion cannot tell apart.
-        shown: errors that it can show at all.
-    """
+    """A real recording, and recordings of the same machine that are its reference."""
 
     name: str
     machine_toml: str
     columns: Columns
+    # position as it was commanded where the recorded one is too noisy to tell the direction, (n,)
     place_m: Floats | None
     reference: tuple[Columns, ...]
-    alike: frozenset[str]
-    shown: frozenset[str]
+    alike: frozenset[str]  # effects that its motion cannot tell apart
+    shown: frozenset[str]  # errors that it can show at all
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +70,12 @@ class SeededCase:
 
 @dataclass(frozen=True, slots=True)
 class SeededRow:
-    """A case with its answer.
-
-    Attributes:
-        effects: names and probabilities, the most probable first.
-        right: the first name is that of the error, or cannot be told from it.
-    """
+    """A case with its answer."""
 
     case: SeededCase
     verdict: str
-    effects: tuple[tuple[str, float], ...]
-    right: bool
+    effects: tuple[tuple[str, float], ...]  # names and probabilities, the most probable first
+    right: bool  # the first name is that of the error, or cannot be told from it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

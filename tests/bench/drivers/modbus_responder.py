@@ -27,18 +27,15 @@ class Device:
             while True:
                 packet = await reader.readexactly(HEADER.size)
                 await self.answering.wait()
-                writer.write(self._reply(packet))
+                transaction, _, _, unit, function, _, count = HEADER.unpack(packet)
+                self._reads += 1
+                words = [self._reads % 30_000] * count
+                head = REPLY.pack(transaction, 0, 3 + 2 * count, unit, function, 2 * count)
+                writer.write(head + struct.pack(f">{count}H", *words))
         except (asyncio.IncompleteReadError, OSError):
             pass
         finally:
             writer.close()
-
-    def _reply(self, packet: bytes) -> bytes:
-        transaction, _, _, unit, function, _, count = HEADER.unpack(packet)
-        self._reads += 1
-        words = [self._reads % 30_000] * count
-        head = REPLY.pack(transaction, 0, 3 + 2 * count, unit, function, 2 * count)
-        return head + struct.pack(f">{count}H", *words)
 
 
 async def respond(count: int) -> None:

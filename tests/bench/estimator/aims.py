@@ -23,13 +23,7 @@ _WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """Limits of a row; None where there is none.
-
-    Attributes:
-        added: of the mean absolute error above that of the row `reference`.
-        grown: of the same as a share.
-        misleading: of the share of misleading numbers.
-    """
+    """Limits of a row; None where there is none."""
 
     mae: float | None = None
     worst: float | None = None
@@ -37,9 +31,9 @@ class Aim:
     detection_s: float | None = None
     interval_score: float | None = None
     coverage: float | None = None
-    misleading: float | None = None
-    added: float | None = None
-    grown: float | None = None
+    misleading: float | None = None  # of the share of misleading numbers
+    added: float | None = None  # of the mean absolute error above that of the row `reference`
+    grown: float | None = None  # of the same as a share
     reference: str | None = None
 
     def text(self) -> str:

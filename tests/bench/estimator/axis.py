@@ -32,19 +32,14 @@ TABLE = (samples.TABLE_POSITION, samples.TABLE_SPEED)
 
 @dataclass(frozen=True, slots=True)
 class OwnAxis:
-    """One axis: drawn from its tolerances, or exactly nominal with seed 0.
-
-    Attributes:
-        effects: of the true axis beside `FRICTION`.
-        inertia_off, nut_off: errors of its machine file, as shares of the true value.
-        one_encoder: whether the table has none.
-    """
+    """One axis: drawn from its tolerances, or exactly nominal with seed 0."""
 
     seed: int = 0
-    effects: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()  # of the true axis beside `FRICTION`
+    # inertia_off, nut_off: errors of its machine file, as shares of the true value
     inertia_off: float = 0.0
     nut_off: float = 0.0
-    one_encoder: bool = False
+    one_encoder: bool = False  # whether the table has none
 
     @property
     def fresh_percent(self) -> float:

@@ -71,18 +71,12 @@ def loss(law: str, age: Floats, rng: np.random.Generator) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Life:
-    """One drawn screw, estimate by estimate.
-
-    Attributes:
-        rows: time in s, preload, half width, and way in m, of each estimate, (n, 4).
-        limits: percent, by name.
-        reached_s: true time of each limit.
-    """
+    """One drawn screw, estimate by estimate."""
 
     law: str
-    rows: Floats
-    limits: Mapping[str, float]
-    reached_s: Mapping[str, float]
+    rows: Floats  # time in s, preload, half width, and way in m, of each estimate, (n, 4)
+    limits: Mapping[str, float]  # percent, by name
+    reached_s: Mapping[str, float]  # true time of each limit
 
     def history(self, until_s: float) -> PreloadHistory:
         """History that the service has kept until a time, s."""
@@ -177,22 +171,17 @@ def _remembered(rng: np.random.Generator, at: Floats, memory: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Answer to one question.
-
-    Attributes:
-        dated, falling, alarmed: whether there was a date, a fall, an alarm of its rate.
-        missed: -1 if the limit was reached before the band, 1 if after it.
-        width: of the band, share of the time that remained; inf if it is open.
-        scores: log densities of the truth, by the logarithm of the time that remained, of the
-            service, a line and an exponential.
-    """
+    """Answer to one question."""
 
     row: str
+    # dated, falling, alarmed: whether there was a date, a fall, an alarm of its rate
     dated: bool
     falling: bool = False
     alarmed: bool = False
-    missed: int = 0
-    width: float = math.nan
+    missed: int = 0  # -1 if the limit was reached before the band, 1 if after it
+    width: float = math.nan  # of the band, share of the time that remained; inf if it is open
+    # log densities of the truth, by the logarithm of the time that remained, of the service, a line
+    # and an exponential
     scores: tuple[float, ...] = ()
 
 

@@ -30,22 +30,17 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Output of an estimator at times (n,); NaN where it gave no number.
-
-    Attributes:
-        truth: at the middle of the last interval.
-        motion_s: time in motion until then.
-        status_count: how often each status stood.
-        reasons: codes of the reasons for no number, in order of appearance.
-    """
+    """Output of an estimator at times (n,); NaN where it gave no number."""
 
     time_s: Floats
-    truth: Floats
+    truth: Floats  # at the middle of the last interval
     percent: Floats
     low: Floats
     high: Floats
-    motion_s: Floats
+    motion_s: Floats  # time in motion until then
+    # how often each status stood
     status_count: Mapping[str, int] = field(default_factory=dict, kw_only=True)
+    # codes of the reasons for no number, in order of appearance
     reasons: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
@@ -93,33 +88,24 @@ def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Errors in points of preload over all moments with a number; NaN without any.
+    """Errors in points of preload over all moments with a number; NaN without any."""
 
-    Attributes:
-        moments, answered: how often it was asked, and gave a number.
-        mae, worst: of the absolute error.
-        false_drop: the most that an estimate lay below the truth after the event of the case.
-        coverage: share of the intervals that hold the truth.
-        interval_score: mean of width + 40 times what the truth lies outside.
-        misleading: share of the moments with a number that misleads.
-        wrong: share of the numbers that are confidently wrong.
-        cases: recordings behind it, each of one axis with one seed.
-        detection_s: of motion, until a loss was seen; inf if never, NaN without a loss.
-        notes: statuses and reasons.
-    """
-
+    # moments, answered: how often it was asked, and gave a number
     moments: int
     answered: int
+    # mae, worst: of the absolute error
     mae: float = math.nan
     worst: float = math.nan
+    # the most that an estimate lay below the truth after the event of the case
     false_drop: float = math.nan
-    coverage: float = math.nan
-    interval_score: float = math.nan
-    misleading: float = 0.0
-    wrong: float = math.nan
+    coverage: float = math.nan  # share of the intervals that hold the truth
+    interval_score: float = math.nan  # mean of width + 40 times what the truth lies outside
+    misleading: float = 0.0  # share of the moments with a number that misleads
+    wrong: float = math.nan  # share of the numbers that are confidently wrong
+    # of motion, until a loss was seen; inf if never, NaN without a loss
     detection_s: float = math.nan
-    cases: int = 1
-    notes: tuple[str, ...] = ()
+    cases: int = 1  # recordings behind it, each of one axis with one seed
+    notes: tuple[str, ...] = ()  # statuses and reasons
 
 
 def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> Score:

@@ -27,22 +27,14 @@ END_S = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RatePart:
-    """One session with one rate.
+    """One session with one rate."""
 
-    Attributes:
-        row: rate and state of the axis, as printed.
-        score: `detection_s` from half a point of loss until it was seen; 0 if sooner.
-        end_error: mean of the last `END_S`, estimate less truth, points.
-        fresh_mae: of saying `fresh` always, over the same moments, points.
-        early: whether it was seen while nothing had been lost.
-    """
-
-    row: str
+    row: str  # rate and state of the axis, as printed
     axis_seed: int
-    score: Score
-    end_error: float
-    fresh_mae: float
-    early: bool
+    score: Score  # `detection_s` from half a point of loss until it was seen; 0 if sooner
+    end_error: float  # mean of the last `END_S`, estimate less truth, points
+    fresh_mae: float  # of saying `fresh` always, over the same moments, points
+    early: bool  # whether it was seen while nothing had been lost
 
 
 def preload(rate_per_min: float, fresh_percent: float, duration_s: float) -> tuple[Floats, Floats]:

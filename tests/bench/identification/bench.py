@@ -16,25 +16,17 @@ from .cases import Recovered, Recoveries, recoveries
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """One parameter over all seeds; its means are of those with a finite interval.
-
-    Attributes:
-        truth: by its mean where it changes with the seed.
-        bias_sigma: mean error over the mean standard deviation that the intervals state.
-        held: in how many the interval holds the truth; infinite intervals do.
-        count: of seeds; `undetermined` of them have no finite interval.
-        width: mean width of the finite intervals, in the unit.
-    """
+    """One parameter over all seeds; its means are of those with a finite interval."""
 
     name: str
     unit: str
-    truth: float
+    truth: float  # by its mean where it changes with the seed
     mean: float
-    bias_sigma: float
-    held: int
-    count: int
+    bias_sigma: float  # mean error over the mean standard deviation that the intervals state
+    held: int  # in how many the interval holds the truth; infinite intervals do
+    count: int  # of seeds; `undetermined` of them have no finite interval
     undetermined: int
-    width: float
+    width: float  # mean width of the finite intervals, in the unit
 
     @classmethod
     def of(cls, name: str, each: Sequence[Recovered]) -> "Recovery":

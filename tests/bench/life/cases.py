@@ -34,28 +34,20 @@ the age of the step, or of the new nut."""
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One recording of a life; the factors are those of its friction, 1 as commissioned.
+    """One recording of a life; the factors are those of its friction, 1 as commissioned."""
 
-    Attributes:
-        day: of the life on which it begins.
-        time_s, percent: preload, straight between these points.
-        warmth: at its start, 0 cold, 1 warm.
-        added_kg: on the table beside the commissioned mass.
-        seed: of its part program and noise.
-        clock_s: what its clock shows at its start.
-    """
-
-    day: float
+    day: float  # of the life on which it begins
+    # time_s, percent: preload, straight between these points
     time_s: tuple[float, ...]
     percent: tuple[float, ...]
-    warmth: float
+    warmth: float  # at its start, 0 cold, 1 warm
     nut: float
     guide: float
     bearing: float
     viscous: float
-    added_kg: float
-    seed: int
-    clock_s: float
+    added_kg: float  # on the table beside the commissioned mass
+    seed: int  # of its part program and noise
+    clock_s: float  # what its clock shows at its start
 
     @property
     def duration_s(self) -> float:
@@ -71,19 +63,14 @@ class Session:
 
 @dataclass(frozen=True, slots=True)
 class Life:
-    """All sessions of one axis, in order.
-
-    Attributes:
-        event: age of the step or of the new nut, as share of the life.
-        own_clock: whether every session begins at 0 s, else all are on one clock.
-    """
+    """All sessions of one axis, in order."""
 
     shape: str
     axis_seed: int
     fresh_percent: float
     days: float
-    event: float
-    own_clock: bool
+    event: float  # age of the step or of the new nut, as share of the life
+    own_clock: bool  # whether every session begins at 0 s, else all are on one clock
     sessions: tuple[Session, ...]
 
     def crossing_day(self) -> float:

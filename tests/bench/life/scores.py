@@ -63,26 +63,20 @@ def rank_correlation(first: Floats, second: Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LifeScore:
-    """Figures of one life; errors in points of preload.
+    """Figures of one life; errors in points of preload."""
 
-    Attributes:
-        rows, each: score of all numbers, and of every session's.
-        silent: sessions without a number.
-        ends_mae, fresh_mae: over the session ends; the second of saying `fresh` always.
-        rank: correlation of the session ends with the truth; NaN where the truth never changes.
-        crossing: error of the day on which `LIMIT_SHARE` of fresh is left below, share of the
-            life; inf if never found, NaN where there is no such day.
-        false_crossing: whether one was found where there is none.
-    """
-
-    silent: int
+    silent: int  # sessions without a number
+    # rows, each: score of all numbers, and of every session's
     rows: Score
     each: tuple[Score, ...]
+    # ends_mae, fresh_mae: over the session ends; the second of saying `fresh` always
     ends_mae: float
     fresh_mae: float
-    rank: float
+    rank: float  # correlation of the session ends with the truth; NaN where the truth never changes
+    # error of the day on which `LIMIT_SHARE` of fresh is left below, share of the life; inf if
+    # never found, NaN where there is no such day
     crossing: float
-    false_crossing: bool
+    false_crossing: bool  # whether one was found where there is none
 
 
 def life_score(life: Life, tracks: Sequence[Track]) -> LifeScore:

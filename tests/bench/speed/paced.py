@@ -39,17 +39,12 @@ loop = true
 
 @dataclass(frozen=True, slots=True)
 class Paced:
-    """Costs of a window.
+    """Costs of a window."""
 
-    Attributes:
-        us_per_sample: processor time of all processes of the service, us.
-        peer_us_per_sample: that of publisher, broker and estimating process; None without a broker.
-        usage: of the service at the end of the window.
-    """
-
-    us_per_sample: float
+    us_per_sample: float  # processor time of all processes of the service, us
+    # that of publisher, broker and estimating process; None without a broker
     peer_us_per_sample: float | None
-    usage: Usage
+    usage: Usage  # of the service at the end of the window
 
 
 def service(folder: Path, kernels: Path, recording: Path, axes: int) -> ServiceProcess:

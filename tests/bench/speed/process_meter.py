@@ -21,18 +21,13 @@ _SERVING = re.compile(r"serving http://(\S+):(\d+)/")
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Resources that a process has used so far, with all that it has started.
+    """Resources that a process has used so far, with all that it has started."""
 
-    Attributes:
-        cpu_s: of all that live, and of those that they have waited for, s.
-        own_mb, peak_mb: resident memory of the process itself, now and at most, MB.
-        shared_mb: proportional set size of all, MB: what two share counts half in each.
-    """
-
-    cpu_s: float
+    cpu_s: float  # of all that live, and of those that they have waited for, s
+    # own_mb, peak_mb: resident memory of the process itself, now and at most, MB
     own_mb: float
     peak_mb: float
-    shared_mb: float
+    shared_mb: float  # proportional set size of all, MB: what two share counts half in each
 
 
 def usage_of(pid: int) -> Usage:

@@ -44,16 +44,13 @@ def stream_of(axis: ControllerAxis = AXIS) -> EdgeStream:
     return EdgeStream(Path("broker/topic"), {}, axis)
 
 
-def joined(frames: list[SampleFrame]) -> SampleFrame:
+def heard(stream: EdgeStream, sent: list[dict[str, Any]]) -> SampleFrame:
+    frames = [frame for each in sent for frame in stream.frames(each)]
     channels, quality = (
         {name: np.concatenate([getattr(f, part)[name] for f in frames]) for name in names}
         for part, names in (("channels", frames[0].channels), ("quality", frames[0].quality))
     )
     return SampleFrame(np.concatenate([f.time_s for f in frames]), channels, quality)
-
-
-def heard(stream: EdgeStream, sent: list[dict[str, Any]]) -> SampleFrame:
-    return joined([frame for each in sent for frame in stream.frames(each)])
 
 
 def test_samples_are_those_that_the_file_reader_gives(tmp_path: Path) -> None:

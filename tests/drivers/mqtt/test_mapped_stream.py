@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.mqtt.streams import MappedStream, MessageError
+from drivers.mqtt.mapped import MappedStream
+from drivers.mqtt.streams import MessageError
 from edge_service.messages.samples import Quality
 
 from ..bench import MACHINE

@@ -1,4 +1,4 @@
-"""What no recording shows is assumed: what follows from a guess is as unsure as it says."""
+"""Commissioning without the table's mass: intervals are as wide as the guess of it is unsure."""
 
 from functools import cache
 
@@ -16,7 +16,7 @@ from .plain_axis import PlainAxis
 
 @cache
 def learned() -> list[tuple[PlainAxis, Machine]]:
-    """Drawn axes, each with what its recording teaches without the mass."""
+    """Drawn axes, each with its machine as commissioned without the mass."""
     rng = np.random.default_rng(23)
     axes = [drawn(rng) for _ in range(8)]
     return [(axis, learned_of(axis)) for axis in axes]
@@ -54,7 +54,7 @@ def test_guides_and_mass_are_held_as_often_as_said() -> None:
 
 
 def test_guides_at_reversals_have_no_more_friction_than_the_axis() -> None:
-    """Else the stretch they made is cut off, and a fresh screw reads it as another preload."""
+    """More would cut off the stretch at a reversal, which then passes for another preload."""
     for axis, machine in learned():
         taught = machine.commissioned
         assert taught is not None
@@ -83,7 +83,7 @@ def with_nut(stiffness_n_per_m: float, tolerance: float) -> Machine:
 def test_the_nuts_share_is_as_uncertain_as_nut_and_mass(
     nut_tolerance: float, mass_tolerance: float
 ) -> None:
-    """Compliance is a measured stretch over the mass: one is as wrong as the other."""
+    """The compliance is a measured stretch over the mass, and errs as the mass does."""
     rng = np.random.default_rng(17)
     held = []
     for _ in range(300):

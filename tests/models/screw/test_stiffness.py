@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from drivers.simulated import SCENARIOS, Wear
 from edge_service.models.machine import Machine
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import Plant, axial_compliance
@@ -21,7 +22,6 @@ from edge_service.models.screw.nut_law import (
     nut_stiffness,
 )
 from edge_service.models.screw.stiffness import screw_area, screw_compliance
-from edge_service.models.screw.wear import SCENARIOS, Wear
 
 LENGTH_M, RIGIDITY_N = 0.998, 6.4e7
 

@@ -97,17 +97,12 @@ def shown(component: dict[str, Any], payload: bytes) -> Any:
 
 @dataclass
 class HomeAssistant:
-    """Devices that were discovered, and what has come on their topics.
+    """Devices that were discovered, and what has come on their topics."""
 
-    Attributes:
-        descriptions: by topic.
-        payloads: the last one by topic; of topics without one there is none.
-        refused: what was wrong with descriptions.
-    """
-
-    descriptions: dict[str, dict[str, Any]] = field(default_factory=dict)
+    descriptions: dict[str, dict[str, Any]] = field(default_factory=dict)  # by topic
+    # the last one by topic; of topics without one there is none
     payloads: dict[str, bytes] = field(default_factory=dict)
-    refused: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)  # what was wrong with descriptions
 
     def devices(self) -> dict[str, dict[str, Any]]:
         """States of the entities of each device, by the device's name and the component."""

@@ -71,21 +71,17 @@ def item_types(devices_xml: str) -> dict[str, tuple[str, str]]:
 
 @dataclass
 class Agent:
-    """State of an agent: what it would answer to `current`.
-
-    Attributes:
-        values: numbers, events and messages by data item.
-        conditions: active levels with their text by data item and native code.
-        times: of the last line about each data item.
-        seconds: agreed heartbeat; 0 without.
-    """
+    """State of an agent: what it would answer to `current`."""
 
     types: dict[str, tuple[str, str]]
+    # numbers, events and messages by data item
     values: dict[str, object] = field(default_factory=dict)
+    # active levels with their text by data item and native code
     conditions: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
+    # of the last line about each data item
     times: dict[str, datetime] = field(default_factory=dict)
     commands: list[str] = field(default_factory=list)
-    seconds: float = 0.0
+    seconds: float = 0.0  # agreed heartbeat; 0 without
 
     def take(self, line: str) -> None:
         """Take a line in. Raises ProtocolError."""

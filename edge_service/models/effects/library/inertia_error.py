@@ -10,12 +10,7 @@ EFFECT = Effect(
     kind=Kind.LOAD,
     parameters=(
         amount(
-            "change_kg_m2",
-            "kg m^2",
-            "Additional inertia of the table, at the motor.",
-            -0.05,
-            0.2,
-            2e-4,
+            "change_kg_m2", "kg m^2", "Inertia added to the table, at the motor.", -0.05, 0.2, 2e-4
         ),
     ),
     contributions=lambda values: (Change(Constant.TABLE_INERTIA, values["change_kg_m2"]),),

@@ -12,20 +12,10 @@ EFFECT = Effect(
     kind=Kind.LOAD,
     parameters=(
         amount(
-            "constant_nm",
-            "N m",
-            "Load torque against positive motion, held at rest too.",
-            -50.0,
-            50.0,
-            0.1,
+            "constant_nm", "N m", "Torque against positive motion, also at rest.", -50.0, 50.0, 0.1
         ),
         amount(
-            "asymmetry_nm",
-            "N m",
-            "Coulomb level higher forwards and lower backwards.",
-            -5.0,
-            5.0,
-            0.05,
+            "asymmetry_nm", "N m", "Coulomb level up forwards, down backwards.", -5.0, 5.0, 0.05
         ),
     ),
     contributions=lambda values: (

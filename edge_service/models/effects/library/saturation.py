@@ -10,14 +10,7 @@ EFFECT = Effect(
     kind=Kind.DRIVE,
     parameters=(
         Parameter(
-            "limit_nm",
-            "N m",
-            "Greatest torque that the drive delivers.",
-            1e-3,
-            1e4,
-            1e4,
-            2.0,
-            Role.SHAPE,
+            "limit_nm", "N m", "Greatest torque of the drive.", 1e-3, 1e4, 1e4, 2.0, Role.SHAPE
         ),
     ),
     contributions=lambda values: (Change(Constant.TORQUE_LIMIT, values["limit_nm"]),),

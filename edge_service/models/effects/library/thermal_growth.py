@@ -88,13 +88,7 @@ EFFECT = Effect(
             0.0,
         ),
         shape(
-            "time_constant_s",
-            "s",
-            "Time for 63 % of the rise.",
-            1.0,
-            1e5,
-            900.0,
-            amounts=("rise_k",),
+            "time_constant_s", "s", "Time to 63 % of rise.", 1.0, 1e5, 900.0, amounts=("rise_k",)
         ),
         reference_temperature("strain_per_k"),
     ),

@@ -10,12 +10,7 @@ EFFECT = Effect(
     kind=Kind.DRIVE,
     parameters=(
         amount(
-            "excess_share",
-            "1",
-            "Command above the torque that arrives, as a share of that.",
-            -0.6,
-            2.0,
-            0.15,
+            "excess_share", "1", "Command over the torque that arrives, less 1.", -0.6, 2.0, 0.15
         ),
     ),
     contributions=lambda values: (Change(Constant.COMMAND_SHARE, values["excess_share"]),),

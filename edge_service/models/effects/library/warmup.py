@@ -106,15 +106,7 @@ EFFECT = Effect(
             0.1,
             0.0,
         ),
-        shape(
-            "time_constant_s",
-            "s",
-            "Time in which it falls to 1/e.",
-            1.0,
-            1e5,
-            1200.0,
-            amounts=_BY_TIME,
-        ),
+        shape("time_constant_s", "s", "Time to fall to 1/e.", 1.0, 1e5, 1200.0, amounts=_BY_TIME),
         shape(
             "of_cold",
             "1",

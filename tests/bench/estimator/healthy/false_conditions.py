@@ -33,21 +33,15 @@ FALSE = (AxisCondition.WARNING, AxisCondition.FAULT)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftPart:
-    """One shift with a new start of the estimator, and what a watch said of it.
-
-    Attributes:
-        conditions: how often each condition began.
-        alarms: how often each kind was raised.
-        condition_s: how long each condition stood.
-    """
+    """One shift with a new start of the estimator, and what a watch said of it."""
 
     plant: str
     axis_seed: int
     hours: float
     score: Score
-    conditions: Counter[str]
-    alarms: Counter[str]
-    condition_s: Mapping[str, float]
+    conditions: Counter[str]  # how often each condition began
+    alarms: Counter[str]  # how often each kind was raised
+    condition_s: Mapping[str, float]  # how long each condition stood
 
 
 class Watched:

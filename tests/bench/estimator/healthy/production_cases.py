@@ -31,26 +31,20 @@ HEALTHY: Course = ((0.0, 1.0),)
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """One run of production on a healthy axis.
-
-    Attributes:
-        warmth: at its start, 0 cold, 1 warm.
-        relubricated_s, relubricated: when, and the nut's and guides' friction after it.
-        payload: (time s, added kg) of each change.
-        force_n, force_duty: of process forces, and the share of the time with them.
-        pauses: (time s, standstill s).
-    """
+    """One run of production on a healthy axis."""
 
     axis_seed: int
     seed: int
     duration_s: float
-    warmth: float
+    warmth: float  # at its start, 0 cold, 1 warm
+    # relubricated_s, relubricated: when, and the nut's and guides' friction after it
     relubricated_s: float
     relubricated: float
-    payload: tuple[tuple[float, float], ...]
+    payload: tuple[tuple[float, float], ...]  # (time s, added kg) of each change
+    # force_n, force_duty: of process forces, and the share of the time with them
     force_n: float
     force_duty: float
-    pauses: Pauses
+    pauses: Pauses  # (time s, standstill s)
 
 
 def draw_shift(axis_seed: int, duration_s: float) -> Shift:

@@ -23,16 +23,11 @@ MAKE, SCORE = "preload_make.py", "preload_score.py"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantPart:
-    """One recording of the second plant.
-
-    Attributes:
-        sheet: whether the nominal machine file states the nut's stiffness and the table's mass.
-        row: its figures by the benchmark's own names.
-    """
+    """One recording of the second plant."""
 
     seed: int
-    sheet: bool
-    row: Mapping[str, Any]
+    sheet: bool  # whether the nominal machine file states the nut's stiffness and the table's mass
+    row: Mapping[str, Any]  # its figures by the benchmark's own names
 
 
 def run_second_plant(seed: int, quick: bool, processes: int, say: Progress) -> Iterator[PlantPart]:

@@ -20,17 +20,12 @@ _Edit = Callable[[SampleFrame], SampleFrame]
 
 @dataclass(frozen=True, slots=True)
 class Hostile:
-    """One spoiled recording of a healthy axis.
-
-    Attributes:
-        edit: of the frames of ordinary production.
-        effects: of the test alone.
-        table_m: position over time instead, m; the torque stays below the drag.
-    """
+    """One spoiled recording of a healthy axis."""
 
     name: str
-    edit: _Edit | None = None
-    effects: tuple[str, ...] = ()
+    edit: _Edit | None = None  # of the frames of ordinary production
+    effects: tuple[str, ...] = ()  # of the test alone
+    # position over time instead, m; the torque stays below the drag
     table_m: Callable[[Floats], Floats] | None = None
 
 
