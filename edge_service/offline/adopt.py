@@ -23,7 +23,7 @@ from ..checks.finding import Finding
 from ..checks.sampling import clock_of
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..messages.samples import CHANNELS, TABLE_POSITION, TORQUE, SampleFrame
+from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, SampleFrame
 from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace
@@ -140,7 +140,7 @@ def _answer(
 def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Understanding:
     names = raw.of_axis(axis)
     found = understand(names, raw.values, known)
-    answered: set[str] = set()
+    answered: set[str] = {"--column"}  # is no number
     while ask and (open_ := [each for each in found.questions if each.option not in answered]):
         answered.add(open_[0].option)
         known = known.answered(open_[0], ask(open_[0]))
@@ -162,10 +162,11 @@ def _read(
     found = understood.columns.items()
     columns = {channel: each for channel, each in found if each != ColumnMap(channel)}
     if not any(name in CHANNELS for name in understood.columns):
-        asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
+        what = "column of a position" if TIME in understood.columns else "clock"
+        asked = "; ".join(f"{e.option} {e.words} ({e.why})" for e in understood.questions)
         raise TraceError(
-            f"{path}: no column is understood as a position: expected samples of an axis in motion"
-            f"{f' ({asked})' if asked else ''}; figures of single days are no recording"
+            f"{path}: no {what} is understood: expected samples of an axis in motion"
+            f"{f'; {asked}' if asked else ''}; figures of single days are no recording"
         )
     progress(f"reading {path.name}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))

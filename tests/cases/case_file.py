@@ -71,6 +71,7 @@ class Trace(Strict):
     edits: list[Edit] = []
     nan: bool = Field(False, description="a missing value is the word nan, not an empty cell")
     name: str = Field("trace.csv", description="of the file; .parquet makes it one")
+    replace: dict[str, str] = Field({}, description="expression -> text in its place, in order")
     torn: float = Field(1.0, description="share of the bytes that are left")
 
     @model_validator(mode="after")

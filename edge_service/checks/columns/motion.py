@@ -199,6 +199,8 @@ class Motion:
             self._columns[ANGLE] = ColumnMap(motor.name, SI[motor.unit][0] * TURN / lead)
             self._found.say(ANGLE, f"{motor.name!r} in {motor.unit} of travel, by the lead")
             self._drop_derived(motor.name)
+        elif motor.si_unit == "count":
+            self._counted(motor)
         elif (unit := self._angle_unit(motor)) is not None:
             self._choose(ANGLE, motor, *unit)
             table = self._columns.get(TABLE_POSITION)
@@ -209,6 +211,19 @@ class Motion:
                 self._drop_derived(motor.name)
             else:
                 self._found.say("lead_m", f"{table.column!r} does not follow {motor.name!r}")
+
+    def _counted(self, motor: ColumnName) -> None:
+        """The motor's angle in counts of its encoder, by the lead and the table's travel."""
+        table = self._columns.get(TABLE_POSITION)
+        link = None if table is None else self._sure_link(table.column, motor.name)
+        if table is None or link is None or self._lead is None:
+            self._ask_lead()
+            self._found.say(ANGLE, f"{motor.name!r} is left out: counts of how many a turn")
+            return
+        scale = TURN * table.scale * link.factor / self._lead
+        self._columns[ANGLE] = ColumnMap(motor.name, scale)
+        words = f"{TURN / scale:.6g} counts a turn, by the lead and {table.column!r}"
+        self._found.say(ANGLE, f"{motor.name!r}: {words}")
 
     def _angle_unit(self, motor: ColumnName) -> tuple[str, str] | None:
         """Unit of the motor's angle, and why; None where none fits."""

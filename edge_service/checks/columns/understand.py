@@ -17,12 +17,11 @@ from ...recordings.columns import ColumnMap
 from .clock import find_clock
 from .guess import Known, Understanding
 from .motion import Motion
-from .names import ColumnName, Quantity
+from .names import QUANTITIES, ColumnName, Quantity, suits
 from .relations import follows, is_unsigned
 from .unnamed import with_quantities
 
 _PLAIN = ((Quantity.TEMPERATURE, TEMPERATURE, "degC"), (Quantity.FORCE, EXTERNAL_FORCE, "N"))
-_CURRENT_A = {"A": 1.0, "mA": 1e-3}
 _MOST_A = 300.0
 _FRICTION = 0.3
 """Share of an unnamed effort that must follow the direction."""
@@ -44,6 +43,7 @@ def understand(
         if before.quantity is not after.quantity:
             words = f"{after.name!r} moves like a {after.quantity.value}"
             found.say("columns", words, assumed=True)
+    columns = [each for each in columns if not _is_open(each, found)]
     time_s = find_clock(columns, table, known, found)
     if time_s is None:
         return found
@@ -60,6 +60,20 @@ def understand(
     return found
 
 
+def _is_open(column: ColumnName, found: Understanding) -> bool:
+    """Ask for the unit of a column that states one which is not known, and which of twins it is."""
+    key = next((key for key, each in QUANTITIES.items() if each is column.quantity), "")
+    if column.quantity is Quantity.POSITION:
+        key = TABLE_POSITION
+    stated = column.stranger or ("" if suits(column.unit, column.quantity) else column.unit)
+    is_twin = column.is_twin and not column.is_given and column.quantity is not Quantity.TIME
+    if key and (stated or is_twin):
+        why = f"{stated!r} is no unit that is known for a {column.quantity.value}"
+        why = "another column has the same name" if is_twin else why
+        found.ask("--column", f'"{key}={column.name}:UNIT"', why)
+    return bool(key and (stated or is_twin))
+
+
 def _find_effort(
     names: list[ColumnName],
     values: dict[str, Floats],
@@ -69,8 +83,9 @@ def _find_effort(
 ) -> None:
     """Choose the torque channel; says and asks what there is to it."""
     column = _best_effort(names, values, speed)
-    if column is None:
+    if column is None and not found.questions:
         found.say(TORQUE, "no column holds a torque or a current: friction cannot be judged")
+    if column is None:
         return
     effort = values[column.name]
     scale, words = _effort_scale(column, effort, known, found)
@@ -105,14 +120,12 @@ def _effort_scale(
     """Factor to N m at the motor, with words; None where it is not known."""
     if column.si_unit == "N m":
         return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
-    unit, per_unit = column.unit or "unit", 1.0
-    if column.quantity is Quantity.CURRENT:
-        current = column.unit
-        if current not in _CURRENT_A:  # no feed drive takes hundreds of amperes
-            high = float(np.nanpercentile(np.abs(values), 99.0))
-            current = "A" if high < _MOST_A else "mA"
-            found.say(TORQUE, f"{column.name!r} is taken as a current in {current}", assumed=True)
-        unit, per_unit = "A", _CURRENT_A[current]
+    unit = column.unit or "unit"
+    if column.quantity is Quantity.CURRENT and not column.unit:
+        high = float(np.nanpercentile(np.abs(values), 99.0))
+        unit = "A" if high < _MOST_A else "mA"  # no feed drive takes hundreds of amperes
+        found.say(TORQUE, f"{column.name!r} is taken as a current in {unit}", assumed=True)
+    unit, per_unit = ("A", 1e-3) if unit == "mA" else (unit, 1.0)
     if known.torque_constant is not None:
         scale = per_unit * known.torque_constant
         return scale, f"{column.name!r} times {known.torque_constant:g} N m/{unit}, as given"
