@@ -51,11 +51,9 @@ CHECKS = tuple(Check(_RUN[f"check_{name}"], **words) for name, words in _TABLE.i
 def check_plausibility(
     machine: Machine, recordings: Sequence[SampleFrame], unread: Sequence[str] | None = None
 ) -> list[Finding]:
-    """Every check that the channels allow, in a fixed order.
+    """Every check that the channels of one axis allow, in a fixed order.
 
-    Args:
-        recordings: of one axis; a longer one may come in pieces.
-        unread: columns of the files that are no channel; None where there are no files.
+    `unread` are columns of the files that are no channel; None where there are no files.
     """
     channels = {name for frame in recordings for name in frame.channels}
     found = [] if unread is None else [signals.check_columns(channels, unread)]

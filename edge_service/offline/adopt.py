@@ -76,12 +76,12 @@ def adopt(
     with replaced_file(out) as file:
         file.write(machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
-    has_inertia = mechanics is not None or "inertia_kg_m2" in stated
-    if understood.lead_m is not None and has_inertia:
+    if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
         findings = examine(load_machine(out), files, progress)
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
     rated = {"dynamic_load_rating_n", "preload_n"} <= stated.keys()
-    able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
+    doubt = next((e.sentence for e in findings or () if e.is_doubtful and e.name == "torque"), "")
+    able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated, doubt=doubt)
     if picture is not None:
         _draw(frames[0], names[0], picture)
     return _answer(out, understood, mechanics, findings, able, picture)

@@ -16,6 +16,7 @@ _RATES_HZ = (10.0, 20_000.0)
 _ROUND = 0.05
 _SURE = 0.9
 _MOST_REPEATED = 0.5
+_PERIOD = "Length of a sample, s"
 _FEW_ROWS = 5
 """Rows of one window where rows may be missing unseen."""
 _NICE_S = tuple(
@@ -34,7 +35,7 @@ def find_clock(
     apart = any(not np.array_equal(each, clocks[0], equal_nan=True) for each in clocks)
     if apart and 2 * len(clocks) == len(names) and known.period_s is None:
         why = "each channel has times of its own, and they differ: bring all to one time first"
-        found.ask("--period", "Length of a sample, s", why)
+        found.ask("--period", _PERIOD, why)
         return None
     names = [each for each in names if not _is_set_aside(each, values[each.name], known, found)]
     for quantity in (Quantity.COUNTER, Quantity.TIME)[:: 1 if known.period_s else -1]:
@@ -48,24 +49,20 @@ def find_clock(
 
 
 def _is_set_aside(each: ColumnName, values: Floats, known: Known, found: Understanding) -> bool:
-    """Times that a given period outdoes, and those with too few digits to part the rows."""
+    """Times that a given period outdoes, unless they count, and those that do not part the rows."""
     steps = np.diff(values[np.isfinite(values)])
     if each.quantity is not Quantity.TIME or not steps.size:
         return False
     if known.period_s is not None:
-        counts = bool(np.all(steps == np.round(steps))) and float(np.median(steps)) == 1.0
-        if each.unit or not counts:
-            words = f"{each.name!r} is not read: a sample is {known.period_s:g} s, as given"
-            found.say(TIME, words, assumed=True)
-        return bool(each.unit) or not counts
-    same = float(np.mean(steps == 0.0))
+        return bool(each.unit) or float(np.median(steps)) != 1.0 or bool(np.any(steps % 1.0))
+    same, why = float(np.mean(steps == 0.0)), ""
     if same > _MOST_REPEATED:
         why = f"{each.name!r} repeats {100.0 * same:.0f} % of its times: it has too few digits"
-        found.ask("--period", "Length of a sample, s", why)
     elif float(np.mean(steps < 0.0)) > _SURE:
         why = f"{each.name!r} runs backwards: sort the rows by it"
-        found.ask("--period", "Length of a sample, s", why)
-    return same > _MOST_REPEATED
+    if why:
+        found.ask("--period", _PERIOD, why)
+    return bool(why)
 
 
 def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding) -> float | None:
@@ -113,11 +110,11 @@ def _by_rows(
     if period_s is None and any("|" in each.name for each in names):
         period_s, why = EDGE_PERIOD_S, "assumed: Industrial Edge records every 2 ms by default"
     if period_s is None:
-        if not any(each.option == "--period" for each in found.questions):
-            found.ask("--period", "Length of a sample, s", "no column holds the time")
+        if not found.questions:
+            found.ask("--period", _PERIOD, "no column holds the time")
         return None
     found.columns[TIME] = ColumnMap(ROW_NUMBER, period_s)
-    words = f"no column holds it; a row is {period_s:.4g} s ({why})"
+    words = f"a row is {period_s:.4g} s ({why})"
     found.say(TIME, words, assumed=why.startswith("assumed"))
     return rows * period_s
 

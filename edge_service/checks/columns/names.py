@@ -72,9 +72,9 @@ class ColumnName:
     is_given: bool = False
 
     @property
-    def is_twin(self) -> bool:
-        """Another column of the file has the same name."""
-        return _NUMBER.search(self.name) is not None
+    def is_position(self) -> bool:
+        """It is a measured position, whatever of."""
+        return self.quantity.name.endswith("POSITION")
 
     @property
     def si_unit(self) -> str:
@@ -130,10 +130,8 @@ def unit_of(text: str, quantity: Quantity = Quantity.OTHER) -> str:
 
 def units_below(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, str]:
     """Units in a row of them below the names of a file, by name."""
-    for row in rows:
-        texts = [cell.strip("[]() ") for cell in row]
-        known = sum(bool(units_spelled(text)) for text in texts)
-        if 2 * known > sum(map(bool, texts)) > 0:
+    for texts in ([cell.strip("[]() ") for cell in row] for row in rows):
+        if 2 * sum(bool(units_spelled(text)) for text in texts) > sum(map(bool, texts)):
             return dict(zip(names, texts, strict=False))
     return {}
 
@@ -191,7 +189,7 @@ def _words(text: str) -> frozenset[str]:
     found = []
     for own in (each for each in _FOREIGN if not each.isascii()):  # written without blanks
         text = text.replace(own, f" {_FOREIGN[own]} ")
-    for each in _WORD.findall(_unaccented(text).replace("_", " ")):
+    for each in _WORD.findall(_unaccented(text).replace("i_q", "iq").replace("_", " ")):
         word = each.lower() if each.lower() in _VOCABULARY else each.lower().rstrip(digits)
         found += [_FOREIGN.get(part, part) for part in _parts(word)]
     return frozenset(found)

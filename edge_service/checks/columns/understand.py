@@ -1,5 +1,6 @@
 """Understanding of a recording: the stages in their order, and its torque."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from ...messages.samples import (
     Floats,
 )
 from ...recordings.columns import ColumnMap
+from ..sampling import wrap_of
 from .clock import find_clock
 from .guess import Known, Understanding
 from .motion import Motion
@@ -30,12 +32,9 @@ _FRICTION = 0.3
 def understand(
     names: Sequence[ColumnName], values: Mapping[str, Floats], known: Known
 ) -> Understanding:
-    """Find what the columns of one axis are.
+    """Find what the columns of one axis, and those of no axis, are; `known` comes first.
 
-    Args:
-        names: columns of the axis, and those of no axis.
-        values: column -> values as they stand in the file, shape (n,) each.
-        known: what the owner says; it comes first.
+    Values are as they stand in the file, by column, shape (n,) each.
     """
     found = Understanding(lead_m=known.lead_m)
     columns, table = list(with_quantities(names, values)), dict(values)
@@ -43,7 +42,12 @@ def understand(
         if before.quantity is not after.quantity:
             words = f"{after.name!r} moves like a {after.quantity.value}"
             found.say("columns", words, assumed=True)
-    columns = [each for each in columns if not _is_open(each, found)]
+    twins = Counter(each.name.rpartition(" #")[0] for each in columns)
+    columns = [each for each in columns if not _is_open(each, twins, found)]
+    for each in [each for each in columns if each.is_position and wrap_of(table[each.name])]:
+        columns.remove(each)
+        words = f"it wraps, by {wrap_of(table[each.name]):g}; unwrap it first"
+        found.say("columns", f"{each.name!r} is left out: {words}", assumed=True)
     time_s = find_clock(columns, table, known, found)
     if time_s is None:
         return found
@@ -60,18 +64,19 @@ def understand(
     return found
 
 
-def _is_open(column: ColumnName, found: Understanding) -> bool:
+def _is_open(column: ColumnName, twins: Mapping[str, int], found: Understanding) -> bool:
     """Ask for the unit of a column that states one which is not known, and which of twins it is."""
     key = next((key for key, each in QUANTITIES.items() if each is column.quantity), "")
     if column.quantity is Quantity.POSITION:
         key = TABLE_POSITION
     stated = column.stranger or ("" if suits(column.unit, column.quantity) else column.unit)
-    is_twin = column.is_twin and not column.is_given and column.quantity is not Quantity.TIME
-    if key and (stated or is_twin):
-        why = f"{stated!r} is no unit that is known for a {column.quantity.value}"
-        why = "another column has the same name" if is_twin else why
+    why = f"{stated!r} is no unit that is known for a {column.quantity.value}" if stated else ""
+    base = "" if column.is_given or column.quantity is Quantity.TIME else column.name
+    if (base := base.rpartition(" #")[0]) and twins[base] > 1:
+        why = "another column has the same name"
+    if key and why:
         found.ask("--column", f'"{key}={column.name}:UNIT"', why)
-    return bool(key and (stated or is_twin))
+    return bool(key and why)
 
 
 def _find_effort(
