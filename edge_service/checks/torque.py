@@ -112,7 +112,7 @@ def _judged_inertia(
         said = "inertia and friction read negative" if both else "inertia reads negative"
         sentence = f"{INVERTED}{said}"
         if share > 0.5 + CLEAR_SHARE:
-            sentence = f"{said}, though the torque drives {share:.0%} of the rows: not of one time"
+            sentence = f"{said}, though the torque drives {100.0 * share:.0f} % of the rows"
         return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=True)
     if _apart(inertia, stated, INERTIA_FACTOR):
         ratio = inertia.value / expected
@@ -142,9 +142,9 @@ def _judged_drag(
     moving = speeds[speeds > STANDSTILL_SHARE * speeds.max(initial=0.0)]
     shares = (SLOW_SHARE, 1.0 - SLOW_SHARE)
     slow, fast = np.quantile(moving, shares).tolist() if moving.size else (0.0, 0.0)
-    falls = -viscous.high * fast if viscous.determined else 0.0
+    falls = -viscous.value * fast if viscous.determined and viscous.high < 0.0 else 0.0
     if coulomb.determined and falls > 0.3 * abs(coulomb.value):  # Stribeck's takes less
-        sentence = f"friction falls with speed, by {falls:.2g} N m or more: another force is in it"
+        sentence = f"friction falls with speed, by {falls:.2g} N m: another force is in it"
         return Finding("torque", Verdict.DOUBTFUL, sentence, viscous, 0.0)
     if not coulomb.determined or coulomb.high >= 0.0:
         return None

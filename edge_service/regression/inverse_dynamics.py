@@ -28,7 +28,7 @@ UNITS = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset"
 """Parameters in the order of the regressors: acceleration, speed, direction, one."""
 RELIABLE = 0.99
 """Share of signal power in a regressor above which its noise biases the fit by less than 1 %."""
-_TOTAL_ROUNDS = 5
+_TOTAL_ROUNDS, _SURE = 5, 0.02
 _LEAST_SHARE = 0.1  # of the residual that is the torque's own noise
 
 
@@ -55,9 +55,8 @@ def identify_inverse_dynamics(
     """Inverse model of one axis, with intervals that know of its limits.
 
     A rigid model of an axis that is not rigid, or of rows that were interpolated, gives other
-    parameters when it is filtered otherwise: what they move by with half and quarter of the cutoff
-    is systematic, as far as chance does not explain it. The variance of a difference is that of the
-    variances, as the slower fit leaves out data (Hausman, 1978). Raises ValueError: too little.
+    parameters when it is filtered otherwise: what they move by with half or quarter of the cutoff
+    is systematic, beyond chance (Hausman, 1978). Raises ValueError: too little motion.
     """
 
     def fitted(share: float) -> InverseDynamics:
@@ -70,7 +69,9 @@ def identify_inverse_dynamics(
     widened, z = dict(fast.parameters), normal_quantile()
     for name, found in ((k, each) for k, each in fast.parameters.items() if each.determined):
         systematic, others = 0.0, (slow.parameters[name] for slow in slower)
-        for other in (each for each in others if each.determined):
+        for k, other in enumerate(others):
+            if not other.determined or (k and other.sigma > _SURE * abs(other.value)):
+                continue  # what moves too little at a quarter shows nothing
             chance = max(other.sigma**2 - found.sigma**2, 0.0)
             systematic = max((found.value - other.value) ** 2 - z**2 * chance, systematic)
         half = math.hypot(0.5 * (found.high - found.low), z * math.sqrt(systematic))

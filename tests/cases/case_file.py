@@ -27,6 +27,8 @@ class Edit(Strict):
     value: dict[str, float] = {}
     old_rows: dict[str, int] = {}
     held_rows: dict[str, int] = {}
+    wrap: dict[str, float] = {}
+    interpolated_rows: int = Field(1, description="of so many, all but the first are drawn")
     noise: dict[str, float] = {}
     drag_nm: float = Field(0.0, description="added to the torque, with the sign of the speed")
     repeated_rows: float = 0.0
