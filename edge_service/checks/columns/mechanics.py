@@ -98,8 +98,8 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     told = not (inertia.holds(0.0) and coulomb.holds(0.0))
     telling = coulomb if inertia.holds(0.0) else inertia
     inverted, share = told and telling.value < 0.0, driven_share(frames, settings, offset.value)
-    if abs(share - 0.5) > CLEAR_SHARE:
-        inverted, told = share < 0.5, True
+    if told and abs(share - 0.5) > CLEAR_SHARE:
+        inverted = share < 0.5
         if inertia.determined and inertia.scaled(-1.0 if inverted else 1.0, "").high < 0.0:
             driven = f"the torque drives the motion in {100.0 * max(share, 1.0 - share):.0f} %"
             found[0] = undetermined(inertia.unit, f"it reads negative, though {driven} of the rows")
