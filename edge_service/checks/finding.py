@@ -1,28 +1,17 @@
 """A number held against what it should be, and the usual mistakes of unit and sign, in words."""
 
 import math
+import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.resources import files
 
 from ..regression.interval_estimate import IntervalEstimate
 
 FACTOR_TOLERANCE = 0.02
 """No lead, encoder or speed is further off its nominal value than this without a mistake."""
-_KNOWN_FACTORS = {
-    1e3: "thousandths instead of whole units, such as mm instead of m",
-    1e-3: "whole units instead of thousandths",
-    1e6: "millionths instead of whole units, such as um instead of m",
-    180.0 / math.pi: "degrees instead of radians",
-    math.pi / 180.0: "radians instead of degrees",
-    1.0 / (2.0 * math.pi): "revolutions instead of radians",
-    2.0 * math.pi: "radians instead of revolutions",
-    60.0 / (2.0 * math.pi): "rev/min instead of rad/s",
-    60.0: "per minute instead of per second",
-    1.0 / 60.0: "per second instead of per minute",
-    1.0 / 360.0: "a rotary axis, in degrees and rev/min",
-    100.0: "percent instead of a fraction",
-    0.01: "a fraction instead of percent",
-}
+_MISTAKES = tomllib.loads((files(__package__) / "mistakes.toml").read_text("utf-8"))
+_KNOWN_FACTORS = {ratio: words for words, ratio in _MISTAKES.items()}
 """Value over truth -> the usual mistake."""
 
 

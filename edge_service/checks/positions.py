@@ -22,6 +22,7 @@ from ..regression.linear import least_squares
 from .channel_regression import ChannelRegression, regress_channel
 from .finding import Finding, Verdict, judge_factor, looks_wrong, usual_mistake
 
+SPEEDS = ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION))
 LEAST_LAG_S = 1e-4
 """A shorter lag between the encoders shows in no result."""
 FOLLOWED = (0.2, 5.0)
@@ -166,7 +167,7 @@ def check_table_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
 def speed_doubts(recordings: Sequence[SampleFrame]) -> list[str]:
     """One line for each speed that is not the derivative of its position."""
     found = []
-    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
+    for speed, position in SPEEDS:
         with contextlib.suppress(ValueError):
             finding = _speed(recordings, speed, position)
             if finding.is_doubtful:

@@ -67,9 +67,7 @@ def inconsistency(
 ) -> str | None:
     """Reason why two recordings cannot be of one axis, in a line; None if all can be.
 
-    Args:
-        ratio_m_per_rad: of the machine file.
-        names: of the recordings, by their number.
+    The ratio is that of the machine file; `names` are those of the recordings, by their number.
     """
     files = sorted(by_recording(runs).items())
     if len(files) < 2:

@@ -17,6 +17,8 @@ TOO_SLOW = "{:.3g} samples/s do not show what a machine does while it accelerate
 STEPS = 10
 """Samples between two angles: longer than the noise of an encoder, shorter than a move."""
 _GAP_PERIODS = 1.5
+_WRAPS = (360.0, 2.0 * np.pi, 1.0, *(2.0**bits for bits in range(8, 33)))
+_WRAP_SLACK = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,16 @@ def clock_of(times_s: Sequence[Floats]) -> Clock:
         restarts=int(np.count_nonzero(steps < -CLOCK_RESET_S)),
         backwards=int(np.count_nonzero((steps <= 0.0) & (steps >= -CLOCK_RESET_S))),
     )
+
+
+def wrap_of(values: Floats) -> float:
+    """Size by which a position (n,) jumps where it begins anew, and its range; 0 if it does not."""
+    known = values[np.isfinite(values)]
+    reach = float(np.ptp(known)) if known.size else 0.0
+    jumps = np.abs(np.diff(known))
+    jumps = jumps[jumps > 0.5 * reach]
+    size = next((size for size in _WRAPS if abs(reach / size - 1.0) < _WRAP_SLACK), 0.0)
+    return size if 0 < jumps.size < 0.1 * known.size and jumps.min() > 0.8 * reach else 0.0
 
 
 def motion_speeds(machine: Machine, recordings: Sequence[SampleFrame]) -> Floats:

@@ -38,11 +38,7 @@ class DataCheck:
 
 
 def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()) -> DataCheck:
-    """Check the runs of one axis.
-
-    Args:
-        names: of the recordings, by their number.
-    """
+    """Check the runs of one axis; `names` are those of the recordings, by their number."""
     if not runs:
         return DataCheck((_NO_RUN,), ())
     if any(len(run.motion) < 2 for run in runs):

@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import re
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 
@@ -13,10 +12,8 @@ from ..messages.row_faults import THETA, T, U, X
 from ..messages.samples import (
     ANGLE,
     CHANNELS,
-    MOTOR_SPEED,
     SETPOINT,
     TABLE_POSITION,
-    TABLE_SPEED,
     TEMPERATURE,
     TIME,
     TORQUE,
@@ -26,10 +23,12 @@ from ..messages.samples import (
 from ..models.machine import Machine
 from ..recordings.conditioning import with_angle
 from .channel_regression import regress_channel
+from .columns.names import Quantity, column_names
 from .finding import FACTOR_TOLERANCE, Finding, Verdict
 from .live.channel_check import LONGER
 from .live.excursions import longest_rows, mend
 from .live.repeats import held
+from .positions import SPEEDS
 from .sampling import clock_of, motion_speeds
 from .torque import INERTIA_FACTOR, measured_inertia
 
@@ -40,12 +39,7 @@ _MEASURED = {
 }
 LEAST_S = 1.0
 """Shorter recordings may well repeat a value, and show no motion to be judged."""
-_TORQUE = re.compile(
-    r"torque|trq|moment|current|curr\b|curr[^e]|strom|load|last|force|kraft"
-    r"|(?<![a-z])n ?\*?m(?![a-z])|(?<![a-z])m?a(?![a-z])|(?<![a-z])i_?q",
-    re.IGNORECASE,
-)
-"""Words and units of a motor's torque or current, in English and German."""
+_EFFORTS = (Quantity.TORQUE, Quantity.CURRENT, Quantity.FORCE)
 _SHOWN = 8
 STROKE_SLACK = 0.02
 LIMIT_SLACK = 1.5
@@ -82,7 +76,7 @@ def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
     A speed is too large by the factor of the clock, an inertia by its square.
     """
     witnesses = []  # ratio to what it should be, and the factor by which it may be off
-    for speed, position in ((MOTOR_SPEED, ANGLE), (TABLE_SPEED, TABLE_POSITION)):
+    for speed, position in SPEEDS:
         with contextlib.suppress(ValueError):
             factor = regress_channel(recordings, speed, position, derivative=1).factor
             if factor.determined and factor.low > 0.0:
@@ -110,7 +104,9 @@ def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
         return ", ".join(repr(name) for name in names[:_SHOWN]) + more
 
     named = [name for name in unread if name]
-    likely = [name for name in named if TORQUE not in channels and _TORQUE.search(name)]
+    told = [] if TORQUE in channels else column_names(named)
+    units = ("N m", "A")
+    likely = [e.name for e in told if e.quantity in _EFFORTS or e.si_unit in units]
     verdict, remedy = Verdict.DOUBTFUL, ""
     if TORQUE in channels and channels & {ANGLE, TABLE_POSITION}:
         verdict, sentence = Verdict.FITS, "torque and position are read"

@@ -33,6 +33,11 @@ A load that hangs may keep torque on one side, but then it still follows the sig
 friction; a magnitude follows their absolute values.
 """
 LEAST_ROWS = 40
+CLEAR_SHARE = 0.15
+"""Beyond half: so many rows more tell by their power which way a torque counts."""
+_LONGEST_M_PER_RAD = 0.1 / 6.28  # beyond it, a rotary axis or a belt
+_GREATEST = (("dry friction", "N m", 5.0, 3e3, 1), ("inertia", "kg m2", 0.02, 5e3, 2))
+"""Of feed axes: motor and screw; table and guides, by a power of the travel per rad."""
 _BORROWED_SIGN = Finding(
     "torque",
     Verdict.DOUBTFUL,
@@ -54,21 +59,38 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     fit = identify_inverse_dynamics(able, settings)
     inertia = fit.parameters["inertia"]
     expected = machine.model.inertia_kg_m2.value
+    verdict, said = Verdict.FITS, "torque has the sign and the size that the inertia needs"
+    judged = None
     if not inertia.determined or inertia.holds(0.0):
-        return _judged_drag(machine, able, fit) or Finding(
-            "torque", Verdict.UNKNOWN, "cannot tell: too little acceleration", inertia, expected
-        )
-    return (
-        _judged_inertia(fit, machine.model.inertia_kg_m2, able)
-        or _judged_drag(machine, able, fit)
-        or Finding(
-            "torque",
-            Verdict.FITS,
-            "torque has the sign and the size that the inertia needs",
-            inertia,
-            expected,
-        )
-    )
+        verdict, said = Verdict.UNKNOWN, "cannot tell: too little acceleration"
+    else:
+        share = driven_share(able, settings, fit.parameters["offset"].value)
+        judged = _judged_inertia(fit, machine.model.inertia_kg_m2, able, share)
+    judged = judged or _judged_drag(machine, able, fit) or _judged_size(machine, fit)
+    return judged or Finding("torque", verdict, said, inertia, expected)
+
+
+def driven_share(
+    recordings: Sequence[SampleFrame], settings: PreparationSettings, offset_nm: float
+) -> float:
+    """Share of the rows in motion in which the torque drives it; a half where none can tell."""
+    torque, speed, _ = _rows(recordings, settings)
+    power = (torque - offset_nm) * speed
+    able = len(power) >= LEAST_ROWS and {-1.0, 1.0} <= set(np.sign(speed).tolist())
+    return float(np.mean(power > 0.0)) if able else 0.5
+
+
+def _judged_size(machine: Machine, fit: InverseDynamics) -> Finding | None:
+    """Finding on friction or inertia beyond what the feed axes of that lead have."""
+    ratio = machine.transmission_ratio_m_per_rad
+    for name, unit, motor, table, power in _GREATEST:
+        most = motor + table * ratio**power
+        found = fit.parameters["inertia" if name == "inertia" else "coulomb"]
+        if ratio < _LONGEST_M_PER_RAD and found.determined and found.low > most:
+            sentence = f"{name} {found.value:.3g} {unit} is more than feed axes of that lead have"
+            sentence += f" ({most:.2g}): the torque may be in another unit"
+            return Finding("torque", Verdict.DOUBTFUL, sentence, found, most)
+    return None
 
 
 def measured_inertia(machine: Machine, recordings: Sequence[SampleFrame]) -> IntervalEstimate:
@@ -77,21 +99,20 @@ def measured_inertia(machine: Machine, recordings: Sequence[SampleFrame]) -> Int
 
 
 def _judged_inertia(
-    fit: InverseDynamics, stated: Quantity, recordings: Sequence[SampleFrame]
+    fit: InverseDynamics, stated: Quantity, recordings: Sequence[SampleFrame], share: float
 ) -> Finding | None:
     """Finding on an inertia that contradicts the machine file, or that slow samples hide."""
     inertia, coulomb = fit.parameters["inertia"], fit.parameters["coulomb"]
     expected = stated.value
-    both = coulomb.determined and coulomb.high < 0.0
-    if clock_of([frame.time_s for frame in recordings]).is_slow and not (
-        both and inertia.high < 0.0
-    ):
+    both = coulomb.determined and coulomb.high < 0.0 and inertia.high < 0.0
+    if not both and clock_of([frame.time_s for frame in recordings]).is_slow:
         sentence = "cannot tell: samples too slow for the acceleration"
         return Finding("torque", Verdict.UNKNOWN, sentence, inertia, expected)
     if inertia.high < 0.0:
-        sentence = INVERTED + (
-            "inertia and friction read negative" if both else "inertia reads negative"
-        )
+        said = "inertia and friction read negative" if both else "inertia reads negative"
+        sentence = f"{INVERTED}{said}"
+        if share > 0.5 + CLEAR_SHARE:
+            sentence = f"{said}, though the torque drives {100.0 * share:.0f} % of the rows"
         return Finding("torque", Verdict.DOUBTFUL, sentence, inertia, expected, forbids=True)
     if _apart(inertia, stated, INERTIA_FACTOR):
         ratio = inertia.value / expected
@@ -117,11 +138,16 @@ def _judged_drag(
 ) -> Finding | None:
     """Finding on a friction that drives the axis at its own slow speeds; not by extrapolation."""
     coulomb, viscous = fit.parameters["coulomb"], fit.parameters["viscous"]
-    if not coulomb.determined or coulomb.high >= 0.0:
-        return None
     speeds = np.abs(motion_speeds(machine, recordings))
     moving = speeds[speeds > STANDSTILL_SHARE * speeds.max(initial=0.0)]
-    slow = float(np.quantile(moving, SLOW_SHARE)) if moving.size else 0.0
+    shares = (SLOW_SHARE, 1.0 - SLOW_SHARE)
+    slow, fast = np.quantile(moving, shares).tolist() if moving.size else (0.0, 0.0)
+    falls = -viscous.value * fast if viscous.determined and viscous.high < 0.0 else 0.0
+    if coulomb.determined and falls > 0.3 * abs(coulomb.value):  # Stribeck's takes less
+        sentence = f"friction falls with speed, by {falls:.2g} N m: another force is in it"
+        return Finding("torque", Verdict.DOUBTFUL, sentence, viscous, 0.0)
+    if not coulomb.determined or coulomb.high >= 0.0:
+        return None
     if viscous.determined and coulomb.high + viscous.value * slow >= 0.0:
         return None
     sentence = (

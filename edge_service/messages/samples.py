@@ -1,9 +1,12 @@
 """Samples of one axis at the native rate of its drive: channels, units, quality, waveforms."""
 
 import math
+import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from importlib.resources import files
 
 import numpy as np
 import numpy.typing as npt
@@ -45,22 +48,20 @@ CHANNELS: dict[str, Channel] = {
 
 POSITION_CHANNELS = (ANGLE, TABLE_POSITION)
 
-_FACTORS = {
-    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "mm/min": 1e-3 / 60.0, "m/min": 1.0 / 60.0},
-    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
-    "rad/s": {
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180.0,
-        "rev/s": 2.0 * math.pi,
-        "rev/min": 2.0 * math.pi / 60.0,
-    },
-    "N m": {"N m": 1.0, "mN m": 1e-3},
-    "N": {"N": 1.0, "kN": 1e3},
-    "degC": {"degC": 1.0},
-}
-SI = {unit: (factor, si) for si, units in _FACTORS.items() for unit, factor in units.items()}
-"""Unit -> factor to SI, SI unit. Degrees Celsius stand for themselves."""
+
+def _plain(text: str) -> str:
+    return re.sub(r"[\s.,·⋅*×'−-]", "", text.casefold().replace("μ", "u"))
+
+
+_UNITS = tomllib.loads((files(__package__) / "units.toml").read_text("utf-8"))
+SI = {unit: (line[0], si) for si, units in _UNITS.items() for unit, line in units.items()}
+"""Unit -> factor to SI, SI unit. Degrees Celsius, shares, counts and volts are their own."""
+_SPELLED = [(_plain(text), u) for us in _UNITS.values() for u in us for text in (u, *us[u][1:])]
+
+
+def units_spelled(text: str) -> list[str]:
+    """Units that may be written so, as they are called here: `nm` is N m, and a length, too."""
+    return [unit for spelled, unit in _SPELLED if spelled == _plain(text)]
 
 
 def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:
@@ -72,9 +73,7 @@ def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:
     turning = 2.0 * math.pi / lead_m
     links = {("m", "rad"): turning, ("m/s", "rad/s"): turning}
     links |= {(turned, moved): 1.0 / turning for moved, turned in links}
-    if si_unit == wanted:
-        return factor
-    link = links.get((si_unit, wanted))
+    link = 1.0 if si_unit == wanted else links.get((si_unit, wanted))
     return None if link is None else factor * link
 
 

@@ -23,7 +23,7 @@ from ..checks.finding import Finding
 from ..checks.sampling import clock_of
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..messages.samples import CHANNELS, TABLE_POSITION, TORQUE, SampleFrame
+from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, SampleFrame
 from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import ColumnMap, TraceError
 from ..recordings.reader import read_trace
@@ -68,12 +68,12 @@ def adopt(
     with replaced_file(out) as file:
         file.write(machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
-    has_inertia = mechanics is not None or "inertia_kg_m2" in stated
-    if understood.lead_m is not None and has_inertia:
+    if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
         findings = examine(load_machine(out), files, progress)
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
     rated = {"dynamic_load_rating_n", "preload_n"} <= stated.keys()
-    able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated)
+    doubt = next((e.sentence for e in findings or () if e.is_doubtful and e.name == "torque"), "")
+    able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated, doubt=doubt)
     if picture is not None:
         _draw(frames[0], names[0], picture)
     return _answer(out, understood, mechanics, findings, able, picture)
@@ -132,7 +132,7 @@ def _answer(
 def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Understanding:
     names = raw.of_axis(axis)
     found = understand(names, raw.values, known)
-    answered: set[str] = set()
+    answered: set[str] = {"--column"}  # is no number
     while ask and (open_ := [each for each in found.questions if each.option not in answered]):
         answered.add(open_[0].option)
         known = known.answered(open_[0], ask(open_[0]))
@@ -154,10 +154,11 @@ def _read(
     found = understood.columns.items()
     columns = {channel: each for channel, each in found if each != ColumnMap(channel)}
     if not any(name in CHANNELS for name in understood.columns):
-        asked = "; ".join(f"{each.option}: {each.words}" for each in understood.questions)
+        what = "column of a position" if TIME in understood.columns else "clock"
+        asked = "; ".join(f"{e.option} {e.words} ({e.why})" for e in understood.questions)
         raise TraceError(
-            f"{path}: no column is understood as a position: expected samples of an axis in motion"
-            f"{f' ({asked})' if asked else ''}; figures of single days are no recording"
+            f"{path}: no {what} is understood: expected samples of an axis in motion"
+            f"{f'; {asked}' if asked else ''}; figures of single days are no recording"
         )
     progress(f"reading {path.name}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))

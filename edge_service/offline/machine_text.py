@@ -2,7 +2,9 @@
 
 import difflib
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
 
 import tomlkit
 from pydantic import BaseModel
@@ -34,30 +36,9 @@ _UNITS = {"_m": "m", "_n": "N", "_nm": "N m", "_rad_s": "rad/s", "_kg": "kg", "_
 """End of a key -> its SI unit."""
 _FACTORS = SI | {"kg": (1.0, "kg"), "N/m": (1.0, "N/m"), "N/um": (1e6, "N/m")}
 _LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
-_UNKNOWN = {
-    "dynamic_load_rating_n": "the screw's data sheet; without it there is no preload in percent",
-    "preload_n": "the screw's data sheet; preload of the fresh screw",
-    "preload_drag_nm": "the fresh screw's own drag; the data sheet has it, or 5.3.11 of the thesis",
-    "nut_stiffness_n_per_m": "the nut's data sheet; without it intervals are wider",
-    "table_mass_kg": "the table with what is on it; without it, it is guessed to 50 %",
-}
-QUESTIONS = {
-    "lead_m": Question("--lead", "Travel per revolution of the motor, mm", "all answers"),
-    "inertia_kg_m2": Question(
-        "--set", "Inertia of all that moves, at the motor, kg m^2", "all answers"
-    ),
-    "dynamic_load_rating_n": Question(
-        "--screw", "Dynamic load rating of the screw, N", "preload in percent"
-    ),
-    "preload_n": Question("--screw", "Preload of the fresh screw, N", "preload in percent"),
-    "preload_drag_nm": Question(
-        "--set", "Drag torque of the fresh screw alone, N m", "the preload"
-    ),
-    "nut_stiffness_n_per_m": Question("--set", "Stiffness of the nut, N/m", "intervals"),
-    "table_mass_kg": Question(
-        "--set", "Mass of the table with what is on it, kg", "intervals, friction of guides"
-    ),
-}
+_ASKED = tomllib.loads((files(__package__) / "questions.toml").read_text("utf-8"))
+_UNKNOWN = {key: each.pop("missing") for key, each in _ASKED.items() if "missing" in each}
+QUESTIONS = {key: Question(**each) for key, each in _ASKED.items()}
 """Key of the machine file -> what a person is asked for."""
 
 

@@ -6,12 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks.columns.names import QUANTITIES, ColumnName, Quantity, column_names, unit_of
+from ..checks.columns.names import (
+    QUANTITIES,
+    ColumnName,
+    Quantity,
+    column_names,
+    suits,
+    unit_of,
+    units_below,
+)
 from ..messages.samples import Floats
 from ..recordings.columns import TraceError
 from ..recordings.forms import open_source
 from ..recordings.sinumerik.edge import edge_recording
 from ..recordings.sinumerik.signals import ControllerAxis
+from ..recordings.source import NO_TEXT, Text
 
 _MOST_ROWS = 500_000
 """Rows that the meaning of the columns is judged by."""
@@ -82,18 +91,21 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
         able = [name for name in dict.fromkeys(source.names) if source.holds_numbers(name)]
         single = [name for name in able if name and list(source.names).count(name) == 1]
         source.want(single)
-        blocks, rows = [], 0
+        blocks, rows, unread = [], 0, dict[str, Text]()
         while rows < _MOST_ROWS and (block := source.read_block()) is not None:
             blocks.append(block.values)
             rows += len(block)
+            for name, text in block.text.items():
+                unread[name] = unread.get(name, NO_TEXT) + text
     finally:
         source.close()
     values = {name: np.concatenate([block[name] for block in blocks]) for name in single if blocks}
     numeric = [name for name, each in values.items() if np.isfinite(each).any()]
     if not numeric:
         raise TraceError(f"{path}: holds no column of numbers")
-    names = _with_given(path, column_names(numeric), given)
-    return RawColumns(tuple(names), {name: values[name] for name in numeric}, source.remarks)
+    names = _with_given(path, column_names(numeric, units_below(source.names, source.below)), given)
+    remarks = (*source.remarks, *(f"{name!r}: {text}" for name, text in unread.items()))
+    return RawColumns(tuple(names), {name: values[name] for name in numeric}, remarks)
 
 
 def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -> list[ColumnName]:
@@ -104,11 +116,15 @@ def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -
         if name not in there:
             raise TraceError(f"{path}: --column: no column {name!r}; there are {shown}")
     chosen = {quantity for quantity, _ in said.values()}
+    if chosen & {Quantity.TORQUE, Quantity.CURRENT}:
+        chosen |= {Quantity.TORQUE, Quantity.CURRENT}
     result = []
     for each in names:
         if each.name in said:
             quantity, unit = said[each.name]
-            result.append(replace(each, quantity=quantity, unit=unit or each.unit))
+            unit, stranger = (unit, "") if unit else (each.unit, each.stranger)
+            told = replace(each, quantity=quantity, unit=unit, stranger=stranger, is_given=True)
+            result.append(told)
         else:
             quantity = Quantity.OTHER if each.quantity in chosen else each.quantity
             result.append(replace(each, quantity=quantity))
@@ -124,6 +140,8 @@ def _parse(text: str) -> tuple[str, tuple[Quantity, str]]:
     if not equals or word not in QUANTITIES or not name:
         words = ", ".join(QUANTITIES)
         raise TraceError(f"--column {text!r}: expected QUANTITY=COLUMN[:UNIT], of {words}")
-    if unit and not unit_of(unit):
-        raise TraceError(f"--column {text!r}: {unit!r} is no unit that is known")
-    return name, (QUANTITIES[word], unit_of(unit))
+    quantity = QUANTITIES[word]
+    known = unit_of(unit, quantity)
+    if unit and not (known and suits(known, quantity)):
+        raise TraceError(f"--column {text!r}: {unit!r} is no unit that is known for {word}")
+    return name, (quantity, known)

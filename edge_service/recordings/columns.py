@@ -76,15 +76,19 @@ def choose_columns(
         columns: channel or `time_s` -> foreign column.
         known: channel -> column that is known by its name; present in `names`.
 
-    Raises:
-        TraceError: a mapped column, `time_s`, or every torque and position channel is missing, or
-            a wanted column is there twice, or twice but for upper and lower case.
+    Raises TraceError: a mapped column, `time_s`, or every torque and position channel is missing,
+    or a wanted column is there twice, or twice but for upper and lower case.
     """
     chosen = {}
     for channel in (TIME, *CHANNELS):
         column = _choose(path, channel, names, columns.get(channel), known.get(channel))
         if column is not None:
             chosen[channel] = column
+    wanted = [name for each in columns.values() for name in each.names]
+    for name in (*wanted, TIME, *CHANNELS):
+        twins = [each for each in names if each.startswith(f"{name} {BY_NUMBER}")]
+        if twins and name not in names:
+            raise TraceError(f"{path}: column {name!r} appears more than once: {_there(twins)}")
     if TIME not in chosen and f"{BY_NUMBER}1" in names:
         raise TraceError(
             f"{path}: numbers without a header; name the columns in the machine file: [columns] "
@@ -98,9 +102,6 @@ def choose_columns(
             f"{path}: no torque and no position channel; expected one of {expected}; "
             f"{_there(names)}"
         )
-    for name in {name for column in chosen.values() for name in column.names}:
-        if list(names).count(name) > 1:
-            raise TraceError(f"{path}: column {name!r} appears more than once")
     for channel in [each for each in chosen if each in names and each not in columns]:
         twin = next((n for n in names if n != channel and n.casefold() == channel), None)
         if twin is not None:
@@ -123,12 +124,12 @@ def _choose(
             if name not in names:
                 raise _absent(path, name, channel, names)
         return mapped
+    if channel == TIME and mapped is not None and mapped.column == ROW_NUMBER and known is None:
+        return ColumnMap(ROW_NUMBER, mapped.scale, mapped.offset)
     if channel in names:
         return ColumnMap(channel)
     if mapped is None or known is not None:
         return known
-    if channel == TIME and mapped.column == ROW_NUMBER:
-        return ColumnMap(ROW_NUMBER, mapped.scale, mapped.offset)
     raise _absent(path, mapped.column, channel, names)
 
 

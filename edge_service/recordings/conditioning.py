@@ -99,8 +99,7 @@ def uniform_runs(
         required: channels that a row must have.
         optional: channels that come along where the recording has them throughout a run.
 
-    Raises:
-        ValueError: one line; a required channel is not there, or no clock can be made out.
+    Raises ValueError: one line; a required channel is not there, or no clock can be made out.
     """
     buffer: list[SampleFrame] = []
     held, period_s = 0, 0.0

@@ -1,12 +1,13 @@
 """The forms of a recording, told apart by their first bytes, and names of what is none.
 
-A stranger should learn what he has opened. The bytes are those of the formats' own specifications,
-as file(1) collects them.
+A stranger should learn what he has opened: `forms.toml` has the bytes by which it is told.
 """
 
 import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import IO
 
@@ -24,38 +25,13 @@ from .source import BYTE_ORDER_MARK, Source
 from .text import TextSource
 
 HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
-_ARCHIVE, _CSV = "unpack it first", "export it as CSV"
-_PARQUET, _UTF_16 = "write it as Parquet or CSV", "UTF-16 text: save it as UTF-8"
-_MAGIC: dict[bytes, str] = {
-    b"\x1f\x8b": f"a gzip archive: {_ARCHIVE}",
-    b"7z\xbc\xaf\x27\x1c": f"a 7-Zip archive: {_ARCHIVE}",
-    b"Rar!\x1a\x07": f"a RAR archive: {_ARCHIVE}",
-    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": f"an old Excel or Word document: {_CSV}",
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"%PDF": "a PDF document",
-    b"MATLAB 7.3 MAT-file": (
-        "a MATLAB 7.3 file (HDF5): save it in MATLAB with save('x.mat', '-v7')"
-    ),
-    b"\x89HDF\r\n\x1a\n": f"an HDF5 file: {_PARQUET}",
-    b"SQLite format 3\x00": f"an SQLite database: {_CSV}",
-    b"TDSm": f"a TDMS file of LabVIEW: {_CSV}",
-    b"MDF     ": f"an MDF measurement: {_CSV}",
-    b"ARROW1": f"an Arrow or Feather file: {_PARQUET}",
-    b"\x93NUMPY": "a NumPy array: write it with numpy.savetxt and a header",
-    b"\x80\x04\x95": f"a Python pickle, which is never opened: {_PARQUET}",
-    b"\x89MCAP": "an MCAP file, which is written but not read: keep the CSV or Parquet form",
-    b"\xff\xfe": _UTF_16,
-    b"\xfe\xff": _UTF_16,
-    b"version https://git-lfs": "a Git LFS pointer: fetch the file itself with `git lfs pull`",
-}
+_TABLE = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))
+_MAGIC, _ZIPPED, _INSIDE = (
+    {key.encode("latin-1"): str(words) for key, words in _TABLE[name].items()}
+    for name in ("magic", "zipped", "inside")
+)
+_OTHER: dict[str, str] = _TABLE["other"]
 _ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})")
-_ZIP = "a zip archive or a spreadsheet: unpack it, or export it as CSV"
-_ZIPPED = {
-    b"xl/": f"an Excel workbook: {_CSV}",
-    b"word/": f"a Word document: {_CSV}",
-    b"mimetypeapplication/vnd.oasis": f"an OpenDocument: {_CSV}",
-}
 _LOOKED_AT = 400
 
 
@@ -105,10 +81,13 @@ def foreign(head: bytes) -> str | None:
     for magic, named in _MAGIC.items():
         if head.startswith(magic) or plain.startswith(magic):
             return named
+    for part, named in _INSIDE.items():
+        if part in head:
+            return named
     if head.startswith(b"PK\x03\x04"):
-        name = next((name for part, name in _ZIPPED.items() if part in head), _ZIP)
+        name = next((name for part, name in _ZIPPED.items() if part in head), _OTHER["zip"])
     elif head[257:262] == b"ustar":
-        name = f"a tar archive: {_ARCHIVE}"
+        name = _OTHER["tar"]
     elif is_tuning(plain) and plain.startswith(b"<"):
         name = "a servo tuning of a SINUMERIK: see `edge-service fingerprint`"
     elif plain.startswith(b"<"):
@@ -117,7 +96,7 @@ def foreign(head: bytes) -> str | None:
     elif plain.startswith((b"{", b"[{")):
         name = "JSON, and no recording of Industrial Edge (Header, Payload)"
     elif len(looked) > 8 and max(zeros) > 0.8 * len(looked[1::2]) and min(zeros) == 0:
-        name = _UTF_16
+        name = _OTHER["utf_16"]
     return name
 
 

@@ -1,9 +1,9 @@
 """Tables in MATLAB files of version 5 (`save -v6`, `-v7`): columns by name.
 
-A column is a vector of numbers: a variable, a field of a struct, or a column of a matrix that a
-cell of names of the same width stands beside. The columns are
-those of the length that most of them have. MATLAB's own `table` and `timetable` are objects that
-nothing but MATLAB can read; version 7.3 is HDF5. Layout: MathWorks, "MAT-File Level 5 Format".
+A column is a vector of numbers: a variable, a field of a struct, or a column of a matrix, by the
+names in a cell beside it, else #1, #2, ... The columns are those of the length that most have.
+MATLAB's own `table` and `timetable` are objects that nothing but MATLAB can read; version 7.3 is
+HDF5. Layout: MathWorks, "MAT-File Level 5 Format".
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from .columns import TraceError
+from .columns import BY_NUMBER, TraceError
 from .source import MOST_COLUMNS, Block, Source
 
 MAGIC = b"MATLAB 5.0 MAT-file"
@@ -61,21 +61,10 @@ class MatlabSource(Source):
             objects = any(value is _OBJECT for value in variables.values())
             raise TraceError(f"{path}: holds {_AN_OBJECT if objects else _NO_COLUMN}")
         self._length = max(lengths, key=lambda each: (lengths[each], each))
-        self._table = {
-            name: values for name, values in columns.items() if len(values) == self._length
-        }
+        self._table = {name: each for name, each in columns.items() if len(each) == self._length}
         self.names = tuple(self._table)
-        self._others = [name for name in columns if name not in self._table]
-
-    @property
-    def fraction_read(self) -> float:
-        """Fraction of the table that has been read, 0 to 1."""
-        return self._rows_seen / self._length
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Names of the columns of another length."""
-        return (f"of another length: {', '.join(self._others[:12])}",) if self._others else ()
+        if others := [name for name in columns if name not in self._table]:
+            self.notes.append(f"of another length: {', '.join(others[:12])}")
 
     def read_block(self) -> Block | None:
         """The next rows, or None at the end."""
@@ -191,7 +180,7 @@ def _columns_in(name: str, value: Any, beside: Mapping[str, Any]) -> dict[str, N
     if 1 in value.shape:
         return {name: value.ravel()}
     width = value.shape[1]
-    names = [f"{name}_{column}" for column in range(1, min(width, MOST_COLUMNS) + 1)]
+    names = [f"{BY_NUMBER}{column}" for column in range(1, min(width, MOST_COLUMNS) + 1)]
     for each in beside.values():
         cells = each if isinstance(each, list) else []
         texts = [cell.strip() if isinstance(cell, str) else "" for cell in cells]

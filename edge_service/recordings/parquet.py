@@ -59,14 +59,9 @@ class ParquetSource(Source):
             self._schema = self._parquet.schema_arrow
         except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
             raise self._broken(error) from None
-        self.names = tuple(self._schema.names)
+        self.names, self._length = tuple(self._schema.names), int(self._parquet.metadata.num_rows)
         if len(self.names) > MOST_COLUMNS:
             raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
-
-    @property
-    def fraction_read(self) -> float:
-        """Fraction of the file that has been read, 0 to 1."""
-        return self._rows_seen / max(int(self._parquet.metadata.num_rows), 1)
 
     def holds_numbers(self, name: str) -> bool:
         """Return whether a column is of a type that may hold numbers."""
@@ -74,7 +69,8 @@ class ParquetSource(Source):
 
         cell_type = self._schema.field(name).type
         kinds = (types.is_floating, types.is_integer, types.is_decimal, types.is_boolean)
-        return any(kind(cell_type) for kind in (*kinds, types.is_null, _holds_text))
+        others = (types.is_temporal, types.is_null, _holds_text)
+        return any(kind(cell_type) for kind in (*kinds, *others))
 
     def want(self, names: list[str]) -> None:
         """Read these columns only. Raises TraceError for one that cannot hold numbers."""
@@ -155,6 +151,11 @@ def _floats(column: Any) -> tuple[Floats, Text | None]:
         column = column.dictionary_decode()
     if _holds_text(column.type):
         return floats_from_text(column)
+    if types.is_temporal(column.type):  # seconds
+        per_s = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+        width = pa.int32() if column.type.bit_width == 32 else pa.int64()
+        values = column.cast(width).to_numpy(zero_copy_only=False)
+        return values / per_s[getattr(column.type, "unit", "s")], None
     return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), None
 
 

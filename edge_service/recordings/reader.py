@@ -1,9 +1,9 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .sinumerik.signals import (
     map_signals,
 )
 from .sinumerik.trace import SinumerikSource
-from .source import Block, Source, Text
+from .source import NO_TEXT, Block, Source, Text
 
 MOST_ROWS = 20_000_000
 """Of a recording that is read into one frame."""
@@ -46,7 +46,7 @@ class DirectionSign:
         return signs
 
 
-class TraceReader:
+class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
     """An open trace: an iterator of frames, and a context manager that closes the file.
 
     Faults inside a recording are data: a cell without a number is NaN and counted, a row without
@@ -76,7 +76,7 @@ class TraceReader:
         self._source = source
         self._columns = columns
         self._remarks = remarks
-        self._only_text: dict[str, Text] = {}
+        self._text: dict[str, Text] = {}
         self._has_number: set[str] = set()
         names = dict.fromkeys(name for column in columns.values() for name in column.names)
         self.ignored = tuple(name for name in source.names if name and name not in names)
@@ -100,10 +100,8 @@ class TraceReader:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks on how signals of a controller were read, one line each; complete at the end."""
-        return (*self._remarks, *self._source.remarks)
-
-    def __iter__(self) -> Self:
-        return self
+        unread = [f"{name!r}: {text}" for name, text in self._text.items()]
+        return (*self._remarks, *self._source.remarks, *unread)
 
     def __next__(self) -> SampleFrame:
         """The next frame, never empty. Raises TraceError for a file that turns out to be none."""
@@ -128,9 +126,6 @@ class TraceReader:
         """Close the file; safe twice."""
         self._source.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -154,20 +149,17 @@ class TraceReader:
     def _note_text(self, block: Block) -> None:
         """Refuse a column of words at once if its first block holds nothing else."""
         for name, values in block.values.items():
-            if name in self._has_number or name not in self._needed:
-                continue
+            if name in block.text and name in self._needed:
+                self._text[name] = self._text.get(name, NO_TEXT) + block.text[name]
             if np.isfinite(values).any():
                 self._has_number.add(name)
-                self._only_text.pop(name, None)
-            elif name in block.text:
-                self._only_text.setdefault(name, block.text[name])
-                if self.rows_read == 0 and block.text[name].count == len(block):
-                    raise self._no_number(name, self._only_text[name])
+            elif self.rows_read == 0 and 0 < self._text.get(name, NO_TEXT).count == len(block):
+                raise self._no_number(name)
 
     def _check_whole(self) -> None:
         """At the end: a trace has rows, and every column with content has a number."""
-        for name, text in self._only_text.items():
-            raise self._no_number(name, text)
+        for name in [name for name in self._text if name not in self._has_number]:
+            raise self._no_number(name)
         if self.rows_read:
             return
         untimed = self.bad_cells[TIME]
@@ -180,8 +172,9 @@ class TraceReader:
         problem = f"none of {untimed} rows holds a time" if untimed else "a header but no rows"
         raise TraceError(f"{self.path}: {problem}; expected rows of numbers")
 
-    def _no_number(self, name: str, text: Text) -> TraceError:
-        return TraceError(f"{self.path}: column {name!r} holds {text.first!r} and no number at all")
+    def _no_number(self, name: str) -> TraceError:
+        first = next(iter(self._text[name].named))
+        return TraceError(f"{self.path}: column {name!r} holds {first!r} and no number at all")
 
 
 def open_trace(
@@ -199,8 +192,7 @@ def open_trace(
         axis: which axis of a controller's recording, and what its units need.
         keep_all: also read the columns that are no channel, under their own names.
 
-    Raises:
-        TraceError: one line with the file, what was wrong and what was expected.
+    Raises TraceError: one line with the file, what was wrong and what was expected.
     """
     axis = axis or ControllerAxis()
     try:
@@ -255,8 +247,7 @@ def read_trace(
 ) -> SampleFrame:
     """Read a whole trace into one frame, for offline work; arguments as `open_trace`.
 
-    Raises:
-        TraceError: like `open_trace`, and for a file of more than `MOST_ROWS` rows.
+    Raises TraceError: like `open_trace`, and for a file of more than `MOST_ROWS` rows.
     """
     with open_trace(path, columns, axis, keep_all=keep_all) as reader:
         frames = []

@@ -16,14 +16,14 @@ BLOCK_BYTES = 1 << 19
 LONGEST_LINE = 1 << 22
 SPACES = " "
 """Any number of spaces."""
-_ASCII = bytes(range(128)) + b"?" * 128
 _SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
 _DELIMITERS = (",", ";", "\t")
-_SURE = ("\t", ";")
-_SAMPLE_LINES = 20
+_SAMPLE_LINES, _MOST_ABOVE = 20, 100
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+_VALUE = re.compile(r"_?(\w*[_ ])?(var)?(value|val|wert|valeur|valore|valor)", re.IGNORECASE)
+_AS_PYTHON = str.maketrans(",Dd\u2212", ".EE-")
 _WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
 
@@ -42,13 +42,7 @@ class TextSource(Source):
         raw = self._read_lines()
         if raw is None:
             return None
-        import pyarrow as pa
-
-        raw = self._plain(raw)
-        try:
-            table, ragged = self._read_csv(raw, pa.float64())
-        except pa.ArrowInvalid:
-            table, ragged = self._read_csv(raw, pa.large_binary())
+        table, ragged = self._read_csv(self._plain(raw))
         rows = table.num_rows + len(ragged)
         number = self._number_rows(rows)
         if ragged:
@@ -56,9 +50,6 @@ class TextSource(Source):
         self.ragged_rows += len(ragged)
         block = Block({}, number)
         for name, column in zip(dict.fromkeys(self.wanted), table.columns, strict=True):
-            if column.type == pa.float64():
-                block.values[name] = column.to_numpy()
-                continue
             block.values[name], wrong = floats_from_text(column, self._decimal_point)
             if wrong is not None:
                 block.text[name] = wrong
@@ -79,9 +70,9 @@ class TextSource(Source):
         return rest or None
 
     def _plain(self, raw: bytes) -> bytes:
-        """The same cells in ASCII without quotes, which a broken row could spread over others."""
+        """The same cells in UTF-8 without quotes, which a broken row could spread over others."""
         if not raw.isascii():
-            raw = raw.translate(_ASCII)
+            raw = _decoded(raw).encode()
         if b'"' in raw:
             delimiter = self._delimiter.encode()
             raw = _QUOTED.sub(lambda match: match[1].replace(delimiter, b" "), raw)
@@ -89,7 +80,7 @@ class TextSource(Source):
             raw = _AT_ENDS.sub(b"", _SPACES.sub(b" ", raw))
         return raw
 
-    def _read_csv(self, raw: bytes, cell_type: Any) -> tuple[Any, list[int]]:
+    def _read_csv(self, raw: bytes) -> tuple[Any, list[int]]:
         """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
         import pyarrow as pa
         import pyarrow.csv
@@ -112,9 +103,8 @@ class TextSource(Source):
                 delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
             ),
             convert_options=pyarrow.csv.ConvertOptions(
-                column_types=dict.fromkeys(wanted, cell_type),
+                column_types=dict.fromkeys(wanted, pa.large_binary()),
                 include_columns=wanted,
-                decimal_point=self._decimal_point,
                 strings_can_be_null=True,
             ),
         )
@@ -127,14 +117,23 @@ class TextSource(Source):
             raise TraceError(f"{path}: the file is empty; expected a header such as time_s,...")
         self._terminator = b"\n" if b"\n" in head else b"\r"
         lines = _lines(head, self._terminator)
-        comments = []
+        if lines[0].text[:4].lower() == "sep=":  # as Excel has it
+            del lines[0]
+        comments = [_Line(0, "")]
         while lines and (not lines[0].text or lines[0].text.startswith("#")):
             comments.append(lines.pop(0))
         if not lines:
-            what = "comments only" if comments else "no line of text"
-            raise TraceError(f"{path}: holds {what}; expected a header such as time_s,...")
-        delimiter, names, rows = _names_and_rows(path, comments, lines)
+            raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
+        if _CONTROL.search(lines[0].text):
+            at = f"{path}: line {len(comments)}"
+            raise TraceError(f"{at}: no text; expected a header of column names")
+        delimiter, top, first = _table(lines)
+        heading = [_split(line.text, delimiter) for line in lines[top:first]]
+        rows = lines[first if top else 0 if top == first else 1 :]
         cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+        names = heading[0] if heading else _split(comments[-1].text.lstrip("# "), delimiter)
+        if not heading and len(names) != len(cells[0]):  # numpy.savetxt has its names in a comment
+            names = [f"{BY_NUMBER}{column}" for column in range(1, len(cells[0]) + 1)]
         flat = itertools.chain.from_iterable(cells)
         has_comma = delimiter != "," and any(map(_DECIMAL_COMMA.fullmatch, flat))
         wide = [row for row in cells if len(names) < len(row) <= 2 * len(names)]
@@ -146,66 +145,90 @@ class TextSource(Source):
                 "between cells"
             )
         self._delimiter, self._decimal_point = delimiter, "," if has_comma else "."
-        self.names = _fit_names(names, cells)
+        fitted = _fit_names(names, cells)
+        self.names = _each_once(fitted)
+        self.below = heading[1:]
+        if tag := _tags(fitted, cells):
+            raise TraceError(
+                f"{path}: long form, one value a row, with its name under {tag!r}: pivot it first, "
+                "to a row a time and a column for each name"
+            )
         self._file.seek(rows[0].start if rows else len(head))
 
 
 class _Line(NamedTuple):
-    number: int
     start: int
     text: str
+
+
+def _table(lines: list[_Line]) -> tuple[str, int, int]:
+    """Delimiter, number of the line with the names, and of the first below them with numbers.
+
+    A table begins with two lines of as many cells, at least two of them numbers; the delimiter is
+    the one that makes most of them numbers. Its names are the first of the lines above with as many
+    cells; where these are numbers, both line numbers are the same.
+    """
+    best, found = 0.0, ("", 0, 1)
+    for delimiter in (*_DELIMITERS[::-1], SPACES):
+        rows = [_split(line.text, delimiter) for line in lines[:_MOST_ABOVE]]
+        numbers = [sum(bool(cell) and _all_numbers([cell]) for cell in row) for row in rows]
+        pairs = itertools.pairwise(zip(rows, numbers, strict=True))
+        alike = [len(a) == len(b) and min(m, n) > 1 for (a, m), (b, n) in pairs]
+        up = k = [*alike, True].index(True)
+        width = len(rows[k])
+        if k == len(alike) or numbers[k] / width <= best:
+            continue
+        while up and not lines[up - 1].text:
+            up -= 1
+        top = up
+        while top and abs(len(rows[top - 1]) - width) <= 1:
+            top -= 1
+        if top == up and up and len(rows[up - 1]) > 1 and not numbers[up - 1]:
+            top -= 1
+        best = numbers[k] / width
+        first = next(row for row in range(top, k + 1) if numbers[row])
+        found = delimiter, top, max(first, top + 1 - _all_numbers(rows[top]))
+    if best:
+        return found
+    delimiter = max(_DELIMITERS, key=lambda each: len(_split(lines[0].text, each)))
+    return delimiter, 0, int(not _all_numbers(_split(lines[0].text, delimiter)))
+
+
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names that are there twice, with the number of their column."""
+    twice = {name for name, count in Counter(names).items() if count > 1 and name}
+    return tuple(
+        f"{name} {BY_NUMBER}{number}" if name in twice else name
+        for number, name in enumerate(names, start=1)
+    )
+
+
+def _tags(names: tuple[str, ...], rows: list[list[str]]) -> str:
+    """Column with the names of values, where each row holds one value only; empty if none does."""
+    if not any(_VALUE.fullmatch(name) for name in names):
+        return ""
+    for name, cells in zip(names, zip(*rows, strict=False), strict=False):
+        words = [cell for cell in cells if not any(map(str.isdigit, cell[:1]))]
+        if len(words) == len(cells) and 1 < len(set(words)) <= len(cells) / 2.0:
+            return name
+    return ""
+
+
+def _decoded(raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")  # as older data loggers write units
 
 
 def _lines(head: bytes, terminator: bytes) -> list[_Line]:
     """The lines of `head` with their positions."""
     start = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0
     lines = []
-    for number, raw in enumerate(head[start:].split(terminator), start=1):
-        try:
-            text = raw.decode("utf-8")
-        except UnicodeDecodeError:
-            text = raw.decode("latin-1")  # as older data loggers write units
-        lines.append(_Line(number, start, text.strip(" \r\n")))
+    for raw in head[start:].split(terminator):
+        lines.append(_Line(start, _decoded(raw).strip(" \r\n")))
         start += len(raw) + len(terminator)
     return lines
-
-
-def _names_and_rows(
-    path: Path, comments: list[_Line], lines: list[_Line]
-) -> tuple[str, list[str], list[_Line]]:
-    """Delimiter, names, and the lines below them.
-
-    Some programs (numpy.savetxt) write the names as a comment: the last comment is the header if
-    the first line below holds as many numbers. Columns without any name go by their number.
-    """
-    first = lines[0]
-    if _CONTROL.search(first.text):
-        raise TraceError(f"{path}: line {first.number}: no text; expected a header of column names")
-    delimiter, cells = _cells(first.text, lines[1].text if len(lines) > 1 else "")
-    if not _all_numbers(cells):
-        return delimiter, cells, lines[1:]
-    if comments and comments[-1].text:
-        names = _split(comments[-1].text.lstrip("# "), delimiter)
-        if len(names) == len(cells):
-            return delimiter, names, lines
-    return delimiter, [f"{BY_NUMBER}{column}" for column in range(1, len(cells) + 1)], lines
-
-
-def _cells(line: str, below: str) -> tuple[str, list[str]]:
-    """Delimiter and cells of the first line: the delimiter that gives the most cells.
-
-    Between numbers a comma may also be the decimal point: any other delimiter comes first. Spaces
-    part words within a name, too: they are the delimiter if nothing else is, and of numbers only.
-    """
-    cells = {delimiter: _split(line, delimiter) for delimiter in (*_DELIMITERS, SPACES)}
-    for delimiter in _SURE:
-        if len(cells[delimiter]) > 1 and _all_numbers(cells[delimiter]):
-            return delimiter, cells[delimiter]
-    delimiter = max(_DELIMITERS, key=lambda delimiter: len(cells[delimiter]))
-    row = cells[SPACES] if _all_numbers(cells[SPACES]) else _split(below, SPACES)
-    if len(cells[delimiter]) == 1 < len(cells[SPACES]) == len(row) and _all_numbers(row):
-        return SPACES, cells[SPACES]
-    return delimiter, cells[delimiter]
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -221,7 +244,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 def _all_numbers(cells: list[str]) -> bool:
     try:
         for cell in filter(None, cells):
-            float(cell.replace(",", "."))
+            float(cell.translate(_AS_PYTHON))
     except ValueError:
         return False
     return not any(cell.lower() in {"nan", "inf"} for cell in cells)
@@ -229,9 +252,7 @@ def _all_numbers(cells: list[str]) -> bool:
 
 def _fit_names(names: list[str], rows: list[list[str]]) -> tuple[str, ...]:
     """Add or drop one empty name where header and rows differ by a trailing delimiter."""
-    if not rows:
-        return tuple(names)
-    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    width = Counter(len(row) for row in rows or [names]).most_common(1)[0][0]
     if width == len(names) + 1 and all(not row[-1] for row in rows if len(row) == width):
         return (*names, "")
     if width == len(names) - 1 and not names[-1]:

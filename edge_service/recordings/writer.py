@@ -4,7 +4,7 @@ import contextlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -19,7 +19,7 @@ TOPIC = "axis/samples"
 SCHEMA_NAME = "edge_service.Sample"
 
 
-class TraceWriter:
+class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
     """Writes frames to a file that takes the place of `path` at the end, if there is no exception.
 
     Numbers are written with all their digits, what is not finite as missing. A channel that a frame
@@ -29,8 +29,7 @@ class TraceWriter:
         path: the file to write, .csv, .parquet or .mcap; one that exists is replaced.
         channels: the channels to write beside `time_s`, in this order.
 
-    Raises:
-        TraceError: unknown suffix, a folder that cannot be written to, or a missing package.
+    Raises TraceError: unknown suffix, a folder that cannot be written to, or a missing package.
     """
 
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
@@ -54,8 +53,7 @@ class TraceWriter:
     def write(self, frame: SampleFrame) -> None:
         """Add the rows of a frame.
 
-        Raises:
-            TraceError: the frame holds a channel that the header lacks, or the disk is full.
+        Raises TraceError: the frame holds a channel that the header lacks, or the disk is full.
         """
         for name in frame.channels:
             if name not in self.channels:
@@ -68,9 +66,6 @@ class TraceWriter:
         if self._pending_rows >= _ROWS_AT_ONCE:
             with self._one_line_errors():
                 self._flush()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:

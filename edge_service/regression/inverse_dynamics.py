@@ -6,6 +6,7 @@ torque = J a + D v + F_c sgn(v) + offset (the thesis' one-mass model with the fr
 Brunot, Data Set and Reference Models of EMPS, 2019.
 """
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ UNITS = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset"
 """Parameters in the order of the regressors: acceleration, speed, direction, one."""
 RELIABLE = 0.99
 """Share of signal power in a regressor above which its noise biases the fit by less than 1 %."""
-_TOTAL_ROUNDS = 5
+_TOTAL_ROUNDS, _SURE = 5, 0.02
 _LEAST_SHARE = 0.1  # of the residual that is the torque's own noise
 
 
@@ -46,27 +47,28 @@ def identify_inverse_dynamics(
 ) -> InverseDynamics:
     """Inverse model of one axis, with intervals that know of its limits.
 
-    A rigid model of an axis that is not rigid gives other parameters when it is filtered otherwise.
-    The fit is repeated with half the cutoff, and what a parameter moves by counts as a systematic
-    standard deviation beside the random one, as far as chance does not explain it: the slower fit
-    leaves out data, so the variance of their difference is that of the variances (Hausman, 1978).
-
-    Raises ValueError as `fit_inverse_dynamics` does.
+    A rigid model of an axis that is not rigid, or of rows that were interpolated, gives other
+    parameters when it is filtered otherwise: what they move by with half or quarter of the cutoff
+    is systematic, beyond chance (Hausman, 1978). Raises ValueError: too little motion.
     """
-    slower = replace(settings, cutoff_hz=0.5 * settings.cutoff_hz)
-    fast, slow = (
-        fit_inverse_dynamics(run for frame in recordings for run in prepare(frame, each))
-        for each in (settings, slower)
-    )
-    widened = {}
-    for name, found in fast.parameters.items():
-        other, z = slow.parameters[name], normal_quantile()
-        widened[name] = found
-        if found.determined and other.determined:
+
+    def fitted(share: float) -> InverseDynamics:
+        each = replace(settings, cutoff_hz=share * settings.cutoff_hz)
+        return fit_inverse_dynamics(run for frame in recordings for run in prepare(frame, each))
+
+    fast, slower = fitted(1.0), [fitted(0.5)]
+    with contextlib.suppress(ValueError):
+        slower.append(fitted(0.25))
+    widened, z = dict(fast.parameters), normal_quantile()
+    for name, found in ((k, each) for k, each in fast.parameters.items() if each.determined):
+        systematic, others = 0.0, (slow.parameters[name] for slow in slower)
+        for k, other in enumerate(others):
+            if not other.determined or (k and other.sigma > _SURE * abs(other.value)):
+                continue  # what moves too little at a quarter shows nothing
             chance = max(other.sigma**2 - found.sigma**2, 0.0)
-            systematic = max((found.value - other.value) ** 2 - z**2 * chance, 0.0)
-            half = math.hypot(0.5 * (found.high - found.low), z * math.sqrt(systematic))
-            widened[name] = replace(found, low=found.value - half, high=found.value + half)
+            systematic = max((found.value - other.value) ** 2 - z**2 * chance, systematic)
+        half = math.hypot(0.5 * (found.high - found.low), z * math.sqrt(systematic))
+        widened[name] = replace(found, low=found.value - half, high=found.value + half)
     return replace(fast, parameters=widened)
 
 
@@ -74,9 +76,8 @@ def fit_inverse_dynamics(runs: Iterable[PreparedRun]) -> InverseDynamics:
     """Inverse model of all runs together.
 
     Least squares where every regressor is clean; instruments from the commanded motion where one is
-    not and setpoints were recorded; total least squares otherwise.
-
-    Raises ValueError: no run, or too little motion.
+    not and setpoints were recorded; total least squares otherwise. Raises ValueError: no run, or
+    too little motion.
     """
     designs, torques, instruments = [], [], []
     power, seconds = np.zeros(len(UNITS)), 0.0
@@ -120,8 +121,7 @@ def regressors(speed_rad_s: Floats, acceleration_rad_s2: Floats) -> Floats:
 def _total(plain: LinearFit, design: Floats, torque: Floats, noise: Floats) -> LinearFit:
     """Total least squares with the torque's noise as what the regressors' leaves of the residual.
 
-    The coefficients say how much of the residual is the regressors' noise, and the noise of the
-    torque corrects the coefficients: a few rounds settle it.
+    The noise of the torque corrects the coefficients, and they the noise: a few rounds settle it.
     """
     fit = plain
     for _ in range(_TOTAL_ROUNDS):

@@ -4,7 +4,7 @@ import csv
 import math
 import tomllib
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,41 +39,17 @@ def write(path: Path, columns: Columns) -> Path:
     return path
 
 
-def _renamed(**named: tuple[str, float]) -> Columns:
+NAMED = tomllib.loads(Path(__file__).with_name("disguises.toml").read_text("utf-8"))
+
+
+def renamed(disguise: str) -> Columns:
     """Columns under other names, each divided by its factor to SI."""
     t = truth()
-    return {name: t[channel] / factor for channel, (name, factor) in named.items()}
+    return {name: t[channel] / factor for channel, (name, factor) in NAMED[disguise].items()}
 
 
 def german() -> Columns:
-    return _renamed(
-        time_s=("Zeit [ms]", 1e-3),
-        torque_command_nm=("Drehmoment [Nm]", 1.0),
-        motor_angle_rad=("Motorwinkel [°]", TURN / 360.0),
-        table_position_m=("Tisch Lage [mm]", 1e-3),
-        position_setpoint_m=("Sollwert Lage [mm]", 1e-3),
-    )
-
-
-def american() -> Columns:
-    return _renamed(
-        time_s=("Timestamp (s)", 1.0),
-        torque_command_nm=("Torque (mNm)", 1e-3),
-        motor_angle_rad=("Motor Position (rev)", TURN),
-        motor_speed_rad_s=("Motor Speed (rpm)", TURN / 60.0),
-        table_position_m=("LinearScale (um)", 1e-6),
-        position_setpoint_m=("CommandPosition (mm)", 1e-3),
-    )
-
-
-def without_units() -> Columns:
-    return _renamed(
-        time_s=("timestamp", 1e-6),
-        torque_command_nm=("torque_Nm", 1.0),
-        motor_angle_rad=("motor_angle", TURN / 360.0),
-        table_position_m=("linear_encoder_position", 1e-3),
-        position_setpoint_m=("position_ref", 1e-3),
-    )
+    return renamed("German")
 
 
 def inverted_torque() -> Columns:
@@ -107,30 +83,8 @@ def set_point_and_error() -> Columns:
     }
 
 
-def one_encoder() -> Columns:
-    return _renamed(
-        time_s=("time", 1.0),
-        torque_command_nm=("Torque", 1.0),
-        motor_angle_rad=("theta_rad", 1.0),
-        position_setpoint_m=("x_ref_mm", 1e-3),
-    )
-
-
-def ros() -> Columns:
-    return _renamed(
-        time_s=("stamp_ns", 1e-9),
-        torque_command_nm=("axis_x.effort", 1.0),
-        motor_angle_rad=("axis_x.motor_position_rad", 1.0),
-        table_position_m=("axis_x.table_position_m", 1.0),
-    )
-
-
 DISGUISES: dict[str, tuple[Callable[[], Columns], Known]] = {
-    "German": (german, Known()),
-    "American": (american, Known()),
-    "without units": (without_units, Known()),
-    "one encoder": (one_encoder, Known()),
-    "ROS": (ros, Known()),
+    **{name: (partial(renamed, name), Known()) for name in NAMED},
     "inverted torque": (inverted_torque, Known()),
     "inverted angle": (inverted_angle, Known()),
     "Industrial Edge": (industrial_edge, Known(lead_m=DIAGNOSIS.lead_m)),

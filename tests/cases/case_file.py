@@ -27,6 +27,8 @@ class Edit(Strict):
     value: dict[str, float] = {}
     old_rows: dict[str, int] = {}
     held_rows: dict[str, int] = {}
+    wrap: dict[str, float] = {}
+    interpolated_rows: int = Field(1, description="of so many, all but the first are drawn")
     noise: dict[str, float] = {}
     drag_nm: float = Field(0.0, description="added to the torque, with the sign of the speed")
     repeated_rows: float = 0.0
@@ -71,6 +73,7 @@ class Trace(Strict):
     edits: list[Edit] = []
     nan: bool = Field(False, description="a missing value is the word nan, not an empty cell")
     name: str = Field("trace.csv", description="of the file; .parquet makes it one")
+    replace: dict[str, str] = Field({}, description="expression -> text in its place, in order")
     torn: float = Field(1.0, description="share of the bytes that are left")
 
     @model_validator(mode="after")

@@ -44,6 +44,12 @@ def _in_place(columns: Columns, edit: Edit, rng: np.random.Generator) -> None:
         columns[name][late] = columns[name][np.maximum(late - rows, 0)]
     for name, rows in edit.held_rows.items():
         columns[name] = np.repeat(columns[name][::rows], rows)[: len(there)]
+    for name, turn in edit.wrap.items():
+        columns[name] %= turn
+    rows = np.arange(len(there))
+    for name in columns if edit.interpolated_rows > 1 else ():
+        kept = rows[:: edit.interpolated_rows]
+        columns[name] = np.interp(rows, kept, columns[name][kept])
     for name, deviation in edit.noise.items():
         columns[name][there] = deviation * rng.standard_normal(there.sum())
 

@@ -1,6 +1,7 @@
 """Traces and machine files from their recipes; the same recipe is made once."""
 
 import csv
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
@@ -89,6 +90,8 @@ class Store:
             for edit in recipe.edits:
                 columns = edited(columns, edit)
             written(path, columns, recipe.nan)
+        for expression, text in recipe.replace.items():
+            path.write_text(re.sub(expression, text, path.read_text(), flags=re.MULTILINE))
         if recipe.torn < 1.0:
             content = path.read_bytes()
             path.write_bytes(content[: int(recipe.torn * len(content))])

@@ -141,7 +141,7 @@ def test_columns_of_words_are_kept_out_of_all(tmp_path: Path) -> None:
     convert(source, tmp_path / "out.parquet", _machine(), keep_all=True)
     with open_trace(tmp_path / "out.parquet", keep_all=True) as reader:
         (frame,) = list(reader)
-    assert set(frame.channels) == {"motor_angle_rad", "mode"}
+    assert set(frame.channels) == {"motor_angle_rad", "mode", "spare #4", "spare #5"}
     assert np.isnan(frame.channels["mode"]).all()
 
 

@@ -44,9 +44,9 @@ def test_types_nulls_and_unknown_columns(tmp_path: Path) -> None:
 
 def test_a_column_of_another_type_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "trace.parquet"
-    stamps = pa.array([0, 1], pa.timestamp("us"))
+    stamps = pa.array([b"0", b"1"])
     pq.write_table(pa.table({"time_s": stamps, "motor_angle_rad": [0.0, 1.0]}), path)
-    with pytest.raises(TraceError, match=r"column 'time_s' is of type timestamp\[us\]"):
+    with pytest.raises(TraceError, match=r"column 'time_s' is of type binary"):
         open_trace(path)
 
 

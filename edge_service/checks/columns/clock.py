@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...messages.samples import TIME, Floats
+from ...messages.samples import SI, TIME, Floats
 from ...recordings.columns import ROW_NUMBER, ColumnMap
 from ..sampling import clock_of
 from .guess import Known, Understanding
@@ -11,10 +11,12 @@ from .relations import changes, proportion, travelled
 
 EDGE_PERIOD_S = 0.002
 """Cycle of Industrial Edge's high-frequency data (Siemens, SINUMERIK Connector)."""
-_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_TIME_UNITS = ("s", "ms", "us", "ns")
 _RATES_HZ = (10.0, 20_000.0)
 _ROUND = 0.05
 _SURE = 0.9
+_MOST_REPEATED = 0.5
+_PERIOD = "Length of a sample, s"
 _FEW_ROWS = 5
 """Rows of one window where rows may be missing unseen."""
 _NICE_S = tuple(
@@ -29,11 +31,14 @@ def find_clock(
 
     A period that is given outdoes one that is assumed.
     """
-    order: tuple[Quantity, ...] = (Quantity.TIME, Quantity.COUNTER)
-    if known.period_s is not None:
-        is_edge = any("|" in each.name for each in names)
-        order = (Quantity.COUNTER,) if is_edge else (Quantity.COUNTER, Quantity.TIME)
-    for quantity in order:
+    clocks = [values[each.name] for each in names if each.quantity is Quantity.TIME]
+    apart = any(not np.array_equal(each, clocks[0], equal_nan=True) for each in clocks)
+    if apart and 2 * len(clocks) == len(names) and known.period_s is None:
+        why = "each channel has times of its own, and they differ: bring all to one time first"
+        found.ask("--period", _PERIOD, why)
+        return None
+    names = [each for each in names if not _is_set_aside(each, values[each.name], known, found)]
+    for quantity in (Quantity.COUNTER, Quantity.TIME)[:: 1 if known.period_s else -1]:
         for each in names:
             if each.quantity is quantity:
                 scale = _scale(each, values[each.name], known, found)
@@ -43,6 +48,23 @@ def find_clock(
     return _by_rows(names, values, known, found)
 
 
+def _is_set_aside(each: ColumnName, values: Floats, known: Known, found: Understanding) -> bool:
+    """Times that a given period outdoes, unless they count, and those that do not part the rows."""
+    steps = np.diff(values[np.isfinite(values)])
+    if each.quantity is not Quantity.TIME or not steps.size:
+        return False
+    if known.period_s is not None:
+        return bool(each.unit) or float(np.median(steps)) != 1.0 or bool(np.any(steps % 1.0))
+    same, why = float(np.mean(steps == 0.0)), ""
+    if same > _MOST_REPEATED:
+        why = f"{each.name!r} repeats {100.0 * same:.0f} % of its times: it has too few digits"
+    elif float(np.mean(steps < 0.0)) > _SURE:
+        why = f"{each.name!r} runs backwards: sort the rows by it"
+    if why:
+        found.ask("--period", _PERIOD, why)
+    return bool(why)
+
+
 def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding) -> float | None:
     """Seconds per count of a column that counts up; None if it is no clock."""
     steps = np.diff(values)
@@ -50,7 +72,7 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
     if forward.size == 0:
         found.say(TIME, f"{each.name!r} never increases, so it is no clock")
         return None
-    if each.quantity is Quantity.COUNTER:
+    if each.quantity is Quantity.COUNTER or known.period_s is not None:
         if known.period_s is not None:
             found.say(TIME, f"{each.name!r} counts samples of {known.period_s:g} s, as given")
             return known.period_s
@@ -60,9 +82,9 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
         found.say(TIME, f"{each.name!r} counts {cycles}", assumed=True)
         return EDGE_PERIOD_S
     unit, why = each.unit, "by its name"
-    if unit not in _TIME_UNITS:
+    if each.si_unit != "s":
         usual = float(np.median(forward))
-        rates = {unit: 1.0 / (scale * usual) for unit, scale in _TIME_UNITS.items()}
+        rates = {unit: 1.0 / (SI[unit][0] * usual) for unit in _TIME_UNITS}
         low, high = _RATES_HZ[0], _RATES_HZ[1] * (1.0 + 1e-9)
         fitting = [unit for unit, rate_hz in rates.items() if low <= rate_hz <= high]
         unit, why = (*fitting, "s")[0], "assumed: no unit gives a usual rate"
@@ -70,7 +92,7 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
             why = "the only unit that gives a rate between 10 Hz and 20 kHz"
         elif fitting:
             why = "assumed: finer units would also give a usual rate"
-    scale = _TIME_UNITS[unit]
+    scale: float = SI[unit][0]
     clock = clock_of([scale * values]).as_text()
     assumed = why.startswith("assumed")
     found.say(TIME, f"{each.name!r} in {unit} ({why}): {clock}", assumed=assumed)
@@ -88,10 +110,11 @@ def _by_rows(
     if period_s is None and any("|" in each.name for each in names):
         period_s, why = EDGE_PERIOD_S, "assumed: Industrial Edge records every 2 ms by default"
     if period_s is None:
-        found.ask("--period", "Length of a sample, s", "no column holds the time")
+        if not found.questions:
+            found.ask("--period", _PERIOD, "no column holds the time")
         return None
     found.columns[TIME] = ColumnMap(ROW_NUMBER, period_s)
-    words = f"no column holds it; a row is {period_s:.4g} s ({why})"
+    words = f"a row is {period_s:.4g} s ({why})"
     found.say(TIME, words, assumed=why.startswith("assumed"))
     return rows * period_s
 

@@ -13,6 +13,7 @@ from ...regression.inverse_dynamics import identify_inverse_dynamics
 from ...regression.prepared_run import PreparationSettings, prepare
 from ..channel_regression import CUTOFF_HZ
 from ..sampling import TOO_SLOW, clock_of
+from ..torque import CLEAR_SHARE, driven_share
 
 _STEADY_SHARE = 0.7
 """Of the top speed of a run: faster than this it is not starting or stopping."""
@@ -54,9 +55,8 @@ class Mechanics:
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
     """Friction alone, from steady motion: for a torque that has its sign from the direction.
 
-    Half the difference of the torque between both directions; its interval comes from the
-    scatter between passages. How it parts into dry and viscous friction is not told. Raises
-    ValueError: too little motion, or no clock.
+    Half the difference of the torque between both directions; its interval comes from the scatter
+    between passages. Dry and viscous friction are one. Raises ValueError: too little motion.
     """
     settings = PreparationSettings.sampled(ratio_m_per_rad, frames, CUTOFF_HZ)
     means: dict[float, list[float]] = {1.0: [], -1.0: []}
@@ -94,10 +94,15 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     clock = clock_of([frame.time_s for frame in frames])
     if clock.is_slow:
         found[0] = undetermined(found[0].unit, TOO_SLOW.format(clock.rate_hz))
-    inertia, _, coulomb, _ = found
+    inertia, _, coulomb, offset = found
     told = not (inertia.holds(0.0) and coulomb.holds(0.0))
     telling = coulomb if inertia.holds(0.0) else inertia
-    inverted = told and telling.value < 0.0
+    inverted, share = told and telling.value < 0.0, driven_share(frames, settings, offset.value)
+    if told and abs(share - 0.5) > CLEAR_SHARE:
+        inverted = share < 0.5
+        if inertia.determined and inertia.scaled(-1.0 if inverted else 1.0, "").high < 0.0:
+            driven = f"the torque drives the motion in {100.0 * max(share, 1.0 - share):.0f} %"
+            found[0] = undetermined(inertia.unit, f"it reads negative, though {driven} of the rows")
     way, most = -1.0 if inverted else 1.0, _most_inertia(frames, settings)
     inertia, viscous, coulomb, offset = (each.scaled(way, each.unit) for each in found)
     return Mechanics(inertia, viscous, coulomb, offset, inverted, most, fit.seconds, told)
@@ -140,42 +145,44 @@ def abilities(
     rate_hz: float,
     *,
     has_rating: bool,
+    doubt: str = "",
 ) -> list[Ability]:
     """Answers that these recordings allow or not, in the order in which people ask."""
     unsigned = TORQUE in columns and bool(columns[TORQUE].direction)
-    friction, friction_motion, inertia, inertia_motion = "", "", "", ""
-    if TORQUE not in columns:
-        friction = inertia = "no column is known as a torque in N m"
-    elif mechanics is None:
-        friction = "the travel per revolution is unknown, or too little moves"
-        inertia = _NO_SIGN if unsigned else friction
-    else:
-        if not mechanics.coulomb.determined:
-            friction, friction_motion = "too little steady motion both ways", "friction"
-        elif mechanics.coulomb.low <= 0.0:
-            friction, friction_motion = "it is not told from none", "friction"
-        if unsigned or not mechanics.inertia.determined:
-            inertia = _NO_SIGN if unsigned else mechanics.inertia.note
-        elif mechanics.inertia.low <= 0.0:
-            inertia, inertia_motion = "too little acceleration", "acceleration"
-    preload, preload_motion = friction, friction_motion
-    if not friction and not has_rating:
-        preload = "dynamic_load_rating_n and preload_n of the data sheet are missing"
-    elif not friction:
-        preload = "the machine file is not commissioned yet (`edge-service commission`)"
-        preload_motion = "production"
-    missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
-    stretch, stretch_motion = f"there is no {' and no '.join(missing)}", ""
-    if not missing:
-        stretch = "the ends of travel are unknown: set axis.stroke_m in the machine file"
-        stretch_motion = "acceleration"
     response = f"{rate_hz:.3g} samples/s are too few" if rate_hz < _RESPONSE_HZ else ""
+    friction = inertia = "the travel per revolution is unknown, or too little moves", ""
     if TORQUE not in columns:
         response = "no column is known as a torque in N m"
+        friction = inertia = response, ""
+    elif mechanics is not None:
+        both_ways = "too little steady motion both ways"
+        friction = _lack(mechanics.coulomb, both_ways, "it is not told from none", "friction")
+        inertia = mechanics.inertia.note, ""
+        if mechanics.inertia.determined:
+            inertia = _lack(mechanics.inertia, "", "too little acceleration", "acceleration")
+    inertia = (_NO_SIGN, "") if unsigned else inertia
+    friction, inertia = (each if each[0] else (doubt, "") for each in (friction, inertia))
+    preload = friction
+    if not friction[0] and not has_rating:
+        preload = "dynamic_load_rating_n and preload_n of the data sheet are missing", ""
+    elif not friction[0]:
+        not_yet = "the machine file is not commissioned yet (`edge-service commission`)"
+        preload = not_yet, "production"
+    missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
+    ends = "the ends of travel are unknown: set axis.stroke_m in the machine file", "acceleration"
+    stretch = (f"there is no {' and no '.join(missing)}", "") if missing else ends
     return [
-        Ability("friction and its change", friction, friction_motion),
-        Ability("inertia", inertia, inertia_motion),
-        Ability("preload in percent", preload, preload_motion),
-        Ability("stretch, play and stiffness between two encoders", stretch, stretch_motion),
+        Ability("friction and its change", *friction),
+        Ability("inertia", *inertia),
+        Ability("preload in percent", *preload),
+        Ability("stretch, play and stiffness between two encoders", *stretch),
         Ability("frequency response, if the motion shakes the axis", response),
     ]
+
+
+def _lack(found: IntervalEstimate, unseen: str, none: str, motion: str) -> tuple[str, str]:
+    """Reason why a parameter is not known, and the motion that would show it; empty if it is."""
+    if not found.determined or found.low <= 0.0:
+        return none if found.determined else unseen, motion
+    wide = found.high - found.low > found.value
+    return ("it is known to half of it at best", motion) if wide else ("", "")

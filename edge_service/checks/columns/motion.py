@@ -34,6 +34,8 @@ TURN = 2.0 * math.pi
 LEADS_M = (5e-4, 0.1)
 SURE = 0.9
 SAME = 0.02
+_ROTARY_M = 0.36
+"""Lead of a rotary axis whose degrees are read as mm: one to one."""
 _WINDOW_S, _SAMPLES = 0.1, (5, 100)
 MOTOR_SPEEDS_RAD_S = (3.0, 1000.0)
 _ANGLE_UNITS = ("rad", "deg", "rev")
@@ -49,10 +51,7 @@ _ROUNDINGS = 16.0
 class Motion:
     """Positions and speeds of one axis, found one after the other.
 
-    Args:
-        names: columns of the axis.
-        values: column -> values as they stand in the file, shape (n,).
-        time_s: of every sample.
+    Values are as they stand in the file, by column, shape (n,) each.
     """
 
     def __init__(
@@ -122,13 +121,10 @@ class Motion:
         """The moving column of a quantity that serves best."""
         return min(self._moving(quantity), key=lambda each: each.rank, default=None)
 
-    def _link(self, target: str, source: str) -> Proportion | None:
+    def _link(self, target: str, source: str, least: float = 0.0) -> Proportion | None:
         pair = (changes(self._values[name], self._windows) for name in (target, source))
-        return proportion(*pair)
-
-    def _sure_link(self, target: str, source: str) -> Proportion | None:
-        link = self._link(target, source)
-        return link if link is not None and abs(link.correlation) >= SURE else None
+        link = proportion(*pair)
+        return link if link is not None and abs(link.correlation) >= least else None
 
     def _top_speed(self, name: str) -> float:
         speed = np.abs(smoothed_speed(self._values[name], self._time_s))
@@ -136,6 +132,8 @@ class Motion:
         return float(np.percentile(known, 99.0)) if known.size else 0.0
 
     def _length_unit(self, column: ColumnName, other: ColumnName | None) -> tuple[str, str]:
+        if column.si_unit == "rad":
+            return "mm", "assumed: a rotary axis, whose degrees are read as mm, 360 a turn"
         for each in (column, other):
             if each is not None and each.si_unit == "m":
                 return each.unit, "by its name" if each is column else f"as {each.name!r}"
@@ -157,7 +155,8 @@ class Motion:
             self._found.say("lead_m", f"{1e3 * given:g} mm as given, but {found}", assumed=True)
         elif given is None:
             self._found.lead_m = lead_m
-            self._found.say("lead_m", found)
+            rotary = ": a rotary axis, one to one" if abs(lead_m / _ROTARY_M - 1.0) < SAME else ""
+            self._found.say("lead_m", found + rotary, assumed=lead_m > LEADS_M[1])
 
     def _ask_lead(self) -> None:
         self._found.ask(
@@ -183,10 +182,9 @@ class Motion:
         named = {each.quantity for each in self._names}
         if table.quantity is Quantity.POSITION and Quantity.MOTOR_POSITION not in named:
             words = (
-                f"{table.name!r} is taken as measured at the table; if it is the motor's encoder"
+                "taken as measured at the table; if it is the motor's encoder, it has no stretch"
             )
-            words += ", there is no stretch of the screw in it"
-            self._found.say(TABLE_POSITION, words, assumed=True)
+            self._found.say(TABLE_POSITION, f"{table.name!r} is {words}", assumed=True)
 
     def _motor(self, motor: ColumnName) -> None:
         lead = self._lead
@@ -216,7 +214,7 @@ class Motion:
             return motor.unit, "by its name"
         top, lead, table = self._top_speed(motor.name), self._known.lead_m, None
         if (known := self._columns.get(TABLE_POSITION)) is not None:
-            table = self._sure_link(known.column, motor.name)
+            table = self._link(known.column, motor.name, SURE)
         able = []
         for unit in _ANGLE_UNITS:
             factor = SI[unit][0]
@@ -240,7 +238,7 @@ class Motion:
     def _lead_by_travel(self, channel: str, against: str, why: str) -> bool:
         """Lead from a travel over the motor's angle, which is turned to count with it."""
         travel, angle = self._columns[channel], self._columns[ANGLE]
-        link = self._sure_link(travel.column, angle.column)
+        link = self._link(travel.column, angle.column, SURE)
         if link is None:
             return False
         lead = TURN * travel.scale * link.factor / angle.scale

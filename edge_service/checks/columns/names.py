@@ -1,33 +1,33 @@
 """Meaning of a column's name: quantity, unit and axis, as loggers and controllers spell them.
 
 The words are those of SINUMERIK servo data and Industrial Edge (`recordings/sinumerik`), of joint
-states in ROS, and those that data loggers and laboratories write in English and German.
+states in ROS, and those of `words.toml`, which data loggers and laboratories write.
 """
 
 import re
+import tomllib
+import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.resources import files
+from string import digits
 
-from ...messages.samples import (
-    ANGLE,
-    EXTERNAL_FORCE,
-    MOTOR_SPEED,
-    SETPOINT,
-    SI,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    TEMPERATURE,
-    TIME,
-    TORQUE,
-)
+from ...messages.samples import CHANNELS, SI, units_spelled
 from ...recordings.sinumerik.signals import (
     EDGE_SIGNALS,
     SINUMERIK_SIGNALS,
     edge_signals,
     sinumerik_signal,
 )
+
+_LETTERS = str.maketrans("łŁøØı", "lLoOi")  # are not made of a letter and its accent
+
+
+def _unaccented(text: str) -> str:
+    parts = unicodedata.normalize("NFKD", text.translate(_LETTERS))
+    return "".join(part for part in parts if not unicodedata.combining(part))
 
 
 class Quantity(StrEnum):
@@ -57,8 +57,10 @@ class ColumnName:
 
     Attributes:
         axis: of the controller, as the name spells it; empty where it names none.
-        unit: as `messages.units` writes it, or A, V, %, s; empty where the name gives none.
+        unit: as `messages/units.toml` writes it; empty where the name gives none.
         rank: the smaller, the better a column of the same quantity serves.
+        stranger: what stands where a unit stands, and is none that is known.
+        is_given: its owner says what it holds.
     """
 
     name: str
@@ -66,6 +68,13 @@ class ColumnName:
     unit: str = ""
     axis: str = ""
     rank: int = 0
+    stranger: str = ""
+    is_given: bool = False
+
+    @property
+    def is_position(self) -> bool:
+        """It is a measured position, whatever of."""
+        return self.quantity.name.endswith("POSITION")
 
     @property
     def si_unit(self) -> str:
@@ -73,67 +82,30 @@ class ColumnName:
         return SI.get(self.unit, (0.0, ""))[1]
 
 
-def _words(text: str) -> frozenset[str]:
-    return frozenset(text.split())
-
-
-_COMMAND = _words(
-    "set sp setpoint ref reference cmd command commanded demand demanded desired des target "
-    "soll sollwert profile contr ctrl"
-)
-_ERROR = _words("error err dev deviation diff following lag schleppabstand regeldifferenz")
-_MOTOR = _words("motor mot rotary rotor angle winkel theta enc1 1st resolver measpos1")
-_TABLE = _words("table linear enc2 2nd scale slide load tisch glass direct measpos2")
-_POSITION = _words(
-    "pos position q x angle winkel lage weg enc enc1 enc2 encoder theta displacement travel "
-    "stroke measpos1 measpos2 point"
-)
-_SPEED = _words("vel velocity speed velo v omega n rpm drehzahl geschwindigkeit feed qd")
-_NO_QUANTITY = _words(
-    "ffw feedforward forward precontrol vorsteuerung acceleration accel acc jerk power "
-    "voltage inertia load number program feedrate"
-)
-_NO_QUANTITY |= _words("sequence status tool block count label run group limit")
-_SIMPLE = (
-    (Quantity.TORQUE, _words("torque trq moment drehmoment momentum tau effort")),
-    (Quantity.CURRENT, _words("current curr strom iq amps amp i")),
-    (Quantity.TEMPERATURE, _words("temp temperature temperatur")),
-    (Quantity.FORCE, _words("force kraft fext")),
-    (Quantity.COUNTER, _words("cycle counter tick ticks sample index idx")),
-    (Quantity.TIME, _words("time t timestamp zeit clock stamp")),
-)
-_VOCABULARY = _COMMAND | _ERROR | _MOTOR | _TABLE | _POSITION | _SPEED | _NO_QUANTITY
-_VOCABULARY = _VOCABULARY.union(*(words for _, words in _SIMPLE))
-_LEAST_PART = 4
-_BETTER = _words("feedback actual act meas measured ist cmd")
-_UNITS = {
-    **{unit.replace(" ", "").lower(): unit for unit in SI},
-    **{"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"},
-    **{"a": "A", "ma": "mA", "amp": "A", "v": "V", "%": "%", "percent": "%", "kgf": "kgf"},
-    **{"rpm": "rev/min", "1/min": "rev/min", "u/min": "rev/min", "min-1": "rev/min"},
-    **{"rps": "rev/s", "°": "deg", "degree": "deg", "degrees": "deg", "°/s": "deg/s"},
-    **{"µm": "um", "nm": "N m", "n.m": "N m", "n*m": "N m", "mnm": "mN m", "°c": "degC"},
-    **{"m_s": "m/s", "mm_s": "mm/s", "mm_min": "mm/min", "rad_s": "rad/s", "deg_s": "deg/s"},
-    **{"c": "degC", "degc": "degC", "celsius": "degC", "rev": "rev", "mps": "m/s"},
+_TABLE = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
+_KINDS = {name: frozenset(text.split()) for name, text in _TABLE.pop("kinds").items()}
+_SUITED = {Quantity[name.upper()]: units for name, units in _TABLE.pop("suited").items()}
+_CANONICAL = {
+    name: (Quantity[quantity.upper()], CHANNELS[name].unit if name in CHANNELS else "s")
+    for name, quantity in _TABLE.pop("channels").items()
 }
-_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
-_SUFFIX = re.compile(r"_(mm_min|mm_s|rad_s|deg_s|m_s|[A-Za-z%°µ]+)$")
+_FOREIGN = {own: meant for words in _TABLE.values() for own, meant in words.items()}
+_COMMAND, _MOTOR, _TABLE_SIDE = _KINDS["command"], _KINDS["motor"], _KINDS["table"]
+_POSITION, _SPEED = _KINDS["position"], _KINDS["speed"]
+_SIMPLE = [(each, _KINDS[each.name.lower()]) for each in list(_SUITED)[:6]]
+_VOCABULARY = frozenset(_TABLE["german"]).union(*_KINDS.values())
+_LEAST_PART = 4
+_BRACKET = re.compile(r"\s*[\[(（【]\s*([^\])）】]*?)\s*[\])）】]")
+_BEHIND = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+(?: [^\s/,]{1,3})?)$")
+_SUFFIX = re.compile(r"_(mm_min|m_min|mm_s|rad_s|deg_s|rev_min|m_s|[A-Za-z%°µ]+)$")
+_NUMBER = re.compile(r" #\d+$")
+_ALSO_WORDS = ("in", "ft", "mil", "min", "h", "d", "count")
+"""Units that end a name for other reasons, too."""
 _PREFIX_AXIS = re.compile(r"^([XYZABCUVWSQ]\d?|[Aa]x(?:is)?_?\d+|[Aa]xis_?[A-Za-z]\d?)[_./ :]")
 _SUFFIX_AXIS = re.compile(r"[_./ :]([XYZABCUVW]\d?|[Aa]x(?:is)?_?\d+)$")
-_WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-zà-ÿ]+\d?|[A-Z]+\d?|\d+(?:st|nd)|#\d+")
+_WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d?|[A-Z]+\d?|\d+(?:st|nd)|#\d+")
 _NUMBERED = re.compile(r"#?\d+|col(?:umn)?_?\d+|ch(?:annel)?_?\d+|", re.IGNORECASE)
 
-_CANONICAL = {
-    TIME: (Quantity.TIME, "s"),
-    TORQUE: (Quantity.TORQUE, "N m"),
-    ANGLE: (Quantity.MOTOR_POSITION, "rad"),
-    MOTOR_SPEED: (Quantity.MOTOR_SPEED, "rad/s"),
-    TABLE_POSITION: (Quantity.TABLE_POSITION, "m"),
-    TABLE_SPEED: (Quantity.SPEED, "m/s"),
-    SETPOINT: (Quantity.SETPOINT, "m"),
-    TEMPERATURE: (Quantity.TEMPERATURE, "degC"),
-    EXTERNAL_FORCE: (Quantity.FORCE, "N"),
-}
 _CONTROLLER = {
     short: (Quantity.CURRENT if "curr" in short.lower() else _CANONICAL[channel][0], rank)
     for signals in (SINUMERIK_SIGNALS, EDGE_SIGNALS)
@@ -150,13 +122,27 @@ QUANTITIES = {
 """Word for a quantity on the command line -> quantity."""
 
 
-def unit_of(text: str) -> str:
-    """A unit as it is written here; empty for one that is not known."""
-    return _UNITS.get(text.replace(" ", "").lower(), "")
+def unit_of(text: str, quantity: Quantity = Quantity.OTHER) -> str:
+    """A unit as it is written here, of those that suit; empty for one that is not known."""
+    able = units_spelled(text)
+    return next((unit for unit in able if suits(unit, quantity)), able[-1] if able else "")
 
 
-def column_names(names: Sequence[str]) -> list[ColumnName]:
-    """Meaning of every name of a file, in its order."""
+def units_below(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, str]:
+    """Units in a row of them below the names of a file, by name."""
+    for texts in ([cell.strip("[]() ") for cell in row] for row in rows):
+        if 2 * sum(bool(units_spelled(text)) for text in texts) > sum(map(bool, texts)):
+            return dict(zip(names, texts, strict=False))
+    return {}
+
+
+def suits(unit: str, quantity: Quantity) -> bool:
+    """Unit, or none, that such a quantity may have; anything suits what no name tells."""
+    return not unit or SI[unit][1] in _SUITED.get(quantity, (SI[unit][1],))
+
+
+def column_names(names: Sequence[str], units: Mapping[str, str] = {}) -> list[ColumnName]:
+    """Meaning of every name of a file, in its order; `units` stand below them."""
     controller, axes = _controller_names(names), dict[str, str]()
     for name in names:
         match = _PREFIX_AXIS.search(name) or _SUFFIX_AXIS.search(_BRACKET.sub("", name))
@@ -164,7 +150,10 @@ def column_names(names: Sequence[str]) -> list[ColumnName]:
             axes[name] = match[1]
     often = Counter(axes.values())  # a letter that only one name has is none
     axes = {name: axis for name, axis in axes.items() if often[axis] > 1}
-    return [controller.get(name) or _plain_name(name, axes.get(name, "")) for name in names]
+    return [
+        controller.get(name) or _plain_name(name, axes.get(name, ""), units.get(name, ""))
+        for name in names
+    ]
 
 
 def _controller_names(names: Sequence[str]) -> dict[str, ColumnName]:
@@ -179,42 +168,67 @@ def _controller_names(names: Sequence[str]) -> dict[str, ColumnName]:
     return found
 
 
-def _plain_name(name: str, axis: str) -> ColumnName:
+def _plain_name(name: str, axis: str, below: str) -> ColumnName:
     if name in _CANONICAL:
         return ColumnName(name, *_CANONICAL[name])
-    text, unit = _without_unit(name)
+    text, unit, stranger = _without_unit(name)
+    if not unit and not stranger and below:
+        unit, stranger = unit_of(below, _quantity(_words(text), "")), below
     if axis:
         text = _SUFFIX_AXIS.sub("", _PREFIX_AXIS.sub("", text))
     if _NUMBERED.fullmatch(text.strip()):
         return ColumnName(name, Quantity.UNNAMED, unit, axis)
-    words = [part for word in _WORD.findall(text) for part in _parts(word.lower())]
-    quantity = _quantity(frozenset(words), unit)
-    rank = -sum(word in _BETTER for word in words)
-    return ColumnName(name, quantity, unit, axis, rank)
+    words = _words(text)
+    rank = -len(words & _KINDS["better"])
+    stranger = "" if unit else stranger
+    return ColumnName(name, _quantity(words, unit), unit, axis, rank, stranger)
+
+
+def _words(text: str) -> frozenset[str]:
+    """Words of a name, foreign ones in English, and the known ones of which compounds are made."""
+    found = []
+    for own in (each for each in _FOREIGN if not each.isascii()):  # written without blanks
+        text = text.replace(own, f" {_FOREIGN[own]} ")
+    for each in _WORD.findall(_unaccented(text).replace("i_q", "iq").replace("_", " ")):
+        word = each.lower() if each.lower() in _VOCABULARY else each.lower().rstrip(digits)
+        found += [_FOREIGN.get(part, part) for part in _parts(word)]
+    return frozenset(found)
 
 
 def _parts(word: str) -> tuple[str, ...]:
     """A word, with the known words that a compound such as `motorwinkel` is made of."""
+    if word in _FOREIGN:
+        return (word,)
     inside = [each for each in _VOCABULARY if word.startswith(each) or word.endswith(each)]
     return (word, *(each for each in inside if len(each) >= _LEAST_PART))
 
 
-def _without_unit(name: str) -> tuple[str, str]:
-    for pattern in (_BRACKET, _SUFFIX):
-        match = pattern.search(name)
-        unit = unit_of(match[1]) if match else ""
-        if match and unit:
-            return name[: match.start()], unit
-    return name, ""
+def _without_unit(name: str) -> tuple[str, str, str]:
+    """Name without its unit, the unit, and what stands in its place that is none that is known."""
+    name, stranger = _NUMBER.sub("", name), ""
+    for match in _BRACKET.finditer(name):
+        text = f"{name[: match.start()]} {name[match.end() :]}"
+        if unit := unit_of(match[1], _quantity(_words(text), "")):
+            return text.strip(), unit, ""
+        if not {word.rstrip(digits) for word in _words(match[1])} <= _VOCABULARY | {""}:
+            stranger = match[1]
+    for match in filter(None, (_BEHIND.search(name), _SUFFIX.search(name))):
+        text = name[: match.start()]
+        quantity = _quantity(_words(text), "")
+        unit = unit_of(match[1], quantity)
+        vague = quantity is Quantity.OTHER and unit in _ALSO_WORDS
+        if unit and not vague and suits(unit, quantity):
+            return text, unit, ""
+    return _BRACKET.sub("", name), "", stranger
 
 
 def _quantity(words: frozenset[str], unit: str) -> Quantity:
-    if words & _NO_QUANTITY and not words & _POSITION - {"load"}:
+    if words & _KINDS["none"] and not words & _POSITION - {"load"}:
         return Quantity.OTHER
     for quantity, spelled in _SIMPLE:
         if words & spelled and not words & _POSITION:
             return quantity
-    if words & _ERROR and not words & _SPEED:
+    if words & _KINDS["error"] and not words & _SPEED:
         return Quantity.POSITION_ERROR
     if words & _SPEED:
         return _speed(words, unit)
@@ -233,7 +247,7 @@ def _speed(words: frozenset[str], unit: str) -> Quantity:
 def _position(words: frozenset[str], unit: str) -> Quantity:
     if words & _COMMAND:
         return Quantity.SETPOINT
-    if words & _TABLE:
+    if words & _TABLE_SIDE:
         return Quantity.TABLE_POSITION
     if words & _MOTOR or unit in ("rad", "deg", "rev"):
         return Quantity.MOTOR_POSITION

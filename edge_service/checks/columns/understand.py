@@ -1,5 +1,6 @@
 """Understanding of a recording: the stages in their order, and its torque."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,15 +15,15 @@ from ...messages.samples import (
     Floats,
 )
 from ...recordings.columns import ColumnMap
+from ..sampling import wrap_of
 from .clock import find_clock
 from .guess import Known, Understanding
 from .motion import Motion
-from .names import ColumnName, Quantity
+from .names import QUANTITIES, ColumnName, Quantity, suits
 from .relations import follows, is_unsigned
 from .unnamed import with_quantities
 
 _PLAIN = ((Quantity.TEMPERATURE, TEMPERATURE, "degC"), (Quantity.FORCE, EXTERNAL_FORCE, "N"))
-_CURRENT_A = {"A": 1.0, "mA": 1e-3}
 _MOST_A = 300.0
 _FRICTION = 0.3
 """Share of an unnamed effort that must follow the direction."""
@@ -31,12 +32,9 @@ _FRICTION = 0.3
 def understand(
     names: Sequence[ColumnName], values: Mapping[str, Floats], known: Known
 ) -> Understanding:
-    """Find what the columns of one axis are.
+    """Find what the columns of one axis, and those of no axis, are; `known` comes first.
 
-    Args:
-        names: columns of the axis, and those of no axis.
-        values: column -> values as they stand in the file, shape (n,) each.
-        known: what the owner says; it comes first.
+    Values are as they stand in the file, by column, shape (n,) each.
     """
     found = Understanding(lead_m=known.lead_m)
     columns, table = list(with_quantities(names, values)), dict(values)
@@ -44,6 +42,12 @@ def understand(
         if before.quantity is not after.quantity:
             words = f"{after.name!r} moves like a {after.quantity.value}"
             found.say("columns", words, assumed=True)
+    twins = Counter(each.name.rpartition(" #")[0] for each in columns)
+    columns = [each for each in columns if not _is_open(each, twins, found)]
+    for each in [each for each in columns if each.is_position and wrap_of(table[each.name])]:
+        columns.remove(each)
+        words = f"it wraps, by {wrap_of(table[each.name]):g}; unwrap it first"
+        found.say("columns", f"{each.name!r} is left out: {words}", assumed=True)
     time_s = find_clock(columns, table, known, found)
     if time_s is None:
         return found
@@ -60,6 +64,21 @@ def understand(
     return found
 
 
+def _is_open(column: ColumnName, twins: Mapping[str, int], found: Understanding) -> bool:
+    """Ask for the unit of a column that states one which is not known, and which of twins it is."""
+    key = next((key for key, each in QUANTITIES.items() if each is column.quantity), "")
+    if column.quantity is Quantity.POSITION:
+        key = TABLE_POSITION
+    stated = column.stranger or ("" if suits(column.unit, column.quantity) else column.unit)
+    why = f"{stated!r} is no unit that is known for a {column.quantity.value}" if stated else ""
+    base = "" if column.is_given or column.quantity is Quantity.TIME else column.name
+    if (base := base.rpartition(" #")[0]) and twins[base] > 1:
+        why = "another column has the same name"
+    if key and why:
+        found.ask("--column", f'"{key}={column.name}:UNIT"', why)
+    return bool(key and why)
+
+
 def _find_effort(
     names: list[ColumnName],
     values: dict[str, Floats],
@@ -69,8 +88,9 @@ def _find_effort(
 ) -> None:
     """Choose the torque channel; says and asks what there is to it."""
     column = _best_effort(names, values, speed)
-    if column is None:
+    if column is None and not found.questions:
         found.say(TORQUE, "no column holds a torque or a current: friction cannot be judged")
+    if column is None:
         return
     effort = values[column.name]
     scale, words = _effort_scale(column, effort, known, found)
@@ -105,14 +125,12 @@ def _effort_scale(
     """Factor to N m at the motor, with words; None where it is not known."""
     if column.si_unit == "N m":
         return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
-    unit, per_unit = column.unit or "unit", 1.0
-    if column.quantity is Quantity.CURRENT:
-        current = column.unit
-        if current not in _CURRENT_A:  # no feed drive takes hundreds of amperes
-            high = float(np.nanpercentile(np.abs(values), 99.0))
-            current = "A" if high < _MOST_A else "mA"
-            found.say(TORQUE, f"{column.name!r} is taken as a current in {current}", assumed=True)
-        unit, per_unit = "A", _CURRENT_A[current]
+    unit = column.unit or "unit"
+    if column.quantity is Quantity.CURRENT and not column.unit:
+        high = float(np.nanpercentile(np.abs(values), 99.0))
+        unit = "A" if high < _MOST_A else "mA"  # no feed drive takes hundreds of amperes
+        found.say(TORQUE, f"{column.name!r} is taken as a current in {unit}", assumed=True)
+    unit, per_unit = ("A", 1e-3) if unit == "mA" else (unit, 1.0)
     if known.torque_constant is not None:
         scale = per_unit * known.torque_constant
         return scale, f"{column.name!r} times {known.torque_constant:g} N m/{unit}, as given"

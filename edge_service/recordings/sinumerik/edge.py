@@ -26,7 +26,7 @@ import numpy as np
 
 from ...messages.samples import TIME, Booleans, Floats
 from ..columns import ColumnLike, TraceError
-from ..source import MOST_COLUMNS, Block, Source, Text
+from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text
 from .signals import EDGE_CYCLE, edge_signals
 
 PERIOD_S = 0.002
@@ -233,8 +233,7 @@ class EdgeRows:
         first: the first rows; they show whether the count stands before the listed signals.
         context: gets the period and the names of the axes.
 
-    Raises:
-        ValueError: one line; a header without signals.
+    Raises ValueError: one line; a header without signals.
     """
 
     def __init__(self, header: Any, first: Sequence[Any], context: EdgeContext) -> None:
@@ -279,8 +278,7 @@ class EdgeRows:
     def _cell(self, name: str, value: Any) -> float:
         with suppress(TypeError, ValueError, OverflowError):
             return math.nan if value is None else float(value)
-        before = self._text.get(name, Text(0, str(value)[:40]))
-        self._text[name] = Text(before.count + 1, before.first)
+        self._text[name] = self._text.get(name, NO_TEXT) + Text(1, {str(value)[:40]: 1})
         return math.nan
 
 
@@ -290,7 +288,7 @@ class EdgeSource(Source):
     def __init__(
         self, inner: Source, context: EdgeContext, period_s: float | None, *, sets_time: bool
     ) -> None:
-        self.path, self.ragged_rows, self.wanted = inner.path, 0, []
+        self.path, self.ragged_rows, self.wanted, self.below = inner.path, 0, [], []
         self.context = context
         self.sets_time = sets_time
         self._inner = inner
@@ -358,11 +356,9 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]
     """The source with what Industrial Edge means by its columns; any other as it is.
 
     The time is the file's or the machine file's where they have one, and that of the count if not.
-
     A scale of `CYCLE` in the machine file is the period.
 
-    Raises:
-        TraceError: it is one of the files beside a recording.
+    Raises TraceError: it is one of the files beside a recording.
     """
     if isinstance(source, EdgeSource):
         return source

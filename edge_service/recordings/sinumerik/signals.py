@@ -12,19 +12,16 @@ source gives its unit, and one recording shows 18 rev/min as 0.005.
 """
 
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 
 from ...messages.samples import (
-    ANGLE,
     CHANNELS,
-    MOTOR_SPEED,
-    SETPOINT,
     SI,
     TABLE_POSITION,
-    TABLE_SPEED,
-    TORQUE,
     factor_to,
 )
 from ..columns import AxisError, ColumnLike, ColumnMap
@@ -54,31 +51,10 @@ class ControllerAxis:
         return factor_to(unit, wanted, self.lead_m or 1.0)
 
 
-SINUMERIK_UNITS = {"posn": "mm", "velo": "mm/min", "veloRot": "rev/min", "current": "A"}
-SINUMERIK_SIGNALS = {
-    TORQUE: ("CmdTorque", "ActCurr"),
-    ANGLE: ("ActPos1stEnc", "measPos1"),
-    MOTOR_SPEED: ("ActVelMot", "ActVel1stEnc"),
-    TABLE_POSITION: ("ActPos2ndEnc", "measPos2"),
-    TABLE_SPEED: ("ActVel2ndEnc",),
-    SETPOINT: ("CmdPos2ndEnc", "CmdPos1stEnc", "cmdContrPos"),
-}
+_TABLE = tomllib.loads((files(__package__) / "signals.toml").read_text("utf-8"))
+SINUMERIK_UNITS, EDGE_UNITS = (_TABLE[name]["units"] for name in ("sinumerik", "edge"))
+SINUMERIK_SIGNALS, EDGE_SIGNALS = (_TABLE[name]["signals"] for name in ("sinumerik", "edge"))
 """Channel -> signals that hold it, the better one first."""
-
-EDGE_UNITS = {
-    "TORQUE": "N m",
-    "CURRENT": "A",
-    "ENC1_POS": "mm",
-    "ENC2_POS": "mm",
-    "DES_POS": "mm",
-    "ENC_POS": "mm",
-}
-EDGE_SIGNALS = {
-    TORQUE: ("TORQUE", "CURRENT"),
-    ANGLE: ("ENC1_POS",),
-    TABLE_POSITION: ("ENC2_POS",),
-    SETPOINT: ("DES_POS",),
-}
 EDGE_CYCLE = "CYCLE"
 EDGE_ACTIVE_ENCODER = "ENC_POS"
 """Position of the encoder that the controller uses, whichever that is."""
@@ -125,16 +101,12 @@ class ControllerColumns:
 
     def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnMap]:
         """A machine file's columns with short names written out."""
-        return {
-            channel: ColumnMap(
-                self.aliases.get(each.column, each.column),
-                each.scale,
-                each.offset,
-                self.aliases.get(each.minus, each.minus),
-                self.aliases.get(each.direction, each.direction),
-            )
-            for channel, each in columns.items()
-        }
+        found = {}
+        for channel, each in columns.items():
+            names = (each.column, each.minus, each.direction)
+            column, minus, direction = (self.aliases.get(name, name) for name in names)
+            found[channel] = ColumnMap(column, each.scale, each.offset, minus, direction)
+        return found
 
     def remarks(self, chosen: Mapping[str, ColumnMap]) -> tuple[str, ...]:
         """One line on each channel that is read by its name, or could be if more were known."""
@@ -195,8 +167,7 @@ def map_signals(
         columns: of the machine file; a signal that they name says which axis is meant.
         axis_names: number of an axis -> its name, for messages.
 
-    Raises:
-        AxisError: the axis is not there, or it is open which one is meant.
+    Raises AxisError: the axis is not there, or it is open which one is meant.
     """
     if not signals and axis.number is None:
         return ControllerColumns()

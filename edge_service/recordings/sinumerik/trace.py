@@ -11,7 +11,7 @@ import numpy as np
 
 from ...messages.samples import TIME
 from ..columns import TraceError
-from ..source import MOST_COLUMNS, Block, Source, Text
+from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text
 from .record_grid import RecordGrid, SignalRecords
 from .signals import ControllerAxis, ControllerSignal, sinumerik_signal
 from .xml_reader import XmlReader
@@ -169,8 +169,8 @@ class SinumerikSource(Source):
                 continue
             value = _float(text)
             if value is None:
-                before = frame.text.get(signal.name, Text(0, text[:40]))
-                frame.text[signal.name] = Text(before.count + 1, before.first)
+                before = frame.text.get(signal.name, NO_TEXT)
+                frame.text[signal.name] = before + Text(1, {text[:40]: 1})
             signal.times_s.append(time_s)
             signal.values.append(math.nan if value is None else value)
             self._values += 1

@@ -228,8 +228,7 @@ def _curve(response: Element) -> Curve:
 def doubles_from_base85(text: str) -> Floats:
     """Doubles in a text, white space aside, shape (n,).
 
-    Raises:
-        ValueError: one line; a character that is no digit, or no whole number of doubles.
+    Raises ValueError: one line; a character that is no digit, or no whole number of doubles.
     """
     digits = "".join(text.split()).replace(".", "00000").encode("latin-1", "replace")
     if len(digits) % 10:
