@@ -271,7 +271,7 @@ def _count_forced(bank: Bank, process: Process, steady_s: float, rapid: bool, ca
         return
     before_s = bank.moments[state.FORCED_S]
     bank.moments[state.FORCED_S] = before_s + steady_s
-    if bank.moments[state.FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
+    if bank.moments[state.FORCED_S] % process.assumed.doubt_s < before_s % process.assumed.doubt_s:
         bank.moments[state.STOPPED_S] = max(bank.moments[state.STOPPED_S], 1.0)
 
 

@@ -179,7 +179,8 @@ def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank = hypotheses.initial_bank(START, SETTINGS)
     bank.log_weight[:LOSS] = -9.0
     bank.log_weight[[*CHALLENGERS]] = (-1.0, -0.5, -9.0, -9.0, -9.0)
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
+    almost = TICK._replace(steady_s=SETTINGS.learn_s - 0.1)
+    hypotheses.adapt_hypotheses(bank, PROCESS, almost, 0.1, True)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]
     hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
