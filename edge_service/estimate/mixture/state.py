@@ -121,7 +121,7 @@ class MixtureSettings(NamedTuple):
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
     lubricated_apart: float = 0.08
-    scale_step: float = 0.3  # of the torque that is read
+    scale: float = 0.3
     load: float = 0.4
     loosened: float = 0.15
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
