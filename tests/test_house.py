@@ -293,6 +293,7 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"{said.uneven_share:.0%} of the growth (assumed)".replace("%", " %") in text
     assert f"twist of the screw: {said.twist * 100:g} +- {said.twist * 100:g} %" in text
     assert f"by {said.torque_scale * 100:g} +- {said.torque_scale * 100:g} % (magnets" in text
+    assert f"how much torque is read, too, by {said.scale * 100:g} % (assumed)" in text
     assert f"commissioned one to {said.payload * 100:g} %".replace("0.", ".") in text
 
 

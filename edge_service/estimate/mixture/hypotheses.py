@@ -235,11 +235,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
-    """Hypotheses of the axis at the start: levels of its preload, with and without a load.
-
-    For the first seconds these stand for themselves, beside a fresh preload that wears fast; then
-    the likeliest is accepted.
-    """
+    """Hypotheses at the start, until one is accepted: preloads, with and without a load."""
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.half - settings.none
     levels = (

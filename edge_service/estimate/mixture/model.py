@@ -181,6 +181,7 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps = np.zeros((state.HYPOTHESES, size, size))
     jumps[state.LOSS, state.PRELOAD, state.PRELOAD] = settings.loss**2
     jumps[state.LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
+    jumps[state.LUBRICATION, state.TORQUE_SCALE, state.TORQUE_SCALE] = settings.scale**2
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
         for i in (state.LOOSENESS, state.COUPLING):

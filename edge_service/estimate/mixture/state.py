@@ -121,6 +121,7 @@ class MixtureSettings(NamedTuple):
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
     lubricated_apart: float = 0.08
+    scale: float = 0.3
     load: float = 0.4
     loosened: float = 0.15
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
@@ -142,7 +143,8 @@ class MixtureSettings(NamedTuple):
     force_stay: float = 0.88  # probability that it lasts for another phase
     floor: float = -14.0  # least log-weight of a hypothesis: none dies
     spawn_s: float = 3.0  # motion after which challengers begin anew
-    learn_s: float = 20.0  # motion until the likeliest initial hypothesis is accepted
+    learn_s: float = 10.0  # motion until the likeliest initial hypothesis is accepted
+    doubt_s: float = 20.0  # motion under a force after which it is doubted again
     confirm_s: float = 8.0  # motion for which a challenger must have been seen
     margin: float = 2.0  # by which it must lead
 

@@ -258,8 +258,7 @@ def _watch_inertia(
 def _count_forced(bank: Bank, process: Process, steady_s: float, rapid: bool, calm: bool) -> None:
     """Time for which a force has lasted, updated; doubted at intervals as if the axis had stopped.
 
-    Another load or lubricant may look like a lasting force. No process acts in rapids: a force
-    there stands for what the model lacks.
+    Another load or lubricant may look like a force, and one in rapids is none of a process.
     """
     if rapid:
         keep = math.exp(-steady_s / RAPID_MEMORY_S)
@@ -271,7 +270,7 @@ def _count_forced(bank: Bank, process: Process, steady_s: float, rapid: bool, ca
         return
     before_s = bank.moments[state.FORCED_S]
     bank.moments[state.FORCED_S] = before_s + steady_s
-    if bank.moments[state.FORCED_S] % process.assumed.learn_s < before_s % process.assumed.learn_s:
+    if bank.moments[state.FORCED_S] % process.assumed.doubt_s < before_s % process.assumed.doubt_s:
         bank.moments[state.STOPPED_S] = max(bank.moments[state.STOPPED_S], 1.0)
 
 

@@ -27,6 +27,7 @@ from edge_service.estimate.mixture.state import (
     STOPPED_S,
     SURPRISE,
     TORQUE_OFFSET,
+    TORQUE_SCALE,
     TOTAL_LOSS,
     WEARING,
     Bank,
@@ -164,8 +165,8 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     for _ in range(40):
         hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
-    frictions = set(range(NUT_FRICTION, GUIDE_VISCOUS + 1))
-    touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: frictions}
+    torques = {*range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
+    touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: torques}
     touched |= {LOAD: {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}, LOOSENING: {LOOSENESS, COUPLING}}
     for k in CHALLENGERS:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
@@ -179,7 +180,8 @@ def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank = hypotheses.initial_bank(START, SETTINGS)
     bank.log_weight[:LOSS] = -9.0
     bank.log_weight[[*CHALLENGERS]] = (-1.0, -0.5, -9.0, -9.0, -9.0)
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=19.9), 0.1, True)
+    almost = TICK._replace(steady_s=SETTINGS.learn_s - 0.1)
+    hypotheses.adapt_hypotheses(bank, PROCESS, almost, 0.1, True)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]
     hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
