@@ -8,7 +8,6 @@ import click
 from edge_service.cli.options import Effects, Option, Seed, Without, command
 from edge_service.cli.terminal import progress
 from edge_service.command_answer import Answer
-from edge_service.config import DEFAULT_MACHINE
 from edge_service.exit_status import BadInputError
 
 
@@ -32,6 +31,8 @@ def check_diagnosis(
     What it names goes into the model, and the gap is measured on another recording. The foreign
     plant draws the values of its effects itself.
     """
+    from edge_service.config import DEFAULT_MACHINE
+
     from .cases import foreign_plant, own_plant, plan
     from .score import checked, total_lines, totals_of
 
