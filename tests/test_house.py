@@ -154,7 +154,7 @@ MOST_LINES = {
     "checks": 3598,
     "cli": 1325,
     "config": 599,
-    "diagnose": 5017,
+    "diagnose": 5015,
     "downsample": 1245,
     "drivers": 3759,
     "estimate": 5143,

@@ -35,7 +35,7 @@ def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:
     assert found.verdict is Verdict.NO_GAP
     assert found.effects == ()
     assert found.misfit is not None
-    assert found.misfit.p_value > 0.05
+    assert found.misfit.p_value > 0.5
 
 
 @pytest.mark.parametrize("cause", ["drag_error", "torque_ripple", "timestamp_skew"])

@@ -68,11 +68,12 @@ class Plant:
     recorded: Callable[[HiddenCase, str, int], SampleFrame]
 
 
-def own_plant(machine_file: Path = DEFAULT_MACHINE) -> Plant:
+def own_plant(machine_file: Path | None = None) -> Plant:
     """Simulated axis of a machine file, as stiff as its model, with effects of the library."""
     known = [name for name in effect_names() if not get_effect(name).is_fault]
-    recorded = partial(_own_recorded, load_machine(machine_file))
-    return Plant(machine_file.read_text("utf-8"), known, (), ("friction", FRESH), recorded)
+    path = machine_file or DEFAULT_MACHINE
+    recorded = partial(_own_recorded, load_machine(path))
+    return Plant(path.read_text("utf-8"), known, (), ("friction", FRESH), recorded)
 
 
 def _own_recorded(machine: Machine, case: HiddenCase, motion: str, seed: int) -> SampleFrame:

@@ -31,14 +31,12 @@ def check_diagnosis(
     What it names goes into the model, and the gap is measured on another recording. The foreign
     plant draws the values of its effects itself.
     """
-    from edge_service.config import DEFAULT_MACHINE
-
     from .cases import foreign_plant, own_plant, plan
     from .score import checked, total_lines, totals_of
 
     if plant != "own" and machine is not None:
         raise BadInputError("--machine: the foreign plant has a machine file of its own")
-    axis, rows = foreign_plant() if plant != "own" else own_plant(machine or DEFAULT_MACHINE), []
+    axis, rows = foreign_plant() if plant != "own" else own_plant(machine), []
     for number, case in enumerate(plan(axis, cases, seed or 0, effects, without), 1):
         progress(f"case {number} of {cases}: {100 * (number - 1) // cases} %")
         rows.append(checked(axis, case))

@@ -100,7 +100,7 @@ def test_the_foreign_plant_is_installed_with_the_command() -> None:
 
 
 def test_a_seed_draws_the_same_cases_and_the_same_axis_moves_anew() -> None:
-    plant = own_plant(DEFAULT_MACHINE)
+    plant = own_plant()
     cases = plan(plant, 16, 3)
     assert cases == plan(plant, 16, 3)
     assert cases != plan(plant, 16, 4)
@@ -136,5 +136,5 @@ def test_a_library_that_lacks_the_cause_never_names_it(tmp_path: Path) -> None:
     assert main(["simulate", *effect, "--out", str(trace)]) == 0
     assert main(["diagnose", "--without", "warmup", str(trace), "--out", str(out)]) == 0
     found = json.loads((out / "diagnosis.json").read_text())
-    assert "warmup" in own_plant(DEFAULT_MACHINE).known
+    assert "warmup" in own_plant().known
     assert not any("warmup" in {each["name"], *each["class"]} for each in found["effects"])

@@ -107,12 +107,10 @@ class Noise:
         return self.beyond(channel, rms) > self.tolerance[channel]
 
     def chance(self, channel: str, rms: float) -> float:
-        """Chance that a healthy axis leaves a root mean square, or more: a p-value.
-
-        The ratio of the variances of so few independent observations is F distributed.
-        """
-        count, floor = min(self.effective[channel], _MOST_INDEPENDENT), self.floor[channel]
-        return float(stats.f.sf((rms / max(floor, 1e-300)) ** 2, count, count))
+        """Chance that a healthy axis, with floor and tolerance, leaves as much: of an F-test."""
+        count = min(self.effective[channel], _MOST_INDEPENDENT)
+        healthy = max(math.hypot(self.floor[channel], self.tolerance[channel]), 1e-300)
+        return float(stats.f.sf((rms / healthy) ** 2, count, count))
 
     def variance(self, channel: str, rms: float) -> float:
         """Variance of an observation by a fit that leaves a root mean square."""
