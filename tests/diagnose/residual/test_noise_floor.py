@@ -57,13 +57,15 @@ def test_a_series_without_bursts_has_its_own_root_mean_square() -> None:
 
 
 def test_the_chance_of_a_residual_falls_with_what_it_has_beyond_the_floor() -> None:
-    one = {TORQUE_GAP: 1.0}
-    many, few = (Noise(one, one, {TORQUE_GAP: count}, one) for count in (400.0, 40.0))
+    one, no = {TORQUE_GAP: 1.0}, {TORQUE_GAP: 0.0}
+    many, few = (Noise(one, no, {TORQUE_GAP: count}, one) for count in (400.0, 40.0))
     chances = [many.chance(TORQUE_GAP, rms) for rms in (0.5, 1.0, 1.1, 1.22, 1.4, 2.0, 5.0)]
     assert chances == sorted(chances, reverse=True)
     assert chances[1] > 0.4
     assert chances[-1] < 1e-9
     assert few.chance(TORQUE_GAP, 1.3) > many.chance(TORQUE_GAP, 1.3)
+    tolerant = Noise(one, one, many.effective, one)
+    assert tolerant.chance(TORQUE_GAP, 2.0**0.5) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +74,7 @@ def test_the_chance_of_a_residual_falls_with_what_it_has_beyond_the_floor() -> N
 def test_no_chance_is_less_than_that_of_simulated_healthy_axes(beyond: float, share: float) -> None:
     """Part of 320 healthy axes that left more than so much beyond the floor, over the floor."""
     one = {TORQUE_GAP: 1.0}
-    noise = Noise(one, one, {TORQUE_GAP: 400.0}, one)
+    noise = Noise(one, {TORQUE_GAP: 0.0}, {TORQUE_GAP: 400.0}, one)
     assert noise.chance(TORQUE_GAP, float(np.hypot(1.0, beyond))) >= share
 
 
