@@ -1,4 +1,4 @@
-"""What is being done: one line at a terminal, one every ten seconds into a pipe."""
+"""Progress of a command: one line at a terminal, one every ten seconds into a pipe."""
 
 import io
 

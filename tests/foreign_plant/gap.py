@@ -19,5 +19,5 @@ def gap(recording: Recording, machine: Machine) -> dict[str, float]:
     stretch = columns["table_position_m"] - machine.lead_rad * columns["motor_angle_rad"]
     return {
         "torque_nm": float(np.sqrt(np.mean(torque[moving] ** 2))),
-        "transmission_m": float(np.std(sosfiltfilt(low, stretch - stretch[0])[moving])),
+        "transmission_m": float(np.std(sosfiltfilt(low, stretch - stretch[0]))),
     }

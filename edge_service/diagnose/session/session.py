@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
+from scipy import ndimage
 
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
@@ -20,6 +21,8 @@ TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
 MOST_ROWS = 60_000
 """Of a channel; of a longer session every second row is kept, or every third, and so on."""
+REST_S = 1.0
+"""Shorter rests are part of a motion."""
 BLOCK_S = 5.0
 """Rows are held out, and resampled, in blocks of about this length."""
 FOLDS = 4
@@ -159,10 +162,12 @@ def _signature(
 
 
 def compared(channel: str, run: Run) -> Booleans:
-    """Rows of a run at which a channel is compared; at rest friction holds a spring anywhere."""
+    """Rows of a run at which a channel is compared: in a rest friction holds a spring anywhere."""
     if channel == TORQUE_GAP:
         return run.compared_rows & run.has_torque
-    return run.moving[:: run.low_pass.step] & (run.transmission_m is not None)
+    rest = np.ones(max(round(REST_S / run.low_pass.period_s), 1))
+    resting: Booleans = ndimage.binary_opening(~run.moving, rest)[:: run.low_pass.step]
+    return ~resting & (run.transmission_m is not None)
 
 
 def channel_gap(

@@ -66,21 +66,13 @@ MOST_STRETCH = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Attribution:
-    """Contribution of an effect to the channel that it affects most, as shares of its energy.
+    """Contribution of an effect to the channel that it affects most, as shares of its energy."""
 
-    Attributes:
-        gain: what leaving it out would bring back.
-        explained: what all effects in the channel take away.
-        missed: what is left although smooth functions predict it on other motion.
-        left: what the best fit leaves, with all shapes that bear the effect's name.
-        strain: energy of all effects in the channel.
-    """
-
-    gain: float
-    explained: float
-    missed: float
-    left: float
-    strain: float
+    gain: float  # what leaving it out would bring back
+    explained: float  # what all effects in the channel take away
+    missed: float  # what is left although smooth functions predict it on other motion
+    left: float  # what the best fit leaves, with all shapes that bear the effect's name
+    strain: float  # energy of all effects in the channel
 
     @property
     def structure(self) -> float:

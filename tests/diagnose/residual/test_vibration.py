@@ -1,4 +1,4 @@
-"""What is periodic in time is found and named; what the motion repeats is not."""
+"""Vibrations are found and named; lines that the motion repeats are not."""
 
 from collections.abc import Callable
 from dataclasses import replace
