@@ -149,7 +149,7 @@ def process_of(
         torque_wander_nm=settings.wander * coulomb,
         stretch_wander_m=math.sqrt(wander_m2),
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
-        loose_m=1e-6 if two else 0.0,
+        loose_m=2e-6 if two else 0.0,
         jumps=_jumps(size, start, model, settings),
         priors=_priors(state.CHALLENGERS, settings.hazard, two),
         stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, two),
