@@ -24,9 +24,8 @@ from ..models.machine import Machine
 from ..models.screw.nut_law import nut_deflection
 from .commissioning.shares import WANTED_TESTS
 from .imm.modes import LEVEL_NAMES, LEVELS_PERCENT
-from .interface import Engine
+from .interface import Engine, UnsuitableMachineError
 from .mixture.estimator import MixturePreloadEstimator
-from .mixture.estimator import mixture as untested
 from .mixture.hypotheses import DAY_S
 from .mixture.posterior import FAULTS, LOST_SHARE, UNDETERMINED_HIGH_SHARE
 from .mixture.torque_alone import CELLS, below, cells, prior, quantile, weigh
@@ -240,9 +239,13 @@ def _worn(weights: Floats, days: float) -> Floats:
     return np.asarray(kernel / np.sum(kernel, axis=0) @ weights)
 
 
-def mixture(machine: Machine, engine: Engine) -> MixturePreloadEstimator:
+def mixture(machine: Machine, _engine: Engine) -> MixturePreloadEstimator:
     """Estimator for a commissioned axis (see interface). Raises UnsuitableMachineError."""
     learned = machine.commissioned
-    if learned is None or learned.notch is None or learned.transmission is not None:
-        return untested(machine, engine)
-    return OneEncoderEstimator(machine)
+    if learned is None or machine.drag_per_percent_nm is None:
+        raise UnsuitableMachineError(
+            "needs a machine file written by `edge-service commission` with model.preload_n, "
+            "model.preload_drag_nm and axis.dynamic_load_rating_n"
+        )
+    tested = learned.notch is not None and learned.transmission is None
+    return OneEncoderEstimator(machine) if tested else MixturePreloadEstimator(machine)

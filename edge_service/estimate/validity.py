@@ -1,5 +1,6 @@
 """Validity of an estimate, with hysteresis, and the reasons where it may not be read."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,11 @@ class Validity:
     def time_s(self) -> float:
         """End of the last interval on the axis' clock, s; 0 before the first."""
         return 0.0 if self._now.time_s is None else self._now.time_s
+
+    @property
+    def widening(self) -> float:
+        """Factor on the errors where innovations are larger than expected; 1 at least."""
+        return math.sqrt(max(self._now.surprise, 1.0))
 
     def update(
         self, block: FeatureBlock, used: bool, surprise: float | None, used_s: float | None = None

@@ -11,7 +11,6 @@ from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ...models.steady_limits import LONGEST_HOLD_S
 from ..effect_compensation import EffectCompensation
-from ..interface import Engine, UnsuitableMachineError
 from ..validity import Validity
 from . import state
 from .gathering import SteadyInterval, gathered, interval_snapshot, restored_interval
@@ -60,8 +59,7 @@ class MixturePreloadEstimator:
     """Preload and drag of one commissioned axis (see interface.PreloadEstimator)."""
 
     def __init__(self, machine: Machine, settings: MixtureSettings = state.ASSUMED) -> None:
-        if machine.commissioned is None:
-            raise ValueError("the mixture estimator needs a commissioned machine file")
+        assert machine.commissioned is not None
         self._settings = settings
         self._machine = machine
         self._model = axis_model(machine)
@@ -177,7 +175,8 @@ class MixturePreloadEstimator:
             reasons = (*reasons, f"{left}: the estimate follows these by itself")
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None
-        posterior = posterior_of(self._bank, self._model, self._limits)
+        limits = self._limits._replace(widening=self._validity.widening)
+        posterior = posterior_of(self._bank, self._model, limits)
         percent, low, high = posterior.preload
         stiffness = posterior.stiffness
         return PreloadEstimate(
@@ -272,16 +271,6 @@ class MixturePreloadEstimator:
             raise ValueError(f"a damaged snapshot: {error!r}") from error
         self._last = _STORED.load(snapshot)
         self._bank, self._waiting, self._validity = bank, waiting, validity
-
-
-def mixture(machine: Machine, _engine: Engine) -> MixturePreloadEstimator:
-    """Estimator for a commissioned axis (see interface). Raises UnsuitableMachineError."""
-    if machine.commissioned is None or machine.drag_per_percent_nm is None:
-        raise UnsuitableMachineError(
-            "needs a machine file written by `edge-service commission` with model.preload_n, "
-            "model.preload_drag_nm and axis.dynamic_load_rating_n"
-        )
-    return MixturePreloadEstimator(machine)
 
 
 def _interval(bounds: tuple[float, float, float]) -> Interval:

@@ -53,6 +53,7 @@ class FaultLimits(NamedTuple):
     mass_tolerance: float  # NaN where the stiffness is unknown
     coulomb_nm: float
     assumed: MixtureSettings  # what friction may do
+    widening: float = 1.0  # of the errors: innovations are larger than expected
 
 
 class Posterior(NamedTuple):
@@ -100,6 +101,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
     values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
+    sigma *= limits.widening
     values[1], values[2] = _interval(weight, mean, sigma, most, model)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)

@@ -13,6 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from edge_service.downsample.statistics import absent_block
+from edge_service.estimate.interface import UnsuitableMachineError, make_estimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.estimate.mixture.gathering import WHOLE_S, gathered
 from edge_service.messages.features import Fault, FeatureBlock, Phase
@@ -125,8 +126,8 @@ def test_garbage_never_yields_a_number_that_is_none(
 
 
 def test_an_uncommissioned_machine_is_refused() -> None:
-    with pytest.raises(ValueError, match="commissioned"):
-        MixturePreloadEstimator(AXIS.nominal())
+    with pytest.raises(UnsuitableMachineError, match="commission"):
+        make_estimator("mixture", AXIS.nominal())
 
 
 def block(number: int, duration_s: float, torque_nm: float, direction: float = 1.0) -> FeatureBlock:

@@ -142,3 +142,14 @@ def test_it_goes_on_after_an_interrupt_once_motion_is_seen() -> None:
     assert back.time_s < 33.0
     assert back.preload_percent == pytest.approx(before.preload_percent, abs=0.3)
     assert back.data_used_s > 20.0
+
+
+@pytest.mark.parametrize(("swing_nm", "withdrawn"), [(0.02, False), (0.1, True)])
+def test_a_torque_that_swings_widens_the_number_or_withdraws_it(swing_nm, withdrawn):
+    frames = list(AXIS.frames("production", np.full(FRAME_ROWS * 2, FRESH), 8))
+    usual = numbers(run(downsampled(frames, machine())))
+    for frame in frames:
+        frame.channels[samples.TORQUE] += swing_nm * np.sin(9.0 * frame.time_s)
+    shaken = run(downsampled(frames, machine()))
+    assert any(each.status is EstimateStatus.INVALID for each in shaken) == withdrawn
+    assert np.median(numbers(shaken)[:, 2]) < np.median(usual[:, 2])
