@@ -8,12 +8,10 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Collection
-from dataclasses import replace
 from typing import Generic
 
 import zenoh
 
-from ..clock import CLOCK
 from ..messages.codec import CodecError, Header, T, Topic
 from ..messages.keys import axis_of
 from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
@@ -155,7 +153,7 @@ class Subscriber(Generic[T]):
         patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
         sender = self._senders.setdefault(arrival.key, Sender(patience_s))
         refusal = sender.judge(header, arrival.arrival_s)
-        return (axis, _believed(header), value) if refusal is None else refusal
+        return (axis, header, value) if refusal is None else refusal
 
     def close(self) -> None:
         """Undeclare; what is in the ring can still be read, then the iteration ends."""
@@ -165,11 +163,3 @@ class Subscriber(Generic[T]):
                 self._end_of_rest.cancel()
             self._subscriber.undeclare()
             self._wake.set()
-
-
-def _believed(header: Header) -> Header:
-    """Header with a source time that its reader can believe."""
-    believed_ns = CLOCK.believed_ns(header.source_time_ns)
-    if believed_ns == header.source_time_ns:
-        return header
-    return replace(header, source_time_ns=believed_ns)

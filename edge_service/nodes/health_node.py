@@ -145,9 +145,10 @@ class Monitors:
         self._announce(axis, self.axes[axis].tick(now_ns()), at_once=True)
 
     def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        for monitor in self.axes.values():
-            monitor.move(step_ns)
+        """The clock was set by a step, ns: each monitor begins anew from its state."""
+        for axis, before in self.axes.items():
+            self.axes[axis] = self._made(axis)
+            self.axes[axis].restore(before.snapshot(), step_ns)
 
     async def foresee(self, axis: str) -> None:
         """Make an axis' trend, if it is due."""
