@@ -57,9 +57,11 @@ class Threads:
             return self._waiting.popleft()
 
 
-def in_threads(work: Callable[[U], T], items: Iterable[U]) -> list[T]:
+def in_threads(
+    work: Callable[[U], T], items: Iterable[U], most: int | None = os.cpu_count()
+) -> list[T]:
     """Results of work that frees the interpreter, on all processors, in the order of the items."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(most) as pool:
         return list(pool.map(work, items))
 
 
