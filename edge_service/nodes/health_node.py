@@ -6,7 +6,6 @@ from collections.abc import Callable
 from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
 from ..config import EdgeConfig
-from ..health.advice import announced
 from ..health.axis_events import refused_command
 from ..health.axis_monitor import AxisMonitor
 from ..health.limits import AlarmSettings
@@ -171,7 +170,6 @@ class Monitors:
             return
         monitor = self.axes[axis]
         health = monitor.health(now_ns())
-        events = announced(events, health)
         states: tuple[State, ...] = ()
         if keeps or any(not is_chatter(event.kind) for event in events):
             states = (State.of(STATE, axis, monitor.snapshot()),)
