@@ -14,18 +14,7 @@ STEP_NS = NS_PER_S
 """From here on a difference is a step: clocks are slewed by less."""
 HOLD_S = 30.0
 """A step is followed when it has lasted for so long, s."""
-AHEAD_NS = 60 * NS_PER_S
-"""No source is further ahead of its reader than this."""
-FUTURE_S = 86_400.0
-"""Lead over the clock from which on a date was written while the clock was wrong, s."""
-_BORN_S = 1_767_225_600.0
-"""Beginning of 2026: no clock that is right shows less, since this program is younger."""
 Moved = Callable[[int], None]
-
-
-def is_future(time_s: float, now_s: float) -> bool:
-    """Return whether something kept is dated after now; False under a clock that must be wrong."""
-    return now_s >= _BORN_S and time_s > now_s + FUTURE_S
 
 
 def steady_ns() -> int:
@@ -76,11 +65,6 @@ class ServiceClock:
             yield
         finally:
             self._listeners.remove(moved)
-
-    def believed_ns(self, source_ns: int) -> int:
-        """Source time as far as its reader can believe it: none is from the future, ns."""
-        now_ns = self.now_ns()
-        return now_ns if source_ns > now_ns + AHEAD_NS else source_ns
 
     def _has_lasted(self, ahead_ns: int) -> bool:
         now_ns = self._steady_ns()

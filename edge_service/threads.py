@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from types import TracebackType
 from typing import Any, ParamSpec, TypeVar
 
 Given = ParamSpec("Given")
@@ -42,8 +41,10 @@ class Threads:
         while (each := self._next()) is not None:
             work, done = each
             if done.set_running_or_notify_cancel():
-                with Outcome(done):
+                try:
                     done.set_result(work())
+                except BaseException as error:  # noqa: BLE001
+                    done.set_exception(error)
             with self._changed:
                 self._busy -= 1
 
@@ -57,30 +58,12 @@ class Threads:
             return self._waiting.popleft()
 
 
-def in_threads(work: Callable[[U], T], items: Iterable[U]) -> list[T]:
+def in_threads(
+    work: Callable[[U], T], items: Iterable[U], most: int | None = os.cpu_count()
+) -> list[T]:
     """Results of work that frees the interpreter, on all processors, in the order of the items."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(most) as pool:
         return list(pool.map(work, items))
-
-
-class Outcome:
-    """Context whose error belongs to whoever waits for the work."""
-
-    def __init__(self, done: "Future[Any]") -> None:
-        self._done = done
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        error: BaseException | None,
-        _where: TracebackType | None,
-    ) -> bool:
-        if error is not None:
-            self._done.set_exception(error)
-        return True
 
 
 def repeating(period_s: float, work: Callable[[], None]) -> Callable[[], None]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from edge_service.clock import AHEAD_NS, HOLD_S, NS_PER_S, ServiceClock
+from edge_service.clock import HOLD_S, NS_PER_S, ServiceClock
 
 from .documents import ROOT
 
@@ -89,14 +89,6 @@ def test_a_suspended_host_makes_no_step() -> None:
     scene.run(100)
     assert scene.told == []
     assert scene.clock.now_ns() == scene.wall_ns
-
-
-def test_no_source_is_believed_to_be_of_the_future() -> None:
-    clock = Scene().clock
-    assert clock.believed_ns(START_NS + AHEAD_NS) == START_NS + AHEAD_NS
-    for source_ns in (START_NS + AHEAD_NS + 1, START_NS + 74 * YEAR_NS, 2**63 - 1):
-        assert clock.believed_ns(source_ns) == START_NS
-    assert clock.believed_ns(0) == 0
 
 
 def test_the_time_of_day_is_asked_for_in_one_place() -> None:

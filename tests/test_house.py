@@ -150,26 +150,26 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 892,
+    "bus": 787,
     "checks": 3598,
-    "cli": 1325,
-    "config": 599,
+    "cli": 1322,
+    "config": 595,
     "diagnose": 5015,
     "downsample": 1245,
     "drivers": 3759,
     "estimate": 5143,
     "fingerprint": 2790,
-    "health": 4738,
-    "http_api": 2449,
-    "messages": 2001,
+    "health": 4620,
+    "http_api": 2394,
+    "messages": 1962,
     "models": 5660,
-    "nodes": 2941,
-    "offline": 5482,
+    "nodes": 2918,
+    "offline": 5447,
     "outputs": 1853,
     "recordings": 3335,
     "regression": 1008,
-    "beside the rooms": 753,
-    "tests": 46574,
+    "beside the rooms": 720,
+    "tests": 45610,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 381

@@ -8,12 +8,10 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Collection
-from dataclasses import replace
 from typing import Generic
 
 import zenoh
 
-from ..clock import CLOCK
 from ..messages.codec import CodecError, Header, T, Topic
 from ..messages.keys import axis_of
 from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
@@ -44,7 +42,7 @@ class Subscriber(Generic[T]):
         self.topic = topic
         self._keys = keys
         self._received = 0
-        self._rings = KeyRings(depth, topic.most_hz)
+        self._rings = KeyRings(depth)
         self._senders: dict[str, Sender] = {}
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
@@ -83,7 +81,7 @@ class Subscriber(Generic[T]):
         """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""
         key, now_s = str(sample.key_expr), time.monotonic()
         self._received += 1
-        refusal = self._refusal(key, len(sample.payload), now_s)
+        refusal = self._refusal(key, len(sample.payload))
         if refusal is not None:
             self.refusals.add(refusal)
             return
@@ -97,13 +95,11 @@ class Subscriber(Generic[T]):
             else:
                 self._loop.call_soon_threadsafe(self._wake.set)
 
-    def _refusal(self, key: str, size: int, now_s: float) -> Refusal | None:
+    def _refusal(self, key: str, size: int) -> Refusal | None:
         known = self._rings.knows(key) if self._keys is None else key in self._keys
         if not known:
             return Refusal.FOREIGN
-        if size > self.topic.most_bytes:
-            return Refusal.OVERSIZED
-        return None if self._rings.admits(key, now_s) else Refusal.FLOODED
+        return Refusal.OVERSIZED if size > self.topic.most_bytes else None
 
     def rest(self, axis: str, seconds: float) -> None:
         """Read what comes of an axis later: its reader can make nothing of it before.
@@ -155,7 +151,7 @@ class Subscriber(Generic[T]):
         patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
         sender = self._senders.setdefault(arrival.key, Sender(patience_s))
         refusal = sender.judge(header, arrival.arrival_s)
-        return (axis, _believed(header), value) if refusal is None else refusal
+        return (axis, header, value) if refusal is None else refusal
 
     def close(self) -> None:
         """Undeclare; what is in the ring can still be read, then the iteration ends."""
@@ -165,11 +161,3 @@ class Subscriber(Generic[T]):
                 self._end_of_rest.cancel()
             self._subscriber.undeclare()
             self._wake.set()
-
-
-def _believed(header: Header) -> Header:
-    """Header with a source time that its reader can believe."""
-    believed_ns = CLOCK.believed_ns(header.source_time_ns)
-    if believed_ns == header.source_time_ns:
-        return header
-    return replace(header, source_time_ns=believed_ns)

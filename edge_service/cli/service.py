@@ -159,19 +159,16 @@ def fleet(
     console = Console(highlight=False, width=None if on_terminal else 200)
     try:
         watch = FleetWatch(addresses)
-    except (ValueError, SyntaxError) as error:
+    except ValueError as error:
         raise BadInputError(str(error)) from None
-    try:
-        while True:
-            progress(f"asking {len(addresses)} addresses")
-            found = watch.look()
-            if period_s is not None and on_terminal:
-                click.clear()
-            with console.capture() as drawn:
-                console.print(table_of(found))
-            yield Answer(drawn.get().rstrip("\n"), found)
-            if period_s is None:
-                return
-            time.sleep(period_s)
-    finally:
-        watch.close()
+    while True:
+        progress(f"asking {len(addresses)} addresses")
+        found = watch.look()
+        if period_s is not None and on_terminal:
+            click.clear()
+        with console.capture() as drawn:
+            console.print(table_of(found))
+        yield Answer(drawn.get().rstrip("\n"), found)
+        if period_s is None:
+            return
+        time.sleep(period_s)

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import re
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,7 +21,6 @@ _OF_SECURITY = ("certificate", "private_key", "server_certificate")
 FILE_KEYS = ("path", "folder", "truth", *_OF_SECURITY, *BROKER_FILES)
 """Keys of drivers that name files or folders."""
 _Model = TypeVar("_Model", bound=BaseModel)
-_DEEP = re.compile(rb"(?:[\[{]\s*){100}")
 
 
 def load_config(path: Path) -> EdgeConfig:
@@ -213,8 +211,6 @@ def _read(path: Path) -> bytes:
 
 def _parsed(path: Path, content: bytes) -> dict[str, Any]:
     try:
-        if _DEEP.search(content):
-            raise ConfigError(f"{path}: is not valid TOML: nested too deeply")
         return tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None

@@ -1,9 +1,9 @@
 """Advice on what to do at an axis, by when, and what else in the same stop."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.event import AxisCondition, Event
+from ..messages.event import AxisCondition
 from ..messages.health import Advice, AlarmKind, AxisHealth, Task
 from ..messages.trend import TrendStatus
 from .headline import REASONS, as_of_now, headline, is_in_doubt
@@ -126,17 +126,3 @@ def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHeal
     now = {"trend": trend, "next_limit": next(dated, None), "alarms": as_of_now(health)}
     told = health.model_copy(update=now)
     return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})
-
-
-def announced(events: Iterable[Event], health: AxisHealth) -> tuple[Event, ...]:
-    """Return the events; those of alarms and condition with the headline's code and first task."""
-    named = {
-        "headline": None if health.headline is None else health.headline.code,
-        "task": health.advice[0].task.value if health.advice else None,
-    }
-    return tuple(
-        event.model_copy(update={"data": event.data | named})
-        if event.kind == "condition_changed" or event.kind.startswith("alarm_")
-        else event
-        for event in events
-    )

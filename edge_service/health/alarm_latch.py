@@ -7,9 +7,14 @@ from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind
 from ..messages.interval import rfc3339
 from .headline import clock, span
-from .inputs import NS_PER_S, moved
+from .inputs import NS_PER_S
 
 _NS_PER_MS = 1_000_000
+
+
+def moved(time_ns: int | None, step_ns: int) -> int | None:
+    """Time as a clock shows it that was set by a step, ns."""
+    return None if time_ns is None else time_ns + step_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,24 +131,19 @@ class AlarmLatch:
             self.reword(words)
         return self._alarm.model_copy(update={"shelved_until_ns": self._shelved_until_ns})
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._shelved_until_ns = moved(self._shelved_until_ns, step_ns)
-        self._change_since_ns = moved(self._change_since_ns, step_ns)
+    def snapshot(self) -> LatchSnapshot:
+        """State that outlives the process."""
+        return LatchSnapshot(self._alarm, self._shelved_until_ns, self._occurrence)
+
+    def restore(self, snapshot: LatchSnapshot, step_ns: int = 0) -> None:
+        """Go on from a snapshot, of a clock that was set by a step since, ns."""
+        self._alarm, self._occurrence = snapshot.alarm, snapshot.occurrence
+        self._shelved_until_ns = moved(snapshot.shelved_until_ns, step_ns)
         if self._alarm is not None:
             raised_ns = self._alarm.raised_time_ns + step_ns
             cleared_ns = moved(self._alarm.cleared_time_ns, step_ns)
             times = {"raised_time_ns": raised_ns, "cleared_time_ns": cleared_ns}
             self._alarm = self._alarm.model_copy(update=times)
-
-    def snapshot(self) -> LatchSnapshot:
-        """State that outlives the process."""
-        return LatchSnapshot(self._alarm, self._shelved_until_ns, self._occurrence)
-
-    def restore(self, snapshot: LatchSnapshot) -> None:
-        """Go on from a snapshot."""
-        self._alarm, self._shelved_until_ns = snapshot.alarm, snapshot.shelved_until_ns
-        self._occurrence = snapshot.occurrence
 
     def _raise(self, words: Statement, now_ns: int) -> tuple[Event, ...]:
         self._occurrence += 1

@@ -22,7 +22,7 @@ from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
 from .consistency import CHANNEL_WORDS
 from .headline import clock, condition_words, limit_words
-from .inputs import NS_PER_S, moved
+from .inputs import NS_PER_S
 from .limits import AlarmSettings
 from .wear.trend import is_over
 
@@ -70,10 +70,6 @@ class SuddenDrop:
         if best is None or best[2] - value < self._limit_percent or high >= best[1]:
             return None
         return best[2]
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._best = deque((at + step_ns, low, value) for at, low, value in self._best)
 
 
 @dataclass(slots=True)
@@ -199,17 +195,6 @@ class AxisAlarms:
             seen += low.acknowledge(command.user, command.note, now_ns)
         return seen
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._patient_until_ns += step_ns
-        self._fallen_ns = moved(self._fallen_ns, step_ns)
-        self._falling_ns = moved(self._falling_ns, step_ns)
-        if self.fall is not None:
-            self.fall = self.fall.model_copy(update={"time_ns": self.fall.time_ns + step_ns})
-        self._drop.move(step_ns)
-        for latch in self._latches.values():
-            latch.move(step_ns)
-
     def shown(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Alarm, ...]:
         """Alarms that a person should see, the gravest first, in words as of now."""
         causes = self._causes(health, trend, now_ns)
@@ -231,8 +216,7 @@ class AxisAlarms:
             self.fall = fall.model_copy(update={"time_ns": fall.time_ns + step_ns})
         for kind, latch in self._latches.items():
             if kind.value in snapshot:
-                latch.restore(snapshot[kind.value])
-                latch.move(step_ns)
+                latch.restore(snapshot[kind.value], step_ns)
 
     def _causes(
         self, health: AxisHealth, trend: Trend | None, now_ns: int

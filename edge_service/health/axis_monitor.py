@@ -23,7 +23,7 @@ from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
 from .condition import ConditionMonitor
 from .consistency import ConsistencyWatch, LearnedChannel
-from .inputs import NS_PER_S, moved
+from .inputs import NS_PER_S
 from .limits import AlarmSettings
 from .wear.friction import FrictionClasses, FrictionWatch
 from .wear.trend import PreloadHistory, PreloadSteps, as_of, preload_trend
@@ -83,8 +83,7 @@ class AxisMonitor:
     ) -> None:
         self.axis = axis
         self._fresh_percent = fresh_percent
-        self._now_ns = self._begun_ns = now_ns
-        self._stop_ns = 0
+        self._now_ns = now_ns
         self._limits = settings.limits(fresh_percent)
         self._condition = ConditionMonitor(axis, self._limits, now_ns)
         self._alarms = AxisAlarms(axis, fresh_percent, settings, now_ns)
@@ -214,25 +213,6 @@ class AxisMonitor:
         """Show a trend that `trend_work` made."""
         self._trend, self._trend_ns = trend, now_ns
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns: all that has a time moves along.
-
-        Except where it shows that the stop before this start was shorter than it seemed: trend and
-        use from before were dated by a clock that was right.
-        """
-        self._now_ns += step_ns
-        before_ns = self._begun_ns if -self._stop_ns <= step_ns < 0 else 0
-        self._begun_ns += step_ns
-        self._stop_ns = max(self._stop_ns + step_ns, 0)
-        heard_ns, heard_s = self._heard
-        self._heard = (heard_ns + step_ns, heard_s)
-        self._since_ns = moved(self._since_ns, step_ns)
-        for part in (self._condition, self._alarms):
-            part.move(step_ns)
-        self._use.move(step_ns, before_ns)
-        self._series.move(step_ns / NS_PER_S, before_ns / NS_PER_S)
-        self._trend_ns = 0  # its dates are due
-
     def snapshot(self) -> dict[str, Any]:
         """State that must outlive the process, for JSON."""
         snapshot = AxisSnapshot(
@@ -250,8 +230,11 @@ class AxisMonitor:
         document: dict[str, Any] = _SNAPSHOTS.dump_python(snapshot, mode="json")
         return document
 
-    def restore(self, document: object) -> None:
+    def restore(self, document: object, step_ns: int = 0) -> None:
         """Go on from a snapshot; one of the future is of a clock that was set since.
+
+        Args:
+            step_ns: by which the clock was set since, as far as that is known, ns.
 
         Raises ValueError, and then this monitor is of no more use.
         """
@@ -259,12 +242,10 @@ class AxisMonitor:
             snapshot = _SNAPSHOTS.validate_python(document)
             if snapshot.axis != self.axis:
                 raise ValueError(f"{SNAPSHOT_SCHEMA} of axis {snapshot.axis}, not {self.axis}")
-            step_ns = min(self._now_ns - snapshot.saved_ns, 0)
-            self._stop_ns = max(self._now_ns - snapshot.saved_ns, 0) if snapshot.saved_ns else 0
+            step_ns = min(self._now_ns - snapshot.saved_ns, step_ns)
             self._alarms.restore(snapshot.alarms, snapshot.fall, step_ns)
             self._answered = {each.key: each for each in snapshot.answered}
-            self._use.restore(snapshot.use)
-            self._use.move(step_ns)
+            self._use.restore(snapshot.use, step_ns)
             self._friction.restore(snapshot.friction)
             self._series.restore(snapshot.series)
             self._series.move(step_ns / NS_PER_S)

@@ -72,12 +72,6 @@ class ComponentWatch:
                 events.append(component_changed)
         return tuple(events)
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._reports = {
-            key: (report, heard_ns + step_ns) for key, (report, heard_ns) in self._reports.items()
-        }
-
     def reports(self, now_ns: int, axis: str | None = "") -> tuple[ComponentHealth, ...]:
         """Present status of the components heard, in the order of first hearing.
 

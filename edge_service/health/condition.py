@@ -8,7 +8,7 @@ from ..messages.features import FeatureBlock
 from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .components import ComponentWatch
-from .inputs import DataFaults, InputWatch, moved
+from .inputs import DataFaults, InputWatch
 from .limits import GRACE_NS, LimitTracker
 
 _NO_NUMBER = {
@@ -102,15 +102,6 @@ class ConditionMonitor:
             data={"from": before, "to": condition, "preload_percent": percent},
         )
         return (condition_changed, *events)
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._since_ns += step_ns
-        self._estimated_ns = moved(self._estimated_ns, step_ns)
-        inputs = (self._preload_input, self._feature_input)
-        for part in (*inputs, self._components, self._data_faults, self._tracker):
-            if part is not None:
-                part.move(step_ns)
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis as of now, with its number."""

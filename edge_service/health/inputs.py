@@ -1,7 +1,5 @@
 """Age of the last message, and the faults of the data in it."""
 
-from dataclasses import replace
-
 from ..messages.codec import Header
 from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.features import FAULT_WORDS, UNUSABLE, Fault
@@ -9,11 +7,6 @@ from ..messages.features import FAULT_WORDS, UNUSABLE, Fault
 NS_PER_S = 1_000_000_000
 _FAULT_CLEAR_NS = 5 * NS_PER_S
 """A data fault is over when it was not seen for this long."""
-
-
-def moved(time_ns: int | None, step_ns: int) -> int | None:
-    """Time as a clock shows it that was set by a step, ns."""
-    return None if time_ns is None else time_ns + step_ns
 
 
 class InputWatch:
@@ -45,13 +38,6 @@ class InputWatch:
         if self.header is None or abs(now_ns - self._arrival_ns) > self._stale_after_ns:
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._arrival_ns += step_ns
-        if self.header is not None:
-            source_ns = max(self.header.source_time_ns + step_ns, 0)
-            self.header = replace(self.header, source_time_ns=source_ns)
 
     @property
     def measured_ns(self) -> int | None:
@@ -95,10 +81,6 @@ class DataFaults:
         for kind in over:
             del self._last_seen_ns[kind]
         return tuple(self._event(kind, now_ns, is_present=False) for kind in over)
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._last_seen_ns = {kind: at + step_ns for kind, at in self._last_seen_ns.items()}
 
     def _event(self, kind: Fault, now_ns: int, *, is_present: bool) -> Event:
         name, serious = fault_name(kind), is_present and bool(kind & UNUSABLE)

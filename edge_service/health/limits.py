@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition
 from ..messages.health import Limits
-from .inputs import NS_PER_S, moved
+from .inputs import NS_PER_S
 
 HYSTERESIS_SHARE = 0.05
 """Rise above a limit that ends it, share of the fresh preload."""
@@ -62,11 +62,6 @@ class LimitLatch:
         """Forget evidence for a change; the state stays."""
         self._doubtful_since = self._certain_since = None
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._doubtful_since = moved(self._doubtful_since, step_ns)
-        self._certain_since = moved(self._certain_since, step_ns)
-
     def update(self, value: float, low: float, high: float, time_ns: int) -> None:
         """Take one estimate in, percent; `time_ns` is the time of its newest sample."""
         if self.below:
@@ -107,13 +102,6 @@ class LimitTracker:
         self._confirmed = False
         self._warning.restart()
         self._fault.restart()
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        self._first_ns = moved(self._first_ns, step_ns)
-        self._last_ns += step_ns
-        self._warning.move(step_ns)
-        self._fault.move(step_ns)
 
     def update(self, estimate: PreloadEstimate, time_ns: int) -> None:
         """Take one estimate in; without bounds nothing is certain.

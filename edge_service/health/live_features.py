@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..messages.features import Fault, FeatureBlock
 from .inputs import fault_name
@@ -70,11 +70,6 @@ class LiveFeatures:
         self._present = _present(block)
         is_sure = not block.fault & _DOUBTFUL
         self._good.append(tuple(each and is_sure for each in self._present))
-
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        moved = (replace(each, time_ns=each.time_ns + step_ns) for each in self._points)
-        self._points = deque(moved, maxlen=KEPT)
 
     @property
     def newest(self) -> LivePoint | None:

@@ -170,14 +170,6 @@ class ServiceState:
         """Let live streams begin, also after `close`."""
         self.readers.open()
 
-    def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns: all that has a time moves along."""
-        self._started_ns += step_ns
-        self._components.move(step_ns)
-        for axis, state in self._axes.items():
-            for part in (state.preload_input, state.health_input, self._live[axis]):
-                part.move(step_ns)
-
     def close(self) -> None:
         """End all live streams, so that a server can stop."""
         self.readers.close()

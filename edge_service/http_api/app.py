@@ -1,6 +1,5 @@
 """The application."""
 
-from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -88,7 +87,7 @@ def create_app(
         "read_stroke": lambda _axis, _preload: None,
     }
     encoded = Encoded(state, parts.get("outputs"))
-    own = {"service_state": state, "clock": clock, "readers_of": Counter[str](), "encoded": encoded}
+    own = {"service_state": state, "clock": clock, "encoded": encoded}
     for name, each in (usual | parts | own).items():
         setattr(app.state, name, each)
     answer_with_problems(app)

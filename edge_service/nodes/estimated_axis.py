@@ -33,8 +33,8 @@ SAME_CLOCK_S = 60.0
 STOP_S = 600.0
 """In a longer stop that nobody saw, an axis may have become another."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
-MOST_BLAMED = 3
-"""Times that a state may be to blame."""
+MOST_FAILURES = 3
+"""Times that an estimator may raise after one sound state."""
 SOUND_PERIOD = 10
 """Intervals after which the state is remembered."""
 
@@ -102,8 +102,7 @@ def identity_of(machine: Machine, *tables: Table) -> str:
 class EstimatedAxis:
     """Feeds an estimator; where that raises, another goes on from the last sound state.
 
-    Where a fresh one takes the interval at which it raised, the state is to blame; if it is three
-    times before another sound one comes, it is given up. Otherwise it is the interval.
+    A state after which it raises three times before another sound one comes is given up.
 
     Args:
         note: told every error; returns it in words.
@@ -128,13 +127,13 @@ class EstimatedAxis:
         self._sound: Kept | None = None
         self._heard: tuple[float, int] | None = None
         self._is_restored = self._is_changed = False
-        self._since_sound = self._blamed = self.resets = 0
+        self._since_sound = self._failures = self.resets = 0
         self.problem = ""
         self._begin(None)
 
     def forget(self) -> None:
         """Begin anew: the part is another."""
-        self._sound, self.problem, self._blamed = None, "", 0
+        self._sound, self.problem, self._failures = None, "", 0
         self._begin(None)
 
     def load(self, kept: Kept) -> None:
@@ -158,7 +157,7 @@ class EstimatedAxis:
                 estimate = self._update(header, block)
             except Exception as error:
                 log.debug("axis %s", self._axis, exc_info=True)
-                self._failed(error, block)
+                self._failed(error)
             else:
                 self.problem = ""
                 return estimate
@@ -190,7 +189,7 @@ class EstimatedAxis:
             return Kept(*self._heard, self._estimator.snapshot())
         except Exception as error:
             log.debug("axis %s", self._axis, exc_info=True)
-            self._failed(error, None)
+            self._failed(error)
             return None
 
     def _begin(self, kept: Kept | None) -> None:
@@ -223,24 +222,15 @@ class EstimatedAxis:
         self._since_sound += 1
         if self._since_sound >= SOUND_PERIOD:
             self._sound = Kept(*self._heard, self._estimator.snapshot())
-            self._since_sound, self._blamed = 0, 0
+            self._since_sound, self._failures = 0, 0
             self._retry.reset()
         return estimate
 
-    def _failed(self, error: Exception, block: FeatureBlock | None) -> None:
+    def _failed(self, error: Exception) -> None:
         self.problem = self._note(error)
         self._due_s = self._clock() + self._retry.pause_s()
-        if block is None or self._sound is None:
-            return
-        fresh = self._make()
-        try:
-            fresh.update(block)
-            fresh.estimate()
-        except Exception:
-            log.debug("axis %s: the interval is to blame", self._axis, exc_info=True)
-            return
-        self._blamed += 1
-        if self._blamed >= MOST_BLAMED:
-            self._sound, self._blamed = None, 0
+        self._failures += 1
+        if self._sound is not None and self._failures >= MOST_FAILURES:
+            self._sound, self._failures = None, 0
             self.resets += 1
             self._tell_reset(f"starts over: its state cannot be continued ({self.problem})")

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
 from ..config import EdgeConfig
-from ..health.advice import announced
 from ..health.axis_events import refused_command
 from ..health.axis_monitor import AxisMonitor
 from ..health.limits import AlarmSettings
@@ -145,9 +144,10 @@ class Monitors:
         self._announce(axis, self.axes[axis].tick(now_ns()), at_once=True)
 
     def move(self, step_ns: int) -> None:
-        """The clock was set by a step, ns."""
-        for monitor in self.axes.values():
-            monitor.move(step_ns)
+        """The clock was set by a step, ns: each monitor begins anew from its state."""
+        for axis, before in self.axes.items():
+            self.axes[axis] = self._made(axis)
+            self.axes[axis].restore(before.snapshot(), step_ns)
 
     async def foresee(self, axis: str) -> None:
         """Make an axis' trend, if it is due."""
@@ -170,7 +170,6 @@ class Monitors:
             return
         monitor = self.axes[axis]
         health = monitor.health(now_ns())
-        events = announced(events, health)
         states: tuple[State, ...] = ()
         if keeps or any(not is_chatter(event.kind) for event in events):
             states = (State.of(STATE, axis, monitor.snapshot()),)

@@ -114,8 +114,7 @@ class HttpNode:
             self._recorder.follow(axis, frame)
             samples.rest(axis, SAMPLES_PERIOD_S)
 
-        def move(step_ns: int) -> None:
-            state.move(step_ns)
+        def tell_step(step_ns: int) -> None:
             self.take(clock_changed(step_ns, now_ns()))
 
         try:
@@ -137,7 +136,7 @@ class HttpNode:
                 component.start(context.dispatcher.watch(self.take))
                 component.start(self._recorder.run())
                 self._answer_history()
-                with CLOCK.telling(move):
+                with CLOCK.telling(tell_step):
                     await context.forever()
         finally:
             await self._jobs.close()

@@ -8,12 +8,10 @@ import sys
 import tempfile
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 
 from ..bus.session import Bus
 from ..bus.settings import BusSettings
-from ..clock import is_future, now_ns
 from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
@@ -142,21 +140,12 @@ class DisagreementRecorder:
             self._folder.mkdir(parents=True, exist_ok=True)
             _write(path, frames)
             kept = self._folder.glob(f"disagreement_{axis}_*.parquet")
-            for old in sorted(kept, key=_rank)[:-MOST_KEPT]:
+            for old in sorted(kept)[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
         except (TraceError, OSError) as error:
             log.warning("%s: the recording of the disagreement cannot be saved: %s", path, error)
             return False
         return True
-
-
-def _rank(path: Path) -> tuple[bool, str]:
-    """Order in which recordings make room: those dated after now, then the oldest."""
-    try:
-        stamp = datetime.strptime(path.stem.rpartition("_")[2], "%Y%m%dT%H%M%SZ")
-    except ValueError:
-        return True, path.name
-    return not is_future(stamp.replace(tzinfo=UTC).timestamp(), now_ns() / 1e9), path.name
 
 
 class Shaking:

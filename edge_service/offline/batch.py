@@ -62,7 +62,7 @@ def run_batch(
 
     Args:
         work: a picklable function; what is wrong with one case stops no other.
-        written: files of `work`; those of an earlier run that it does not write anew are removed.
+        written: files of `work`; those of an earlier run are removed.
         cluster: tls://HOST:PORT of a Dask scheduler, or with `insecure` tcp://HOST:PORT; its
             workers see the same files.
 
@@ -122,13 +122,9 @@ def done(work: Work, written: Sequence[str], out: Path, case: Case) -> Outcome:
     folder = out / case.name
     try:
         made_folder(folder)
-        before = {path: path.stat().st_ino for name in written if (path := folder / name).is_file()}
-        try:
-            answer = work(case.traces, folder)
-        finally:
-            for path, inode in before.items():
-                if path.is_file() and path.stat().st_ino == inode:  # not written anew
-                    path.unlink()
+        for name in written:
+            (folder / name).unlink(missing_ok=True)  # of an earlier run
+        answer = work(case.traces, folder)
         document = json.loads(answer.as_json().replace(f"{out}{os.sep}", ""))
         return Outcome(case, answer.status, document=document)
     except exit_status.BadInputError as refused:

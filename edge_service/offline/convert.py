@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
-
 from ..atomic import replaced_bytes
 from ..checks.positions import speed_doubts
 from ..command_answer import Answer
@@ -17,8 +15,6 @@ from ..recordings.columns import TraceError
 from ..recordings.sinumerik.signals import ControllerAxis
 from ..recordings.writer import CSV_SUFFIX, TraceWriter
 from .recordings import Progress, open_recording, reported, silent, spread
-
-_GAP_STEPS = 1.5
 
 
 def convert(
@@ -38,26 +34,23 @@ def convert(
         raise TraceError(f"{out}: CSV holds channels only; all columns go into .parquet or .mcap")
     if out.exists() and source.exists() and out.samefile(source):
         raise TraceError(f"{out}: is the recording itself; expected another name")
-    rows = _Rows()
+    rows = 0
     with (
         open_recording(machine, source, axis, keep_all=keep_all) as reader,
         TraceWriter(out, reader.channels) as writer,
     ):
 
         def written() -> Iterator[SampleFrame]:
+            nonlocal rows
             for frame in reported(reader, f"converting {source.name}", progress):
                 writer.write(frame)
-                rows.add(frame)
+                rows += len(frame)
                 yield frame
 
         doubts = speed_doubts(spread(written()))
-    rate_hz = None if rows.step_s is None else 1.0 / rows.step_s
-    duration_s = (rows.last_s or 0.0) - rows.first_s
     missing = {name: count for name, count in reader.bad_cells.items() if count}
     remarks = (*reader.remarks, *doubts)
-    rate = "" if rate_hz is None else f" at {rate_hz:.6g} Hz"
-    head = f"{out}: {rows.count} rows, {duration_s:.6g} s{rate}, {rows.gaps} gaps"
-    lines = [f"{head}; {', '.join(reader.channels)}", *remarks]
+    lines = [f"{out}: {rows} rows; {', '.join(reader.channels)}", *remarks]
     lines += [f"{name}: {count} values missing" for name, count in missing.items()]
     if reader.ragged_rows:
         lines.append(f"{reader.ragged_rows} rows could not be read and are left out")
@@ -65,11 +58,8 @@ def convert(
         lines.append(f"not written: {', '.join(reader.ignored)}")
     document = {
         "out": str(out),
-        "rows": rows.count,
+        "rows": rows,
         "channels": reader.channels,
-        "rate_hz": rate_hz,
-        "duration_s": duration_s,
-        "gaps": rows.gaps,
         "missing": missing,
         "set_aside": reader.ragged_rows,
         "ignored": reader.ignored,
@@ -105,29 +95,3 @@ def convert_history(source: Path, out: Path, progress: Progress = silent) -> Ans
         raise TraceError(f"{out}: {error.strerror}") from None
     text = f"{out}: {rows} rows of {len(axes)} axes: {', '.join(axes) or 'none'}"
     return Answer(text, {"out": str(out), "rows": rows, "axes": axes})
-
-
-class _Rows:
-    """Counts rows and gaps; the usual step is that of the first run of rows."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.gaps = 0
-        self.step_s: float | None = None
-        self.first_s = 0.0
-        self.last_s: float | None = None
-
-    def add(self, frame: SampleFrame) -> None:
-        time_s = frame.time_s
-        if self.last_s is None:
-            self.first_s = float(time_s[0])
-        else:
-            time_s = np.concatenate([[self.last_s], time_s])
-        steps_s = np.diff(time_s)
-        forward_s = steps_s[steps_s > 0.0]
-        if self.step_s is None and forward_s.size:
-            self.step_s = float(np.median(forward_s))
-        if self.step_s is not None:
-            self.gaps += int(np.count_nonzero(steps_s > _GAP_STEPS * self.step_s))
-        self.count += len(frame)
-        self.last_s = float(time_s[-1])

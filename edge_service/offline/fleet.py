@@ -1,28 +1,30 @@
 """Axes of many machines, the worst first: of services that are asked, and of Zenoh routers."""
 
-import asyncio
 import os
+from base64 import b64encode
 from collections.abc import Sequence
+from http.client import HTTPConnection, HTTPException, HTTPSConnection
+from netrc import NetrcParseError, netrc
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import httpx
 from pydantic import ValidationError
 from rich.box import SIMPLE
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from ..bus.fleet import HealthListener, HeardAxis, RouterAwayError
+from ..bus.fleet import Place, RouterAwayError, ask_health
 from ..clock import now_ns
 from ..messages.addresses import is_http_url, is_loopback
 from ..messages.answer import AxesAnswer, AxisRow, axis_row
 from ..messages.estimate import EstimateStatus
 from ..messages.event import AxisCondition
+from ..messages.health import AxisHealth
 from ..messages.interval import Frozen, printed, rfc3339
-from ..threads import Threads
+from ..threads import in_threads
 
-ANSWER_S = 5.0  # for all answers together
+ANSWER_S = 5.0
 _STYLES = dict(zip(AxisCondition, ("bold red", "yellow", "dim", "green"), strict=True))
 
 
@@ -43,58 +45,45 @@ class Fleet(Frozen):
 
 
 class FleetWatch:
-    """Addresses that are looked at again and again; sessions at routers stay open.
-
-    Raises ValueError, SyntaxError.
-    """
+    """Addresses that are looked at again and again. Raises ValueError."""
 
     def __init__(self, addresses: Sequence[str]) -> None:
-        self._services: dict[str, httpx.Auth | None] = {}
-        self._routers: dict[str, HealthListener | None] = {}
+        self._addresses = addresses
+        self._logins = {each: _login(each) for each in addresses if is_http_url(each)}
+        self._known: set[tuple[str, Place]] = set()
         for address in addresses:
-            if is_http_url(address):
-                self._services[address.rstrip("/")] = _login(address)
-            elif address.startswith(("tcp/", "tls/")) and address.rpartition(":")[2].isdigit():
-                self._routers[address] = None
-            else:
+            is_router = address.startswith(("tcp/", "tls/"))
+            if address not in self._logins and not (
+                is_router and address.rpartition(":")[2].isdigit()
+            ):
                 expected = "http://HOST:PORT, https://HOST:PORT, tcp/HOST:PORT or tls/HOST:PORT"
                 raise ValueError(f"{address!r}: expected {expected}")
 
     def look(self) -> Fleet:
-        """Rows of now; takes up to `ANSWER_S` where somebody is silent."""
-        rows = asyncio.run(self._look())
+        """Rows of now; an axis that was there before and is gone is told."""
+        found = in_threads(self._asked, self._addresses, len(self._addresses))
+        rows = [row for rows in found for row in rows]
         rows.sort(key=lambda row: (row.urgency, row.site, row.machine, row.axis))
         return Fleet(condition=rows[0].condition if rows else None, axes=rows)
 
-    def close(self) -> None:
-        """End the sessions."""
-        for listener in filter(None, self._routers.values()):
-            listener.close()
-
-    async def _look(self) -> list[FleetRow]:
-        threads = Threads("fleet", len(self._routers))
-        asked = [_service(*each) for each in self._services.items()]
-        heard = [threads.run(self._router, address) for address in self._routers]
-        return [row for rows in await asyncio.gather(*asked, *heard) for row in rows]
-
-    def _router(self, address: str) -> list[FleetRow]:
-        listener = self._routers[address]
+    def _asked(self, address: str) -> list[FleetRow]:
+        if address in self._logins:
+            return _service(address.rstrip("/"), self._logins[address])
         try:
-            if listener is None:
-                listener = self._routers[address] = HealthListener(address)
+            found = ask_health(address)
         except RouterAwayError as error:
             return [_unavailable(address, str(error))]
-        listener.settle(ANSWER_S)
-        return [_row_of(address, axis) for axis in listener.axes()]
+        self._known |= {(address, place) for place in found}
+        places = sorted(place for known, place in self._known if known == address)
+        return [_row(address, place, found) for place in places]
 
 
-def _row_of(address: str, heard: HeardAxis) -> FleetRow:
-    place = {"site": heard.site, "machine": heard.machine, "axis": heard.axis}
-    health = heard.health
+def _row(address: str, place: Place, found: dict[Place, AxisHealth | None]) -> FleetRow:
+    named, health = dict(zip(("site", "machine", "axis"), place, strict=True)), found.get(place)
     if health is None:
-        reason = "nothing that can be read comes" if heard.there else "gone from the bus"
-        return _unavailable(address, reason, **place)
-    return FleetRow(**(dict(axis_row(health, now_ns())) | place), address=address)
+        reason = "nothing that can be read comes" if place in found else "gone from the bus"
+        return _unavailable(address, reason, **named)
+    return FleetRow(**(dict(axis_row(health, now_ns())) | named), address=address)
 
 
 def _unavailable(address: str, reason: str, axis: str = "", **place: str) -> FleetRow:
@@ -104,27 +93,39 @@ def _unavailable(address: str, reason: str, axis: str = "", **place: str) -> Fle
     return FleetRow.model_validate(members | {"reason": reason} | place)
 
 
-def _login(address: str) -> httpx.Auth | None:
-    """Login of `.netrc`, as curl takes it; by TLS or on loopback only. Raises SyntaxError."""
+def _login(address: str) -> dict[str, str]:
+    """Login of `.netrc`, as curl takes it; by TLS or on loopback only. Raises ValueError."""
     parts, file = urlsplit(address), Path(os.environ.get("NETRC") or Path.home() / ".netrc")
-    guarded = parts.scheme == "https" or is_loopback(parts.hostname or "")
-    return httpx.NetRCAuth(str(file)) if guarded and file.is_file() else None
-
-
-async def _service(address: str, login: httpx.Auth | None) -> list[FleetRow]:
-    """Rows of one service."""
+    host = parts.hostname or ""
+    if not (file.is_file() and (parts.scheme == "https" or is_loopback(host))):
+        return {}
     try:
-        async with asyncio.timeout(ANSWER_S), httpx.AsyncClient(auth=login) as client:
-            response = await client.get(f"{address}/api/v1/axes")
-        if response.status_code != httpx.codes.OK:
-            return [_unavailable(address, f"answers with status {response.status_code}")]
-        answer = AxesAnswer.model_validate_json(response.content, extra="ignore")
+        user, _, password = netrc(file).authenticators(host) or ("", "", "")
+    except (NetrcParseError, OSError) as error:
+        raise ValueError(str(error)) from None
+    told = b64encode(f"{user}:{password}".encode()).decode()
+    return {"authorization": f"Basic {told}"} if password else {}
+
+
+def _service(address: str, login: dict[str, str]) -> list[FleetRow]:
+    """Rows of one service."""
+    parts = urlsplit(address)
+    kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
+    connection = kind(parts.hostname or "", parts.port, timeout=ANSWER_S)
+    try:
+        connection.request("GET", f"{parts.path}/api/v1/axes", headers=login)
+        response = connection.getresponse()
+        if response.status != 200:
+            return [_unavailable(address, f"answers with status {response.status}")]
+        answer = AxesAnswer.model_validate_json(response.read(), extra="ignore")
     except TimeoutError:
         return [_unavailable(address, f"no answer within {ANSWER_S:g} s")]
     except ValidationError:
         return [_unavailable(address, "no answer of an edge-service")]
-    except (httpx.HTTPError, OSError, ValueError) as error:
+    except (HTTPException, OSError) as error:
         return [_unavailable(address, f"cannot be reached ({error})")]
+    finally:
+        connection.close()
     place = {"address": address, "site": answer.site, "machine": answer.machine}
     return [FleetRow(**dict(row), **place) for row in answer.axes]
 

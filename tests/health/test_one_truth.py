@@ -5,7 +5,6 @@ import re
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.health.advice import announced
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
@@ -13,12 +12,12 @@ from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import AlarmKind, AxisHealth, Task
-from edge_service.messages.interval import EXACT, Interval
+from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
 
-from ..messages.examples import estimate_of, event_of
+from ..messages.examples import estimate_of
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -186,25 +185,6 @@ def _trend_fits(health: AxisHealth) -> None:
     falling = trend is not None and trend.status is TrendStatus.FALLING
     claims = [a for a in health.alarms if a.active and "falling fast" in a.text]
     assert falling or not claims
-
-
-@settings(deadline=None)  # the machine may be busy
-@given(STEPS)
-def test_an_event_that_calls_somebody_says_what_the_axis_needs(steps: list[tuple]) -> None:
-    axis = Axis()
-    for step in steps:
-        _do(axis, step)
-    health = axis.answer()
-    assert health.headline is not None
-    kinds = {"alarm_raised": True, "alarm_cleared": True, "condition_changed": True, "note": False}
-    told = [event_of(kind=kind, data={"alarm": "rate"}) for kind in kinds]
-    for event in announced(told, health):
-        assert event.data["alarm"] == "rate"
-        assert ("headline" in event.data) == ("task" in event.data) == kinds[event.kind]
-        if kinds[event.kind]:
-            assert event.data["headline"] == health.headline.code
-            assert event.data["task"] == (health.advice[0].task if health.advice else None)
-            assert Event.model_validate_json(event.model_dump_json(context=EXACT)) == event
 
 
 def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from edge_service.bus.fleet import HealthListener
+from edge_service.bus.fleet import ask_health
 from edge_service.config import ConfigError, load_config
 
 from .conftest import once, running, served, until
@@ -63,10 +63,8 @@ async def test_of_an_axis_that_goes_nothing_stays_on_the_bus(tmp_path: Path) -> 
 
     async def there(*axes: str) -> None:
         async def are_there() -> bool:
-            listener = HealthListener(service.bus.endpoint)
-            await asyncio.to_thread(listener.settle, 1.0)
-            listener.close()
-            return {each.axis for each in listener.axes() if each.there} == {*axes}
+            found = await asyncio.to_thread(ask_health, service.bus.endpoint)
+            return {axis for _, _, axis in found} == {*axes}
 
         await until(are_there)
 

@@ -116,15 +116,3 @@ async def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> 
     scene.recorder.note(event(since_s=45.0))
     await asyncio.wait_for(scene.run(AFTER_S + 5.0), 30.0)
     assert scene.kept == []
-
-
-async def test_recordings_of_a_wrong_clock_make_room_for_new_ones(tmp_path: Path) -> None:
-    for number in range(MOST_KEPT):
-        (tmp_path / f"disagreement_X_21000101T00000{number}Z.parquet").write_text("")
-    scene = Scene(tmp_path)
-    await scene.run(3)
-    for number in range(1, MOST_KEPT + 1):
-        scene.recorder.note(event(scene.now_s, name_of(number)))
-        await scene.run(AFTER_S + 2.0)
-    kept = sorted(path.name for path in tmp_path.iterdir())
-    assert kept == [name_of(number) for number in range(1, MOST_KEPT + 1)]

@@ -15,7 +15,7 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.health import ComponentStatus
 from edge_service.messages.topics import FEAT, PRELOAD, STATUS
 from edge_service.nodes import estimate_node, stages
-from edge_service.nodes.estimated_axis import MOST_BLAMED, SOUND_PERIOD, EstimatedAxis
+from edge_service.nodes.estimated_axis import MOST_FAILURES, SOUND_PERIOD, EstimatedAxis
 
 from ..messages.examples import PAYLOADS
 from .conftest import PATIENCE_S, reported, running, two_axes
@@ -108,7 +108,7 @@ def test_one_that_always_raises_gives_no_number_and_is_tried_ever_less_often() -
     scene = Scene(lambda _number, _taken: True)
     assert set(scene.feed(6000)) == {None}
     assert 10 <= len(scene.errors) <= 30  # in ten minutes
-    assert scene.made <= 2 * len(scene.errors) + 1
+    assert scene.made <= len(scene.errors) + 1
     assert scene.resets == []  # there is no state to blame
     assert scene.axis.to_keep() is None
 
@@ -123,21 +123,13 @@ def test_one_interval_that_raises_costs_a_second_of_the_state() -> None:
     assert (len(scene.errors), scene.resets) == (1, [])
 
 
-def test_intervals_that_raise_for_a_while_in_every_estimator_do_not_cost_the_state() -> None:
-    scene = Scene(lambda number, _taken: 100 <= number < 1000)
-    scene.feed(1000)
-    numbers = [each for each in scene.feed(1000) if each is not None]
-    assert numbers[0] >= 100.0 - SOUND_PERIOD
-    assert scene.resets == []
-
-
 @pytest.mark.parametrize("worst", [90, 95, 99])
 def test_a_state_that_raises_again_and_again_is_given_up(worst: int) -> None:
     scene = Scene(lambda _number, taken: taken >= worst)
     scene.feed(worst)
     scene.feed(75)
     assert len(scene.resets) == 1
-    assert len(scene.errors) == MOST_BLAMED
+    assert len(scene.errors) == MOST_FAILURES
     numbers = [each for each in scene.feed(20) if each is not None]
     assert numbers == sorted(numbers) and numbers[-1] < worst  # a fresh one goes on
 
@@ -183,7 +175,7 @@ def test_whatever_raises_when_no_number_comes_from_a_state_left_half_made(seed: 
     scene = Scene(lambda number, taken: number in bad or taken >= bad_state)
     numbers = [each for each in scene.feed(3000) if each is not None]
     assert all(0.0 < each <= bad_state for each in numbers)
-    assert scene.made <= 2 * len(scene.errors) + len(scene.resets) + 1 + len(scene.errors)
+    assert scene.made <= len(scene.errors) + 1
     kept = scene.axis.to_keep()
     assert kept is None or kept.snapshot["taken"] > 0
 

@@ -4,7 +4,7 @@ import contextlib
 import io
 import random
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -65,59 +65,17 @@ def _tunings() -> list[bytes]:
 
 
 def spoiled(content: bytes, chance: random.Random) -> bytes:
-    """The content after one to four changes."""
+    """The content with another word or other bytes in one to four places, short or long."""
     for _ in range(chance.randrange(1, 5)):
-        content = chance.choice(_CHANGES)(content, chance)
+        start = chance.randrange(len(content) + 1)
+        end = start + chance.choice((0, 1, chance.randrange(200), len(content)))
+        word = _WORD.search(content, start)
+        if word and chance.random() < 0.5:
+            start, end = word.span()
+        old = content[start:end]
+        new = (b"", chance.choice(WORDS), chance.randbytes(len(old) or 8), bytes(64), old * 50)
+        content = content[:start] + chance.choice(new)[:50_000] + content[end:]
     return content
-
-
-def _place(content: bytes, chance: random.Random) -> int:
-    return chance.randrange(len(content) + 1)
-
-
-def _flip(content: bytes, chance: random.Random) -> bytes:
-    changed = bytearray(content or b"\0")
-    changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
-    return bytes(changed)
-
-
-def _cut(content: bytes, chance: random.Random) -> bytes:
-    return content[: _place(content, chance)]
-
-
-def _take_out(content: bytes, chance: random.Random) -> bytes:
-    start = _place(content, chance)
-    return content[:start] + content[start + chance.randrange(200) :]
-
-
-def _repeat(content: bytes, chance: random.Random) -> bytes:
-    start = _place(content, chance)
-    part = content[start : start + chance.randrange(1, 300)]
-    return content[:start] + part * chance.choice((2, 3, 50)) + content[start:]
-
-
-def _noise(content: bytes, chance: random.Random) -> bytes:
-    start = _place(content, chance)
-    return content[:start] + chance.randbytes(chance.randrange(1, 40)) + content[start:]
-
-
-def _zeros(content: bytes, chance: random.Random) -> bytes:
-    start, length = _place(content, chance), chance.randrange(1, 600)
-    return content[:start] + bytes(length) + content[start + length :]
-
-
-def _word(content: bytes, chance: random.Random) -> bytes:
-    words = list(_WORD.finditer(content))
-    if not words:
-        return content + chance.choice(WORDS)
-    found = chance.choice(words)
-    return content[: found.start()] + chance.choice(WORDS) + content[found.end() :]
-
-
-_CHANGES: tuple[Callable[[bytes, random.Random], bytes], ...] = (
-    *(_flip, _cut, _take_out, _repeat, _noise, _zeros),
-    *(_word,) * 6,
-)
 
 
 def command_on(kind: str, content: bytes, folder: Path) -> list[str]:

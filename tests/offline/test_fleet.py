@@ -6,14 +6,13 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
 
-from edge_service.bus import fleet as bus_fleet
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.cli.entry import main
@@ -65,29 +64,28 @@ def joining(folder: Path, endpoint: str) -> Path:
     return path
 
 
-def until(watch: FleetWatch, holds: Callable[[Fleet], bool]) -> Fleet:
-    """The first look that holds."""
-    end = threading.Event()
-    timer = threading.Timer(PATIENCE_S, end.set)
-    timer.start()
+@asynccontextmanager
+async def told(say: Callable[[], None]) -> AsyncIterator[None]:
+    """A machine that goes on telling how it is."""
+
+    async def go_on() -> None:
+        while True:
+            say()
+            await asyncio.sleep(0.2)
+
+    telling = asyncio.create_task(go_on())
     try:
-        while True:
-            found = watch.look()
-            if holds(found):
-                return found
-            assert not end.wait(0.05), [row.model_dump() for row in found.axes]
+        yield
     finally:
-        timer.cancel()
+        telling.cancel()
 
 
-async def until_heard(watch: FleetWatch, said: Callable[[], None], heard: dict[str, str]) -> Fleet:
-    """The first look that finds this, while a machine goes on telling how it is."""
+async def until(watch: FleetWatch, heard: dict[str, str]) -> Fleet:
+    """The first look that finds this."""
     async with asyncio.timeout(PATIENCE_S):
-        while True:
-            said()
-            found = await asyncio.to_thread(watch.look)
-            if reasons(found) == heard:
-                return found
+        while reasons(found := await asyncio.to_thread(watch.look)) != heard:
+            pass
+    return found
 
 
 def reasons(found: Fleet) -> dict[str, str]:
@@ -119,9 +117,7 @@ def healths() -> list[AxisHealth]:
     ]
 
 
-async def test_the_last_word_on_each_axis_comes_at_once_and_goes_with_its_publisher(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_the_last_word_on_each_axis_is_told_while_its_machine_goes_on(tmp_path: Path) -> None:
     with router() as endpoint:
         watch, keys = FleetWatch([endpoint]), MachineKeys("hall", "mill")
         assert await asyncio.to_thread(watch.look) == Fleet(condition=None, axes=[])
@@ -129,29 +125,21 @@ async def test_the_last_word_on_each_axis_comes_at_once_and_goes_with_its_publis
         bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", zenoh_file=file))
         publishers = {axis: bus.publisher(keys.key(axis, HEALTH), HEALTH, axis) for axis in "ABCDE"}
 
-        def said() -> None:
+        def say() -> None:
             for health in healths():
                 publishers[health.axis].publish(health, now_ns())
 
         heard = dict.fromkeys((f"mill {axis}" for axis in "ABCDE"), "")
-        found = await until_heard(watch, said, heard)
+        async with told(say):
+            found = await until(watch, heard)
         assert [row.axis for row in found.axes] == ["D", "C", "B", "E", "A"]
         assert [row.of_fresh and row.of_fresh.value for row in found.axes] == [12, 58, 55, None, 98]
         assert {row.method for row in found.axes} == {"mixture"}
-        late = FleetWatch([endpoint])
-        assert reasons(await asyncio.to_thread(late.look)) == heard
-        late.close()
-        with monkeypatch.context() as later:
-            true_s = bus_fleet.time.monotonic
-            later.setattr(bus_fleet.time, "monotonic", lambda: true_s() + HEALTH.stale_after_s)
-            silent = await asyncio.to_thread(watch.look)
+        silent = await until(watch, dict.fromkeys(heard, "nothing that can be read comes"))
         assert {row.condition for row in silent.axes} == {AxisCondition.UNAVAILABLE}
         assert {row.of_fresh for row in silent.axes} == {None}
         await bus.close()
-        gone = dict.fromkeys(heard, "gone from the bus")
-        found = await asyncio.to_thread(until, watch, lambda seen: reasons(seen) == gone)
-        assert found.condition is AxisCondition.UNAVAILABLE
-        watch.close()
+        await until(watch, dict.fromkeys(heard, "gone from the bus"))
 
 
 async def test_who_comes_from_the_plant_may_read_and_not_publish(tmp_path: Path) -> None:
@@ -163,10 +151,11 @@ async def test_who_comes_from_the_plant_may_read_and_not_publish(tmp_path: Path)
         own = bus.publisher(keys.key("X", HEALTH), HEALTH, "X")
         watch = FleetWatch([endpoint])
 
-        def said() -> None:
+        def say() -> None:
             own.publish(health_of("X", AxisCondition.NORMAL, 98.0), now_ns())
 
-        await until_heard(watch, said, {"mill X": ""})
+        async with told(say):
+            await until(watch, {"mill X": ""})
         stranger = await Bus.open(BusSettings(endpoint, "client"))
         forged = stranger.publisher(keys.key("X", HEALTH), HEALTH, "X")
         forged.publish(health_of("X", AxisCondition.FAULT, 5.0), now_ns())
@@ -178,7 +167,6 @@ async def test_who_comes_from_the_plant_may_read_and_not_publish(tmp_path: Path)
             if health.condition is AxisCondition.WARNING:
                 break
         assert set(conditions) == {AxisCondition.NORMAL, AxisCondition.WARNING}
-        watch.close()
         await bus.close()
 
 

@@ -3,10 +3,8 @@
 import logging
 import sqlite3
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from zlib import crc32
 
 from pydantic import ValidationError
@@ -58,7 +56,6 @@ _LATEST_US = 2**52
 """A clock that shows more gives no ids: they stay below 2**53, which JSON readers keep exactly."""
 _GREATEST = 2**63 - 1
 _MOST_WAITING = 20_000
-_PRUNE_EVERY = 500
 _SURPLUS = """DELETE FROM events WHERE id IN (
     SELECT id FROM events WHERE kind = ? AND axis = ? ORDER BY id DESC LIMIT -1 OFFSET ?
 ) RETURNING id"""
@@ -87,7 +84,6 @@ class EventLog:
         self._lock, self._saving = threading.Lock(), threading.Lock()
         self._waiting: dict[tuple[int, str, str, str], StoredEvent] = {}
         self._states: dict[tuple[str, str], State] = {}
-        self._since_pruned: Counter[tuple[str, str]] = Counter()
         self._last_id = 0
         self._damaged_ids: set[int] = set()
         self.lost = self.set_aside = 0
@@ -123,7 +119,6 @@ class EventLog:
                 for place, state in states.items():
                     if self._states.get(place) is state:
                         del self._states[place]
-            self._prune(each.event for _, each in waiting)
             return numbers
 
     def add(self, events: Iterable[Event], now_ns: int) -> list[StoredEvent]:
@@ -214,7 +209,10 @@ class EventLog:
         def work(file: sqlite3.Connection) -> dict[int, int]:
             for state in states:
                 put_state(file, state)
-            return append_events(file, waiting)
+            numbers = append_events(file, waiting)
+            for room, axis in {(room_of(each.event.kind), each.event.axis) for each in waiting}:
+                _prune(file, room, axis)
+            return numbers
 
         try:
             return self.store.write(work)
@@ -237,18 +235,6 @@ class EventLog:
                 )
                 del self._waiting[next(chatter, next(iter(self._waiting)))]
                 self.lost += 1
-
-    def _prune(self, events: Iterable[Event]) -> None:
-        """Remove the oldest events of rooms that have become too full."""
-        self._since_pruned.update((room_of(each.kind), each.axis) for each in events)
-        full = [place for place, count in self._since_pruned.items() if count >= _PRUNE_EVERY]
-        for room, axis in full:
-            most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
-            try:
-                self.store.write(partial(_prune_room, room, axis, most))
-            except StoreFailedError:
-                return
-            del self._since_pruned[room, axis]
 
     def _found(
         self, condition: str, values: Sequence[object], fits: Callable[[StoredEvent], bool]
@@ -308,7 +294,9 @@ def stored_event(number: int, body: str, digest: int) -> StoredEvent | None:
         return None
 
 
-def _prune_room(room: str, axis: str, most: int, file: sqlite3.Connection) -> None:
+def _prune(file: sqlite3.Connection, room: str, axis: str) -> None:
+    """Remove the oldest events of a room that has become too full."""
+    most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
     gone = [number for (number,) in file.execute(_SURPLUS, (room, axis, most))]
     if gone:
         file.execute("DELETE FROM dropped_events WHERE id <= ?", (max(gone),))

@@ -18,7 +18,6 @@ from zlib import crc32
 
 import numpy as np
 
-from ...clock import FUTURE_S
 from ...messages.estimate import PreloadEstimate
 from .rows import (
     NAN,
@@ -62,7 +61,7 @@ MEMORY_MB = 64.0
 _GREATEST = 2**62
 _OVER = "SELECT axis, hour_s FROM open_hour WHERE hour_s <> ? LIMIT 1"
 _OLDEST = """SELECT axis, step_s, start_s FROM history WHERE step_s < ?
-ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
+ORDER BY step_s, start_s LIMIT 1"""
 
 
 class History:
@@ -112,7 +111,7 @@ class History:
             if over is not None:
                 self._store.write(lambda file: self._compact(file, *over))
             if over is not None or self._is_new:
-                self._make_room(now_s)
+                self._make_room()
                 self._is_new = False
 
     def rows(self, axis: str, start_s: float, end_s: float, finest_step_s: float) -> Rows:
@@ -232,11 +231,11 @@ class History:
             log.warning("%s; left out", words)
             self._store.damages.append(words)
 
-    def _make_room(self, now_s: float) -> None:
+    def _make_room(self) -> None:
         """Remove the oldest seconds, then minutes, until the file is within its budget."""
 
         def remove(file: sqlite3.Connection) -> bool:
-            oldest = file.execute(_OLDEST, (HOUR_S, now_s + FUTURE_S)).fetchone()
+            oldest = file.execute(_OLDEST, (HOUR_S,)).fetchone()
             if oldest is not None:
                 gone = "DELETE FROM history WHERE axis = ? AND step_s = ? AND start_s = ?"
                 file.execute(gone, oldest)

@@ -79,15 +79,10 @@ class PreloadHistory:
             self._rows = _means(rows, rows[:, 0]).tolist()
             self._step_s *= 2.0
 
-    def move(self, step_s: float, since_s: float = -math.inf) -> None:
-        """The clock was set by a step, s: the distances in time stay.
-
-        What is older than `since_s` stays where it is; what comes to lie on it is joined to it.
-        """
-        rows = self._table()
-        rows[(rows[:, 0] + 1.0) * self._step_s > since_s, 0] += step_s / self._step_s
-        rows[:, 0] = np.maximum.accumulate(rows[:, 0])
-        self._rows = _means(rows, rows[:, 0]).tolist()
+    def move(self, step_s: float) -> None:
+        """The clock was set by a step, s: the distances in time stay."""
+        for row in self._rows:
+            row[0] += step_s / self._step_s
 
     def newest(self) -> float | None:
         """Preload of the newest step, percent; None if there is none."""

@@ -78,14 +78,9 @@ class UsageCounter:
             force_way_m=tuple(round(each, 3) for each in self._force_way_m.tolist()),
         )
 
-    def move(self, step_ns: int, since_ns: int = 0) -> None:
-        """The clock was set by a step, ns; what began before `since_ns` stays where it is."""
-        if self._since_ns >= since_ns:
-            self._since_ns += step_ns
-
-    def restore(self, use: Use) -> None:
-        """Go on from what was counted."""
-        self._since_ns, self._moving_s = use.since_time_ns, use.moving_s
+    def restore(self, use: Use, step_ns: int = 0) -> None:
+        """Go on from what was counted by a clock that was set by a step since, ns."""
+        self._since_ns, self._moving_s = use.since_time_ns + step_ns, use.moving_s
         self._observed_s, self.distance_m = use.observed_s, use.distance_m
         self._reversals = use.reversals
         if len(use.way_m) == self._way_m.size:

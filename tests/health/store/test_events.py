@@ -131,7 +131,6 @@ def test_events_and_states_are_written_together_or_not_at_all(
 
 def test_each_kind_has_its_own_room(log: EventLog, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST_CHATTER", 40)
-    monkeypatch.setattr(module, "_PRUNE_EVERY", 10)
     (note,) = log.add([event("a person")], NOW_NS)
     for number in range(30):
         at = NOW_NS + number * NS
