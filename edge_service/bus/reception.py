@@ -1,6 +1,7 @@
 """Payloads on their way to a reader: rings, the one publisher of a key, and what is refused."""
 
 from collections import Counter, OrderedDict, deque
+from dataclasses import dataclass, field
 from enum import StrEnum
 from threading import Lock
 from typing import NamedTuple
@@ -9,6 +10,8 @@ from ..messages.codec import Header
 from ..messages.keys import axis_of
 
 MOST_RINGS = 256
+MOST_BYTES = 32_000_000
+"""Bytes that may wait on one key."""
 MOST_JUMP = 100_000
 """So many payloads may be lost at once; a longer jump of the sequence is another's."""
 
@@ -18,6 +21,7 @@ class Refusal(StrEnum):
 
     FOREIGN = "foreign"  # the key of an axis or component that is not configured
     OVERSIZED = "oversized"  # longer than its topic allows
+    FLOODED = "flooded"  # more of them than its topic allows
     MALFORMED = "malformed"  # no payload of its topic
     MISPLACED = "misplaced"  # the payload names another axis than its key
     RIVAL = "rival"  # another publisher of the key is heard
@@ -87,19 +91,39 @@ class Arrival(NamedTuple):
     arrival_s: float
 
 
-class KeyRings:
-    """Rings of `depth` payloads a key; read in turn, filled by any thread."""
+@dataclass(slots=True)
+class _Ring:
+    """Arrivals of one key, and how many more it may take as of `credited_s`."""
 
-    def __init__(self, depth: int) -> None:
-        self._depth = depth
+    credit: float
+    credited_s: float
+    waiting: deque[Arrival] = field(default_factory=deque)
+    waiting_bytes: int = 0
+
+
+class KeyRings:
+    """Rings of `depth` payloads a key, of at most `most_hz`; read in turn, filled by any thread."""
+
+    def __init__(self, depth: int, most_hz: float) -> None:
+        self._depth, self._most_hz = depth, most_hz
         self._lock = Lock()
-        self._rings: dict[str, deque[Arrival]] = {}
+        self._rings: dict[str, _Ring] = {}
         self._turn: OrderedDict[str, None] = OrderedDict()
         self.overruns = 0
         """Payloads that were pushed out unread."""
 
     def __bool__(self) -> bool:
         return bool(self._turn)
+
+    def admits(self, key: str, now_s: float) -> bool:
+        """Count a payload against the rate of its key; False where it came too soon."""
+        with self._lock:
+            ring = self._rings.setdefault(key, _Ring(self._most_hz, now_s))
+            earned = (now_s - ring.credited_s) * self._most_hz
+            ring.credit, ring.credited_s = min(ring.credit + earned, self._most_hz), now_s
+            admitted = ring.credit >= 1.0
+            ring.credit -= admitted
+            return admitted
 
     def knows(self, key: str) -> bool:
         """Return whether a key has a ring, or may have one."""
@@ -108,11 +132,14 @@ class KeyRings:
     def put(self, arrival: Arrival) -> int:
         """Let a payload wait; the oldest of its key make room. Returns how many wait there."""
         with self._lock:
-            ring = self._rings.setdefault(arrival.key, deque(maxlen=self._depth))
-            self.overruns += len(ring) == self._depth
-            ring.append(arrival)
+            ring = self._rings[arrival.key]
+            ring.waiting.append(arrival)
+            ring.waiting_bytes += len(arrival.payload)
+            while len(ring.waiting) > self._depth or ring.waiting_bytes > MOST_BYTES:
+                ring.waiting_bytes -= len(ring.waiting.popleft().payload)
+                self.overruns += 1
             self._turn.setdefault(arrival.key)
-            return len(ring)
+            return len(ring.waiting)
 
     def skip(self, axis: str) -> list[Arrival]:
         """All payloads of an axis, which wait no longer."""
@@ -121,8 +148,9 @@ class KeyRings:
             for key, ring in self._rings.items():
                 if axis_of(key) == axis:
                     self._turn.pop(key, None)
-                    skipped += ring
-                    ring.clear()
+                    skipped += ring.waiting
+                    ring.waiting.clear()
+                    ring.waiting_bytes = 0
         return skipped
 
     def take(self) -> Arrival | None:
@@ -131,7 +159,9 @@ class KeyRings:
             if not self._turn:
                 return None
             key, _ = self._turn.popitem(last=False)
-            arrival = self._rings[key].popleft()
-            if self._rings[key]:
+            ring = self._rings[key]
+            arrival = ring.waiting.popleft()
+            ring.waiting_bytes -= len(arrival.payload)
+            if ring.waiting:
                 self._turn[key] = None
             return arrival

@@ -42,7 +42,7 @@ class Subscriber(Generic[T]):
         self.topic = topic
         self._keys = keys
         self._received = 0
-        self._rings = KeyRings(depth)
+        self._rings = KeyRings(depth, topic.most_hz)
         self._senders: dict[str, Sender] = {}
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
@@ -81,7 +81,7 @@ class Subscriber(Generic[T]):
         """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""
         key, now_s = str(sample.key_expr), time.monotonic()
         self._received += 1
-        refusal = self._refusal(key, len(sample.payload))
+        refusal = self._refusal(key, len(sample.payload), now_s)
         if refusal is not None:
             self.refusals.add(refusal)
             return
@@ -95,11 +95,13 @@ class Subscriber(Generic[T]):
             else:
                 self._loop.call_soon_threadsafe(self._wake.set)
 
-    def _refusal(self, key: str, size: int) -> Refusal | None:
+    def _refusal(self, key: str, size: int, now_s: float) -> Refusal | None:
         known = self._rings.knows(key) if self._keys is None else key in self._keys
         if not known:
             return Refusal.FOREIGN
-        return Refusal.OVERSIZED if size > self.topic.most_bytes else None
+        if size > self.topic.most_bytes:
+            return Refusal.OVERSIZED
+        return None if self._rings.admits(key, now_s) else Refusal.FLOODED
 
     def rest(self, axis: str, seconds: float) -> None:
         """Read what comes of an axis later: its reader can make nothing of it before.

@@ -1,9 +1,13 @@
-"""Topics: key, times, limits and bytes of their payloads, and the header of each payload."""
+"""Topics: key, times, limits and bytes of their payloads, and the header of each payload.
+
+What has passed holds finite numbers, integers of 64 bits, and texts and lists of limited length, so
+that whoever reads it may count on that.
+"""
 
 import json
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from pydantic import BaseModel
 
@@ -11,6 +15,13 @@ from .keys import check_part
 
 JSON_ENCODING = "application/json"
 LARGEST = 2**63 - 1
+FURTHEST = 1e50
+"""No measured or computed number lies beyond; its powers can still be computed with."""
+MOST_DEPTH = 8
+MOST_TEXT = 4096
+"""Characters of one text."""
+MOST_ENTRIES = 1024
+"""Values in one list, or keys in one object."""
 T = TypeVar("T")
 _Payload = TypeVar("_Payload", bound=BaseModel)
 
@@ -43,6 +54,7 @@ class Topic(ABC, Generic[T]):
     rate_hz: float  # nominal rate on the wire
     stale_after_s: float  # without a new payload for this long, a reader must treat it as missing
     most_bytes: int  # a longer payload is refused unread
+    most_hz: float  # more payloads of one key than this, over a second, are refused unread
     # a query on the same key is answered with the last payload
     keeps_last: bool = field(default=True, kw_only=True)
     # payloads that a publisher keeps for readers that come later, or were away
@@ -101,7 +113,7 @@ class JsonTopic(Topic[_Payload]):
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
         """Axis (empty if none), header and payload. Raises CodecError."""
         try:
-            members = parsed(payload)
+            members = parse_bounded(payload)
             axis, header = self.taken(members)
             if "axis" not in self.model.model_fields:
                 del members["axis"]
@@ -120,9 +132,38 @@ class JsonTopic(Topic[_Payload]):
         return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
 
 
-def parsed(text: bytes) -> dict[str, Any]:
+def parse_bounded(text: bytes) -> dict[str, Any]:
     """Members of a JSON object. Raises ValueError, RecursionError."""
-    members = json.loads(text)
+    members = _DECODER.decode(text.decode())
     if not isinstance(members, dict):
         raise ValueError("no object")
+    _check(members, MOST_DEPTH)
     return members
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+_DECODER = json.JSONDecoder(parse_constant=_refuse)
+
+
+def _check(value: Any, depth: int) -> None:
+    """Raise ValueError for whatever lies outside the bounds."""
+    if isinstance(value, str):
+        if len(value) > MOST_TEXT:
+            raise ValueError(f"a text of more than {MOST_TEXT} characters")
+        value.encode()  # a lone surrogate cannot be written anywhere
+    elif isinstance(value, int):
+        if abs(value) > LARGEST:
+            raise ValueError("an integer of more than 64 bits")
+    elif isinstance(value, float):
+        if not abs(value) <= FURTHEST:  # 1e999 is infinite
+            raise ValueError("a number beyond all bounds")
+    elif value is not None:
+        if depth == 0:
+            raise ValueError(f"nested deeper than {MOST_DEPTH}")
+        if len(value) > MOST_ENTRIES:
+            raise ValueError(f"more than {MOST_ENTRIES} entries")
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+            _check(each, depth - 1)

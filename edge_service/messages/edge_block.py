@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .codec import CodecError, Header, T, Topic, parsed
+from .codec import FURTHEST, CodecError, Header, T, Topic, parse_bounded
 from .features import (
     FEATURE_FIELDS,
     PHASE_FIELDS,
@@ -37,8 +37,6 @@ from .samples import CHANNELS, TIME, Floats, SampleFrame, Waveform
 BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
 MOST_COLUMNS, MOST_UNIT = 256, 32
-FURTHEST = 1e50
-"""No measured or computed number lies beyond; its powers can still be computed with."""
 LONGEST_S = 1e11
 """No clock of an axis shows more, s: some three thousand years."""
 PERIOD_S = (1e-7, 10.0)
@@ -84,7 +82,7 @@ class BlockTopic(Topic[T]):
             if magic != MAGIC:
                 raise ValueError("wrong first four bytes")
             start = _PREFIX.size + length
-            members = parsed(payload[_PREFIX.size : start])
+            members = parse_bounded(payload[_PREFIX.size : start])
             body = np.frombuffer(payload, dtype="<f8", offset=start)
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error

@@ -11,19 +11,19 @@ from .health import AxisHealth, ComponentHealth
 
 _NEVER = float("inf")
 
-RAW = SampleTopic("raw", "samples/1", 10.0, 2.0, 2_000_000)
-FEAT = FeatureTopic("feat", "features/1", 10.0, 2.0, 20_000)
-WAVE = WaveformTopic("wave", "waveform/1", 10.0, 2.0, 2_000_000, keeps_last=False)
-PRELOAD = JsonTopic("preload", "preload/1", 10.0, 2.0, 20_000, PreloadEstimate)
-HEALTH = JsonTopic("health", "health/1", 1.0, 5.0, 100_000, AxisHealth, cached=600)
-EVENT = JsonTopic("event", "event/1", 0.0, _NEVER, 20_000, Event)
-STATUS = JsonTopic("status", "status/1", 1.0, 5.0, 20_000, ComponentHealth)
+RAW = SampleTopic("raw", "samples/1", 10.0, 2.0, 2_000_000, 5000.0)
+FEAT = FeatureTopic("feat", "features/1", 10.0, 2.0, 20_000, 5000.0)
+WAVE = WaveformTopic("wave", "waveform/1", 10.0, 2.0, 2_000_000, 5000.0, keeps_last=False)
+PRELOAD = JsonTopic("preload", "preload/1", 10.0, 2.0, 20_000, 5000.0, PreloadEstimate)
+HEALTH = JsonTopic("health", "health/1", 1.0, 5.0, 100_000, 200.0, AxisHealth, cached=600)
+EVENT = JsonTopic("event", "event/1", 0.0, _NEVER, 20_000, 100.0, Event)
+STATUS = JsonTopic("status", "status/1", 1.0, 5.0, 20_000, 50.0, ComponentHealth)
 COMMAND = JsonTopic(
-    *("command", "command/1", 0.0, _NEVER, 20_000, Command),
+    *("command", "command/1", 0.0, _NEVER, 20_000, 20.0, Command),
     strict=False,  # as people's programs may send it
     keeps_last=False,
 )
-OUTCOME = JsonTopic("outcome", "outcome/1", 0.0, _NEVER, 20_000, Outcome, keeps_last=False)
+OUTCOME = JsonTopic("outcome", "outcome/1", 0.0, _NEVER, 20_000, 20.0, Outcome, keeps_last=False)
 """On its key a command is asked as a question, and answered."""
 
 TOPICS: dict[str, Topic[Any]] = {

@@ -49,7 +49,8 @@ async def test_a_hostile_payload_is_refused_and_counted(router: Bus, reason: Ref
 
 
 async def test_a_flood_on_one_key_pushes_nothing_out_of_another(router: Bus) -> None:
-    subscriber = router.subscribe(KEYS.all_axes(RAW), RAW, depth=4)
+    topic = replace(RAW, most_hz=10.0)
+    subscriber = router.subscribe(KEYS.all_axes(RAW), topic, depth=4)
     router._session.put(KEYS.key("Y", RAW), RAW.encode("Y", GENUINE, FRAME))
     for number in range(1000):
         payload = RAW.encode("X", replace(GENUINE, sequence=number), FRAME)
@@ -58,16 +59,32 @@ async def test_a_flood_on_one_key_pushes_nothing_out_of_another(router: Bus) -> 
     heard = [axis async for axis, _, _ in subscriber]
     assert heard.count("Y") == 1
     assert heard.count("X") == 4
+    assert subscriber.refusals.counts()[Refusal.FLOODED] >= 900
 
 
 def test_keys_are_read_in_turn() -> None:
-    rings = KeyRings(depth=10)
+    rings = KeyRings(depth=10, most_hz=100.0)
     for key in ("a", "a", "a", "b"):
+        assert rings.admits(key, 0.0)
         rings.put(Arrival(key, b"", 0.0))
     order = []
     while (arrival := rings.take()) is not None:
         order.append(arrival.key)
     assert order == ["a", "b", "a", "a"]
+
+
+def test_a_rate_is_earned_again() -> None:
+    rings = KeyRings(depth=10, most_hz=2.0)
+    assert [rings.admits("a", at_s) for at_s in (0.0, 0.0, 0.0, 0.5, 0.5, 9.0, 9.0, 9.0)] == [
+        True,
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 def heard(sender: Sender, *payloads: tuple[int, int, float]) -> list[Refusal | None]:

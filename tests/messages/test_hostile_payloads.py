@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from edge_service.messages.codec import CodecError, Header
+from edge_service.messages.codec import LARGEST, MOST_ENTRIES, MOST_TEXT, CodecError, Header
 from edge_service.messages.edge_block import LONGEST_S
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.keys import check_part
@@ -31,9 +31,11 @@ def leaves(value: Any) -> Iterator[Any]:
     if is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
+        assert len(value) <= MOST_ENTRIES
         for key, each in value.items():
             yield from (key, *leaves(each))
     elif isinstance(value, tuple):
+        assert len(value) <= MOST_ENTRIES
         for each in value:
             yield from leaves(each)
     else:
@@ -46,7 +48,12 @@ def check(axis: str, header: Header, payload: Any) -> None:
     numbers = [getattr(header, field.name) for field in fields(header)]
     assert all(type(each) is int and 0 <= each < 2**63 for each in numbers)
     for each in leaves(payload):
-        if isinstance(each, float) and isinstance(payload, BaseModel):
+        if isinstance(each, str):
+            assert len(each) <= MOST_TEXT
+            each.encode()
+        elif isinstance(each, int):
+            assert abs(each) <= LARGEST
+        elif isinstance(each, float) and isinstance(payload, BaseModel):
             assert math.isfinite(each)
     if isinstance(payload, SampleFrame):
         assert len(payload)
