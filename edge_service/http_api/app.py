@@ -1,5 +1,6 @@
 """The application."""
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -87,7 +88,7 @@ def create_app(
         "read_stroke": lambda _axis, _preload: None,
     }
     encoded = Encoded(state, parts.get("outputs"))
-    own = {"service_state": state, "clock": clock, "encoded": encoded}
+    own = {"service_state": state, "clock": clock, "readers_of": Counter[str](), "encoded": encoded}
     for name, each in (usual | parts | own).items():
         setattr(app.state, name, each)
     answer_with_problems(app)

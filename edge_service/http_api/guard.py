@@ -1,5 +1,6 @@
 """Guard before every route: host names, origins, security headers, bodies of bounded size."""
 
+import asyncio
 import re
 import socket
 from collections.abc import Iterable
@@ -15,6 +16,8 @@ from .problems import problem_response
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 JSON_BYTES, RECORDING_BYTES = 64_000, 300_000_000
+BODY_IDLE_S = 20.0
+"""Longest pause within a body."""
 _RECORDING = re.compile(r"PUT /api/v1/recordings/[^/]+")
 
 SECURITY_HEADERS = {
@@ -41,7 +44,7 @@ class Guard:
     """Refuses foreign host names, so that no web page can reach the service by DNS rebinding.
 
     Requests that change something are refused from pages of another origin (403), bodies that are
-    too long (413) as well. HEAD is answered as GET, without its body.
+    too long (413) or pause too long (408) as well. HEAD is answered as GET, without its body.
     """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str] = LOOPBACK_HOSTS) -> None:
@@ -112,13 +115,19 @@ def _too_long(most: int) -> str:
 
 
 def _bounded(receive: Receive, most: int) -> Receive:
-    """Messages of a body within its size. Raises HTTPException 413."""
-    size = 0
+    """Messages of a body, in time and within its size. Raises HTTPException 408, 413."""
+    size, ended = 0, False
 
     async def bounded() -> Message:
-        nonlocal size
-        message = await receive()
+        nonlocal size, ended
+        try:
+            async with asyncio.timeout(None if ended else BODY_IDLE_S):
+                message = await receive()
+        except TimeoutError:
+            words = "the request body did not arrive in time"
+            raise HTTPException(HTTPStatus.REQUEST_TIMEOUT, words) from None
         size += len(message.get("body", b""))
+        ended = not message.get("more_body", False)
         if size > most:
             raise HTTPException(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, _too_long(most))
         return message

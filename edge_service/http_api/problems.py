@@ -67,7 +67,7 @@ def problem_response(
         reasons=reasons,
         errors=errors,
     )
-    again = {"retry-after": RETRY_S} if status == HTTPStatus.SERVICE_UNAVAILABLE else {}
+    again = {"retry-after": RETRY_S} if status in (429, 503) else {}
     content = problem.model_dump(exclude_none=True)
     return ProblemResponse(content, status, {**again, **(headers or {})})
 

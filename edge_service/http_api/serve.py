@@ -10,14 +10,19 @@ from pathlib import Path
 
 import uvicorn
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..exit_status import BadInputError
 
 MOST_CONNECTIONS = 256
 HEAD_BYTES = 16_000
-KEEP_S = 10
-"""Time in which the next request must come after an answer."""
+HEAD_S = 10
+"""Time in which the head of a request must come, and the next one after an answer."""
+STALLED_S = 30
+"""Time after which the system drops a connection whose client no longer reads."""
+_SEND_BUFFER_BYTES = 64_000
 _GRACE_S = 2
+_TCP_USER_TIMEOUT = getattr(socket, "TCP_USER_TIMEOUT", None)  # Linux
 
 
 class AddressError(BadInputError, ValueError):
@@ -26,6 +31,25 @@ class AddressError(BadInputError, ValueError):
 
 class PortInUseError(AddressError):
     """Another program listens on the address."""
+
+
+class _Protocol(H11Protocol):
+    """Uvicorn's connection, with its deadline of the next request also for the first one."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for a head; connections beyond their number are dropped."""
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        self.timeout_keep_alive_task = self.loop.call_later(
+            self.timeout_keep_alive, self.timeout_keep_alive_handler
+        )
+
+    def data_received(self, data: bytes) -> None:
+        """Take in a part of a request; only a whole head ends the deadline."""
+        self.conn.receive_data(data)
+        self.handle_events()
 
 
 class _Server(uvicorn.Server):
@@ -59,10 +83,10 @@ async def serve(
     certificate, key = tls or (None, None)
     config = uvicorn.Config(
         app,
-        http="h11",
+        http=_Protocol,
         backlog=32,
         limit_concurrency=MOST_CONNECTIONS,
-        timeout_keep_alive=KEEP_S,
+        timeout_keep_alive=HEAD_S,
         h11_max_incomplete_event_size=HEAD_BYTES,
         timeout_graceful_shutdown=_GRACE_S,
         lifespan="off",
@@ -104,6 +128,9 @@ def bind(host: str, port: int, *, encrypted: bool = False) -> socket.socket:
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        if _TCP_USER_TIMEOUT is not None:
+            listener.setsockopt(socket.IPPROTO_TCP, _TCP_USER_TIMEOUT, round(STALLED_S * 1000))
         listener.bind((str(address), port))
         listener.listen()
         listener.setblocking(False)

@@ -1,6 +1,7 @@
 """The live stream: server-sent events, resumable, with a bounded backlog per reader."""
 
 import json
+from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import asdict
 from typing import Annotated
@@ -14,6 +15,7 @@ from starlette.exceptions import HTTPException
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..health.store.readers import Batch, Subscription, concerns
+from ..messages.addresses import is_loopback
 from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .access import Authenticator, AuthenticatorDep
@@ -21,7 +23,7 @@ from .context import QUESTIONS, AxisFilterDep, Clock, ClockDep, StateDep, part
 from .problems import RefusedError
 from .routes.service import OutputAnswer, Outputs, output_items, service_answer
 
-MOST_READERS = 64
+MOST_READERS, MOST_READERS_OF_ONE = 64, 16
 REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
@@ -31,12 +33,28 @@ _SHARED_NS, _OUTPUTS_NS = 20_000_000, 900_000_000
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
 
 
-async def reader(state: StateDep, axis: AxisFilterDep) -> AsyncIterator[Subscription]:
-    """A place among the live readers until the end."""
+async def reader(
+    request: Request,
+    state: StateDep,
+    axis: AxisFilterDep,
+    held: Annotated[Counter[str], part("readers_of")],
+) -> AsyncIterator[Subscription]:
+    """A place among the live readers, and among those of the client's address, until the end.
+
+    Loopback may stand for many people.
+    """
+    address = request.client.host if request.client else ""
+    if held[address] >= MOST_READERS_OF_ONE and not is_loopback(address):
+        raise HTTPException(429, f"{MOST_READERS_OF_ONE} live readers of {address} are connected")
     if len(state.readers) >= MOST_READERS:
         raise HTTPException(503, f"{MOST_READERS} live readers are connected; no more are accepted")
-    with state.readers.subscribe(axis) as subscription:
-        yield subscription
+    held[address] += 1
+    try:
+        with state.readers.subscribe(axis) as subscription:
+            yield subscription
+    finally:
+        held[address] -= 1
+        held += Counter()  # forgets addresses without readers
 
 
 class Encoded:

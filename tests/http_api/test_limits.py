@@ -1,8 +1,9 @@
-"""Requests that are too long, or none."""
+"""Clients that are slow, silent, too many or too long: each is let go, and holds up no other."""
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import Any
 
 import httpx
@@ -13,6 +14,8 @@ from edge_service.http_api.app import create_app
 from edge_service.http_api.routes.docs import static_digest
 
 HOST = b"Host: 127.0.0.1\r\n"
+ALIVE = b"GET /healthz HTTP/1.1\r\n" + HOST + b"\r\n"
+STREAM = b"GET /api/v1/events HTTP/1.1\r\n" + HOST + b"\r\n"
 POST = b"POST /api/v1/axes/X/commands HTTP/1.1\r\ncontent-type: application/json\r\n" + HOST
 
 
@@ -38,24 +41,116 @@ async def served(scene, **parts) -> AsyncIterator[int]:
         await asyncio.wait({task}, timeout=10.0)
 
 
+class RawClient:
+    """One connection whose client need not keep to HTTP."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+
+    def send(self, raw: bytes) -> None:
+        """Send bytes as they are."""
+        self._writer.write(raw)
+
+    async def answer(self) -> bytes:
+        """Whatever comes until the service ends the connection."""
+        try:
+            return await asyncio.wait_for(self._reader.read(), 10.0)
+        except ConnectionError:
+            return b""
+
+    async def some(self) -> bytes:
+        """Bytes that come next."""
+        return await asyncio.wait_for(self._reader.read(4096), 10.0)
+
+    async def close(self) -> None:
+        """Leave."""
+        self._writer.close()
+        with suppress(ConnectionError):
+            await self._writer.wait_closed()
+
+
+@asynccontextmanager
+async def connected(port: int) -> AsyncIterator[RawClient]:
+    """A connection."""
+    client = RawClient(*await asyncio.open_connection("127.0.0.1", port))
+    try:
+        yield client
+    finally:
+        await client.close()
+
+
 @pytest.mark.parametrize(
     ("sent", "status"),
     [
+        (b"", b""),
+        (b"GET /healthz HTTP/1.1\r\n" + HOST, b""),
+        (POST + b"Content-Length: 10\r\n\r\n{", b"408"),
+        (POST + b"Transfer-Encoding: chunked\r\n\r\n1\r\n{\r\n", b"408"),
         (POST + b"Content-Length: 100000000\r\n\r\n" + b"x" * 100_000, b"413"),
         (b"GET /" + b"a" * 30_000, b"400"),
         (b"\x16\x03\x01" + b"\0" * 100 + b"\r\n\r\n", b"400"),
     ],
 )
-async def test_what_is_too_long_or_no_request_is_refused(scene, sent: bytes, status: bytes) -> None:
-    async with served(scene) as port:
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(sent)
-        answer = await asyncio.wait_for(reader.read(4096), 10.0)
-        writer.close()
-        with suppress(ConnectionError):
-            await writer.wait_closed()
+async def test_who_does_not_go_on_is_let_go(scene, monkeypatch, sent: bytes, status: bytes) -> None:
+    if not status:
+        monkeypatch.setattr(serve, "HEAD_S", 0.05)
+    monkeypatch.setattr(guard, "BODY_IDLE_S", 0.05)
+    async with served(scene) as port, connected(port) as client:
+        client.send(sent)
+        answer = await client.some()
     assert answer[9:12] == status
-    assert (b"application/problem+json" in answer) == (status == b"413")
+    assert (b"application/problem+json" in answer) == (status in (b"408", b"413"))
+
+
+async def test_bytes_that_trickle_do_not_extend_the_time_of_a_head(scene, monkeypatch) -> None:
+    monkeypatch.setattr(serve, "HEAD_S", 0.05)
+    async with served(scene) as port, connected(port) as client:
+        client.send(b"GET /healthz HTTP/1.1\r\n")
+
+        async def trickle() -> None:
+            while True:
+                client.send(b"a:b\r\n")
+                await asyncio.sleep(0.005)
+
+        trickling = asyncio.create_task(trickle())
+        assert await client.answer() == b""
+        trickling.cancel()
+
+
+async def test_connections_beyond_their_number_are_dropped_until_one_leaves(
+    scene, monkeypatch
+) -> None:
+    monkeypatch.setattr(serve, "MOST_CONNECTIONS", 3)
+    async with served(scene) as port, AsyncExitStack() as crowd:
+        silent = [await crowd.enter_async_context(connected(port)) for _ in range(10)]
+        assert all([await each.answer() == b"" for each in silent[3:]])
+        for each in silent:
+            await each.close()
+        async with asyncio.timeout(10.0):
+            status = b""
+            while status != b"200":
+                async with connected(port) as client:
+                    client.send(ALIVE)
+                    status = (
+                        (await client.answer())[9:12] if status else (await client.some())[9:12]
+                    )
+
+
+async def test_a_reader_that_does_not_read_loses_its_place(scene, monkeypatch) -> None:
+    """The system itself drops it, once its buffers are full."""
+    monkeypatch.setattr(serve, "STALLED_S", 0.2)
+    async with served(scene) as port:
+        with socket.socket() as silent:
+            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            silent.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(silent, ("127.0.0.1", port))
+            silent.send(STREAM)
+            async with asyncio.timeout(20.0):
+                while len(scene.state.readers) == 0:
+                    await asyncio.sleep(0.001)
+                while len(scene.state.readers) > 0:
+                    scene.hear_event("x" * 1000)
+                    await asyncio.sleep(0.001)
 
 
 CHUNK = b"[" * 10_000

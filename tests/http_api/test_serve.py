@@ -10,8 +10,9 @@ import pytest
 
 from edge_service.health.store import events
 from edge_service.http_api.serve import AddressError, bind
-from edge_service.http_api.stream import MOST_READERS
+from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
+from .conftest import client_of
 from .test_limits import served
 
 
@@ -165,11 +166,15 @@ async def test_slow_client_cannot_fill_the_service_nor_hold_up_another(scene):
     assert len(scene.state.readers) == 0
 
 
-async def test_readers_are_bounded(scene, client: httpx.AsyncClient):
-    with ExitStack() as held:
-        for _ in range(MOST_READERS):
-            held.enter_context(scene.state.readers.subscribe())
-        assert (await client.get("/api/v1/events")).status_code == 503
+async def test_readers_are_bounded_and_those_of_one_address_unless_it_is_loopback(scene):
+    for address, status in (("192.0.2.1", 429), ("127.0.0.1", 503)):
+        scene.app.state.readers_of[address] = MOST_READERS_OF_ONE
+        with ExitStack() as held:
+            for _ in range(MOST_READERS):
+                held.enter_context(scene.state.readers.subscribe())
+            async with client_of(scene.app, client=(address, 1)) as one:
+                assert (await one.get("/api/v1/events")).status_code == status
+        assert scene.app.state.readers_of[address] == MOST_READERS_OF_ONE
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "10.0.0.1"])
