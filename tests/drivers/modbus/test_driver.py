@@ -143,7 +143,7 @@ async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> 
     with pytest.raises(DriverUnavailableError, match=r"no valid reply for .* s \(no reply\)"):
         await rig.rows(1000)
     config = rig.config
-    assert loop.time() - start_s < config.lost_after_s + 2.0 * config.timeout_s + 0.2
+    assert loop.time() - start_s < 5.0 * config.timeout_s + 0.2
     with pytest.raises(DriverUnavailableError, match="no reply"):
         await rig.driver.open()
     rig.stub.fault = Fault()

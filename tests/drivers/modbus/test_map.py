@@ -77,7 +77,7 @@ TORQUE = {"channel": "torque_command_nm", "address": 0}
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "unknown channel": (
         {"registers": [{"channel": "torque", "address": 0}]},
-        "registers[0].channel: no channel 'torque'",
+        "registers[0].channel: unknown channel 'torque'",
     ),
     "unknown unit": (
         {"registers": [TORQUE | {"unit": "Nm"}]},
