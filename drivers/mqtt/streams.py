@@ -36,7 +36,7 @@ LARGEST_BYTES = 4_000_000
 """Of a message."""
 MEMORY = 1 << 15
 """Samples that are remembered: a minute at 500 Hz."""
-MOST_LATE, LATE_S = 500, 1.0
+MOST_LATE, LATE_S = 500, 0.8
 """Late ones in a row, and real time with nothing else, s: then the newest key was wrong."""
 SETTLES_S, LONGEST_WAIT_S = 2.0, 0.1
 """Time in which a lag is forgotten, and the longest part of it that one message may add, s."""

@@ -54,9 +54,8 @@ def make_stub(
     port: int | None = None,
 ) -> Stub:
     """The stub of the axes that use the driver `name`. Raises ConfigError."""
-    there = stubs()
-    if name not in there:
-        raise ConfigError(f"no stub {name!r}; there are {', '.join(sorted(there))}")
+    if name not in stubs():
+        raise ConfigError(f"no stub {name!r}; there are {', '.join(sorted(stubs()))}")
     chosen = [each for each in config.axes if each.driver == name and axis in (None, each.name)]
     if not chosen:
         wanted = f"axis {axis!r}" if axis else "axis"
@@ -64,7 +63,7 @@ def make_stub(
     if recording is not None and not recording.is_file():
         raise ConfigError(f"--trace {recording}: no such file")
     try:
-        return there[name]()([stub_axis(each, scenario, recording, port) for each in chosen])
+        return stubs()[name]()([stub_axis(each, scenario, recording, port) for each in chosen])
     except (ImportError, DriverMisconfiguredError) as error:
         raise ConfigError(f"stub {name}: {error}") from None
 
