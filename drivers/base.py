@@ -46,10 +46,12 @@ class DriverMisconfiguredError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class DriverContext:
-    """Name and machine file of the axis that a driver serves."""
+    """Name and machine file of the axis that a driver serves, and for whom."""
 
     axis: str
     machine: Machine
+    service: str = ""  # root of its keys on the bus, which ends with site and machine
+    installation: str = ""  # file of the configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,8 @@ class Driver(Protocol):
     `open` and `close` may be called in any order and twice; `frames` ends when the source ends
     (a recording) or raises DriverUnavailableError when it is lost. After `close`, `open` starts
     afresh. Waiting for the next frame is never ended from outside: a machine may be silent. A
-    driver whose source is rightly silent for longer than `QUIET_S` has a `quiet_s` of its own.
+    driver whose source is rightly silent for longer than `QUIET_S` has a `quiet_s` of its own, and
+    one whose samples may come late, all at once, a `lag_s`: how late the newest ones are.
     """
 
     config_model: ClassVar[type[DriverConfig]]

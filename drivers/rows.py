@@ -1,7 +1,7 @@
-"""Rows as sample frames: put together one by one, or cut out of a recording."""
+"""Rows as sample frames: put together, or cut out of a recording."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -23,43 +23,20 @@ Values = Mapping[str, tuple[float, Quality]]
 """Channel -> value in SI units and its quality."""
 
 
-class RowBlock:
-    """Collects rows until they are taken as one frame; every frame holds every channel.
+def frame_of(rows: Sequence[tuple[float, Values]], names: Iterable[str]) -> SampleFrame:
+    """One frame of rows, each a time in s and its values; a bad value becomes NaN.
 
     What a row does not bring is NaN and no fault of its own: a slower signal has no new value.
     """
-
-    def __init__(self, channels: Sequence[str]) -> None:
-        self._channels = tuple(channels)
-        self._times_s: list[float] = []
-        self._rows: list[Values] = []
-
-    def __len__(self) -> int:
-        return len(self._times_s)
-
-    @property
-    def span_s(self) -> float:
-        """Time from the first to the last row, s."""
-        return self._times_s[-1] - self._times_s[0] if self._times_s else 0.0
-
-    def add(self, time_s: float, values: Values) -> None:
-        """Append a row; a bad value becomes NaN."""
-        self._times_s.append(time_s)
-        self._rows.append(values)
-
-    def take(self) -> SampleFrame:
-        """All rows as one frame; the block is empty afterwards."""
-        times_s, rows = np.array(self._times_s), self._rows
-        self._times_s, self._rows = [], []
-        channels, quality = {}, {}
-        for name in self._channels:
-            cells = [row.get(name, (math.nan, Quality.GOOD)) for row in rows]
-            codes = np.array([code for _, code in cells], dtype=np.uint8)
-            values = np.array([value for value, _ in cells], dtype=np.float64)
-            channels[name] = np.where(codes >= Quality.NO_VALUE, np.nan, values)
-            if codes.any():
-                quality[name] = codes
-        return SampleFrame(times_s, channels, quality)
+    channels, quality = {}, {}
+    for name in names:
+        cells = [values.get(name, (math.nan, Quality.GOOD)) for _, values in rows]
+        codes = np.array([code for _, code in cells], dtype=np.uint8)
+        numbers = np.array([value for value, _ in cells], dtype=np.float64)
+        channels[name] = np.where(codes >= Quality.NO_VALUE, np.nan, numbers)
+        if codes.any():
+            quality[name] = codes
+    return SampleFrame(np.array([time_s for time_s, _ in rows]), channels, quality)
 
 
 class QualityCounts:
@@ -103,7 +80,6 @@ class Pace:
     """Schedule of what is played, against one fixed start, so that nothing drifts.
 
     The speed is axis time over real time, 0 as fast as possible; the clock shows real time, s.
-        clock: real time, s.
     """
 
     def __init__(self, speed: float, clock: Callable[[], float]) -> None:

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
-from pydantic import BaseModel, ConfigDict, field_validator, model_validator
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
 
 from edge_service.messages.samples import (
     ANGLE,
@@ -24,36 +26,24 @@ JOINT_CHANNELS = (TORQUE, ANGLE, TABLE_POSITION)
 
 
 class SignalConfig(BaseModel):
-    """Settings of one signal. Value in `unit` = `scale` * raw + `offset`.
-
-    Attributes:
-        channel: the channel that it becomes.
-        unit: of the scaled value; the channel's own unless given.
-        scale: a negative one turns the sign.
-        low, high: of the scaled value; outside it is bad, as no such value is possible.
-    """
+    """Settings of one signal. Value in `unit` = `scale` * raw + `offset`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    channel: str | None = None
-    unit: str | None = None
-    scale: float = 1.0
+    channel: str | None = None  # that it becomes
+    unit: str | None = None  # of the scaled value; the channel's own unless given
+    scale: float = 1.0  # a negative one turns the sign
     offset: float = 0.0
-    low: float | None = None
-    high: float | None = None
+    low: float | None = None  # of the scaled value; none below is possible, and so it is bad
+    high: float | None = None  # of the scaled value; none above is possible
 
-    @field_validator("channel")
+    @field_validator("channel", "unit")
     @classmethod
-    def _known_channel(cls, value: str | None) -> str | None:
-        if value is not None and value not in CHANNELS:
-            raise ValueError(f"no channel {value!r}; expected one of {', '.join(CHANNELS)}")
-        return value
-
-    @field_validator("unit")
-    @classmethod
-    def _known_unit(cls, value: str | None) -> str | None:
-        if value is not None and value not in SI:
-            raise ValueError(f"unknown unit {value!r}; expected one of {', '.join(SI)}")
+    def _is_known(cls, value: str | None, info: ValidationInfo) -> str | None:
+        known = CHANNELS if info.field_name == "channel" else SI
+        if value is not None and value not in known:
+            words = f"unknown {info.field_name} {value!r}"
+            raise ValueError(f"{words}; expected one of {', '.join(known)}")
         return value
 
     @model_validator(mode="after")
@@ -68,6 +58,28 @@ class SignalConfig(BaseModel):
     def declared_unit(self) -> str:
         """The unit of the scaled value: as given, or the channel's own."""
         return self.unit or (CHANNELS[self.channel].unit if self.channel else "")
+
+
+@cache
+def ends(kind: str) -> tuple[float, float]:
+    """Least and greatest number of a type, such as `int16` or `float32`."""
+    info = np.finfo(kind) if kind.startswith("float") else np.iinfo(kind)
+    return float(info.min), float(info.max)
+
+
+class Sentinels:
+    """Finds numbers that end their type's range, far from those before: they stand for none."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, float] = {}
+
+    def has(self, channel: str, raw: float, kind: str) -> bool:
+        """Return whether the next number of a channel is one."""
+        (low, high), before = ends(kind), self._before.get(channel, math.nan)
+        if raw in (low, high) and raw != 0.0 and not abs(raw - before) <= high / 256.0:
+            return True
+        self._before[channel] = raw
+        return False
 
 
 def check_channels(key: str, signals: Sequence[SignalConfig]) -> None:

@@ -56,33 +56,22 @@ SCENARIOS: dict[str, Wear] = {
 
 
 class SimulatedConfig(DriverConfig):
-    """Settings of the simulated drive: by default the machine file's axis worn out in 5 minutes."""
+    """Settings of the simulated drive; `deploy/drivers/simulated.toml` tells of each."""
 
-    # how the preload is lost; `healthy` keeps the machine file's fresh preload
     scenario: Literal["healthy", "gradual", "partial", "sudden"] = "gradual"
-    # preload at first, instead of the scenario's
     start_percent: float | None = Field(None, ge=0.0, le=100.0)
-    # preload at last, instead of the scenario's
     end_percent: float | None = Field(None, ge=0.0, le=100.0)
     life_s: float = Field(300.0, gt=0.0)  # axis time from start to end of the scenario, s
     hold_s: float = Field(20.0, ge=0.0)  # axis time before the wear begins, s
-    # start anew, with the hold, when the life is over; else the end value stays
     repeat: bool = False
     motion: str = "production"  # name of the commanded motion
     seed: int = Field(1, ge=0)  # of motion and noise; the same seed gives the same bytes
     rate_hz: float = Field(1000.0, ge=500.0, le=8000.0)  # rate of control and samples
-    # axis time over real time; 0 is as fast as possible
     speed: float = Field(1.0, ge=0.0, le=1000.0)
-    # machine file of the axis that is simulated, where it is another than the one that the service
-    # knows
     truth: Path | None = None
-    # what the axis has beyond its machine file, each as NAME[:key=value,...]; with `from_s` among
-    # the keys, from that axis time on
     effects: list[str] = []
     noise: float = Field(1.0, ge=0.0, le=1000.0)  # of torque and encoders, times the usual one
-    # rate of an accelerometer on the nut; 0 is none
     accelerometer_hz: float = Field(0.0, ge=0.0, le=100_000.0)
-    # what it sees when a ball strikes a pit, m/s^2; 0 is sound
     raceway_damage: float = Field(0.0, ge=0.0)
     force: float = 0.0  # external force on the table, N, positive along the travel
 
@@ -199,11 +188,8 @@ class SimulatedDriver:
 
     With `speed` above 0 a frame is yielded when its last sample has been taken, against a fixed
     start on the event loop's clock, so that nothing drifts. Axis time never jumps: after a delay
-    of more than a second the axis goes on from where it was, and real time has moved on.
-
-    Attributes:
-        counters: none; nothing is ever lost here.
-        readings: the true preload, to hold the estimate against.
+    of more than a second the axis goes on from where it was, and real time has moved on. Its
+    `readings` hold the true preload.
     """
 
     config_model: ClassVar[type[DriverConfig]] = SimulatedConfig

@@ -9,7 +9,7 @@ from contextlib import aclosing
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
 from importlib.metadata import entry_points
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 from edge_service.messages.samples import SampleFrame
 
@@ -93,18 +93,9 @@ class Stub(Protocol):
         """Hang up on everybody; safe twice."""
 
 
-def stub_names() -> list[str]:
-    """Names of the protocols that have a stub."""
-    return sorted(entry.name for entry in entry_points(group=ENTRY_POINT_GROUP))
-
-
-def load_stub(name: str) -> type[Stub]:
-    """The class of a stub of `stub_names`. Raises DriverMisconfiguredError."""
-    (entry,) = entry_points(group=ENTRY_POINT_GROUP, name=name)
-    try:
-        return cast(type[Stub], entry.load())
-    except ImportError as error:
-        raise DriverMisconfiguredError("stub", f"{name}: {error}") from error
+def stubs() -> dict[str, Callable[[], type[Stub]]]:
+    """The protocols that have a stub, each with what loads its class. ImportError: its extra."""
+    return {entry.name: entry.load for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
 class Following:

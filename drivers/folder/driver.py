@@ -38,12 +38,7 @@ _PARQUET_MAGIC = b"PAR1"
 
 
 class FolderConfig(DriverConfig):
-    """Settings of a watched folder.
-
-    Attributes:
-        folder: where traces appear, in any form of a recording.
-        pattern: of their names.
-    """
+    """Settings of a watched folder; `deploy/drivers/folder.toml` tells of each."""
 
     folder: Path
     pattern: str = Field("*", min_length=1)
@@ -103,21 +98,13 @@ def has_proper_end(path: Path) -> bool:
 
 @dataclass(slots=True)
 class Entry:
-    """One trace, known by its content: neither another name nor another date makes it new.
+    """One trace, known by its content: neither another name nor another date makes it new."""
 
-    Attributes:
-        digest: SHA-256 of the content.
-        name: of the file when it was first seen.
-        size: of the content, bytes.
-        rows: handed out so far.
-        done: nothing is left to read.
-    """
-
-    digest: str
-    name: str
-    size: int
-    rows: int = 0
-    done: bool = False
+    digest: str  # SHA-256 of the content
+    name: str  # of the file when it was first seen
+    size: int  # of the content, bytes
+    rows: int = 0  # handed out so far
+    done: bool = False  # nothing is left to read
 
 
 _ENTRY = TypeAdapter(Entry)

@@ -9,8 +9,8 @@ from typing import ClassVar
 from edge_service.messages.samples import Quality, SampleFrame
 
 from ..base import DriverConfig, DriverContext, DriverUnavailableError, Probe
-from ..rows import FRAME_S, QualityCounts, RowBlock, Values
-from ..signals import scalings
+from ..rows import FRAME_S, QualityCounts, Values, frame_of
+from ..signals import Sentinels, scalings
 from .link import ModbusLink, Reply
 from .registers import ModbusConfig, ReadRequest, RegisterConfig, decode_number, plan_requests
 
@@ -43,8 +43,8 @@ class ModbusDriver:
 
     Rows are those of the fastest group; their time is the midpoint between request and reply on
     the host's monotonic clock. A poll that fails makes a row of bad values, and the next one
-    connects anew; without any valid reply for `lost_after_s` the device is lost. A device that
-    answers with exceptions is there, and is asked on.
+    connects anew; without any valid reply in three of them, or timeouts, the device is lost. One
+    that answers with exceptions is there, and is asked on.
     """
 
     config_model: ClassVar[type[DriverConfig]] = ModbusConfig
@@ -56,6 +56,7 @@ class ModbusDriver:
         self._channels = tuple(self._scalings)
         self._link: ModbusLink | None = None
         self._beats: dict[int, tuple[float, float]] = {}  # address -> value, since when
+        self._sentinels = Sentinels()
         self._qualities = QualityCounts()
         self._counts = {"polls": 0, "failed_polls": 0, "missed_polls": 0, "connections": 0}
         self._problem = ""
@@ -95,18 +96,19 @@ class ModbusDriver:
         self._valid_s = loop.time()
         self._beats.clear()
         groups = self._groups(loop.time())
-        block = RowBlock(self._channels)
+        rows: list[tuple[float, Values]] = []
         try:
             while self._link is link:
                 await asyncio.sleep(max(groups[0].due_s - loop.time(), 0.0))
                 time_s, values = await self._poll(link, groups, loop.time())
                 if self._link is not link:
                     return
-                block.add(time_s, values)
-                if block.span_s + groups[0].period_s >= FRAME_S:
-                    yield self._qualities.count(block.take())
+                rows.append((time_s, values))
+                if time_s - rows[0][0] + groups[0].period_s >= FRAME_S:
+                    yield self._qualities.count(frame_of(rows, self._channels))
+                    rows = []
                 silent_s = loop.time() - self._valid_s
-                if silent_s > self._config.lost_after_s:
+                if silent_s > 3.0 * max(self._config.timeout_s, self._config.fastest_s):
                     link.close()
                     silence = f"no valid reply for {silent_s:.1f} s ({self._problem})"
                     raise DriverUnavailableError(f"{self._config.address}: {silence}")
@@ -128,8 +130,7 @@ class ModbusDriver:
                     raise DriverUnavailableError(f"{config.address}: {place}: {reply.problem}")
         finally:
             link.close()
-        fastest_s = config.poll_groups[config.fastest_group]
-        return Probe(f"Modbus device {config.address}", self._channels, 1.0 / fastest_s)
+        return Probe(f"Modbus device {config.address}", self._channels, 1.0 / config.fastest_s)
 
     async def close(self) -> None:
         """End `frames` and let go of the connection; safe twice."""
@@ -142,10 +143,13 @@ class ModbusDriver:
 
     def _groups(self, now_s: float) -> list[PollGroup]:
         """Every group that has registers, the fastest first."""
+        config = self._config
         groups = [
             PollGroup(period_s, requests, now_s)
-            for name, period_s in self._config.poll_groups.items()
-            if (requests := plan_requests(self._config.of_group(name)))
+            for name, period_s in config.poll_groups.items()
+            if (
+                requests := plan_requests(r for r in config.registers if config.group_of(r) == name)
+            )
         ]
         return sorted(groups, key=lambda group: group.period_s)
 
@@ -214,7 +218,10 @@ class ModbusDriver:
                     self._config.byte_order,
                 )
                 if register.channel is not None:
-                    values[register.channel] = self._scalings[register.channel].si(number)
+                    if self._sentinels.has(register.channel, number, register.type):
+                        values[register.channel] = (math.nan, Quality.NO_VALUE)
+                    else:
+                        values[register.channel] = self._scalings[register.channel].si(number)
                 else:
                     spoiled = max(spoiled, self._guard(register, number, reply.received_s))
         return values if spoiled is Quality.GOOD else dict.fromkeys(values, (math.nan, spoiled))
@@ -228,5 +235,5 @@ class ModbusDriver:
         if number != known:
             self._beats[register.address] = (number, now_s)
             return Quality.GOOD
-        rests = now_s - since_s > self._config.stale_after_s(register)
-        return Quality.STALE if rests else Quality.GOOD
+        period_s = self._config.poll_groups[self._config.group_of(register)]
+        return Quality.STALE if now_s - since_s > max(1.0, 3.0 * period_s) else Quality.GOOD

@@ -20,6 +20,8 @@ from .registers import ReadRequest
 
 # What the library finds wrong with a frame is passed on in the quality of the samples, once.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+NO_UNITS = (0, 255)
+"""Units of a reply from a device that has none, whatever it was asked as."""
 _FRAMER = FramerSocket(DecodePDU(is_server=False))
 _REQUESTS = {
     each.function_code: each for each in (ReadHoldingRegistersRequest, ReadInputRegistersRequest)
@@ -133,7 +135,7 @@ class ModbusLink:
                 raise WrongReplyError("bytes that are no reply")
             if reply is not None and reply.transaction_id == self._transaction:
                 break
-        if reply.dev_id != self._unit:
+        if reply.dev_id not in (self._unit, *NO_UNITS):
             raise WrongReplyError(f"a reply of unit {reply.dev_id} to a request to {self._unit}")
         if reply.function_code & 0x7F != request.function or not frame.endswith(
             _FRAMER.buildFrame(reply)

@@ -1,31 +1,21 @@
 """Register map of a Modbus device: what a user sets, numbers in registers, requests for them."""
 
-import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 from urllib.parse import urlsplit
 
 from pydantic import Field, field_validator, model_validator
+from pymodbus.client.mixin import ModbusClientMixin
 
 from ..base import DriverConfig
-from ..signals import JOINT_CHANNELS, SignalConfig, check_channels
+from ..signals import JOINT_CHANNELS, SignalConfig, check_channels, ends
 
 Order = Literal["big", "little"]
 Table = Literal["holding", "input"]
 FUNCTION_OF: dict[Table, int] = {"holding": 3, "input": 4}
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-FORMATS: dict[NumberType, str] = {
-    "int16": ">h",
-    "uint16": ">H",
-    "int32": ">i",
-    "uint32": ">I",
-    "int64": ">q",
-    "uint64": ">Q",
-    "float32": ">f",
-    "float64": ">d",
-}
 REGISTERS = 65_536
 USUAL_PORT, MOST_UNITS = 502, 255
 MOST_REGISTERS = 125
@@ -57,19 +47,16 @@ class RegisterConfig(SignalConfig):
     @property
     def words(self) -> int:
         """Registers that it takes."""
-        return struct.calcsize(FORMATS[self.type]) // 2
+        return _type(self.type).value[1]
 
 
 class ModbusConfig(DriverConfig):
-    """Settings of the Modbus driver."""
+    """Settings of the Modbus driver; `deploy/drivers/modbus.toml` tells of each."""
 
     url: str  # `modbus://HOST:PORT/UNIT` of the device or gateway, and the unit behind it
     timeout_s: float = Field(0.5, gt=0.0, le=30.0)  # for a connection and for each reply
-    # word_order, byte_order: of numbers longer than a register, and within a register
     word_order: Order = "big"
     byte_order: Order = "big"
-    # name -> period, s. The fastest makes the rows; a slower one's values come with the next row,
-    # and are missing in the others
     poll_groups: dict[str, float] = Field(min_length=1)
     registers: tuple[RegisterConfig, ...] = Field(min_length=1)  # the map
 
@@ -125,13 +112,9 @@ class ModbusConfig(DriverConfig):
         return "{}:{} unit {}".format(*self.endpoint)
 
     @property
-    def lost_after_s(self) -> float:
-        """Without a valid reply for this long the device is lost."""
-        return 3.0 * max(self.timeout_s, self.poll_groups[self.fastest_group])
-
-    def stale_after_s(self, register: RegisterConfig) -> float:
-        """A heartbeat that rests for this long makes its group's values bad."""
-        return max(1.0, 3.0 * self.poll_groups[self.group_of(register)])
+    def fastest_s(self) -> float:
+        """Period of the rows."""
+        return self.poll_groups[self.fastest_group]
 
     @property
     def fastest_group(self) -> str:
@@ -142,32 +125,32 @@ class ModbusConfig(DriverConfig):
         """The poll group of a register."""
         return register.group or next(iter(self.poll_groups))
 
-    def of_group(self, name: str) -> list[RegisterConfig]:
-        """Registers of a poll group."""
-        return [each for each in self.registers if self.group_of(each) == name]
-
 
 def decode_number(
     words: Sequence[int], kind: NumberType, word_order: Order = "big", byte_order: Order = "big"
 ) -> float:
     """The number in as many registers as `kind` takes; first register first."""
-    ordered = words if word_order == "big" else words[::-1]
-    raw = struct.pack(f"{'>' if byte_order == 'big' else '<'}{len(words)}H", *ordered)
-    return float(struct.unpack(FORMATS[kind], raw)[0])
+    ordered = _swapped(words, byte_order)
+    number: Any = ModbusClientMixin.convert_from_registers(ordered, _type(kind), word_order)
+    return float(number)
 
 
 def encode_number(
     value: float, kind: NumberType, word_order: Order = "big", byte_order: Order = "big"
 ) -> list[int]:
     """Registers that hold a number; an integer type takes the nearest one that it can hold."""
-    number = value
-    if not kind.startswith("float"):
-        bits, signed = 8 * struct.calcsize(FORMATS[kind]), kind.startswith("int")
-        low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
-        number = min(max(round(value), low), high)
-    raw = struct.pack(FORMATS[kind], number)
-    words = struct.unpack(f"{'>' if byte_order == 'big' else '<'}{len(raw) // 2}H", raw)
-    return list(words if word_order == "big" else words[::-1])
+    low, high = ends(kind)
+    number = value if kind.startswith("float") else round(min(max(value, low), high))
+    words = ModbusClientMixin.convert_to_registers(number, _type(kind), word_order)
+    return _swapped(words, byte_order)
+
+
+def _type(kind: NumberType) -> ModbusClientMixin.DATATYPE:
+    return ModbusClientMixin.DATATYPE[kind.upper()]
+
+
+def _swapped(words: Sequence[int], byte_order: Order) -> list[int]:
+    return [int.from_bytes(word.to_bytes(2, "big"), byte_order) for word in words]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from ..base import DriverMisconfiguredError
 from ..signals import scalings
 from ..stub import Fault, FaultKind, Following, StubAxis
-from .registers import ModbusConfig, Order, Table, encode_number
+from .registers import REGISTERS, ModbusConfig, Order, Table, encode_number
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 _OPPOSITE: dict[Order, Order] = {"big": "little", "little": "big"}
@@ -58,12 +58,10 @@ class ModbusStub:
             await server.shutdown()
 
     def _device(self, unit: int) -> SimDevice:
+        """One memory for all tables, for clients to read; each read brings it up to date."""
         axes = [axis for axis in self._axes if axis.config.endpoint[2] == unit]
-        holding, inputs = _block(axes, "holding"), _block(axes, "input")
-        bits = [SimData(0, values=[False] * 16, datatype=DataType.BITS)]
-        return SimDevice(
-            unit, simdata=(bits, list(bits), holding, inputs), action=partial(self._serve, axes)
-        )
+        memory = SimData(0, count=REGISTERS, datatype=DataType.REGISTERS, readonly=True)
+        return SimDevice(unit, simdata=memory, action=partial(self._serve, axes))
 
     async def _serve(
         self,
@@ -111,18 +109,3 @@ class ModbusStub:
                 words = encode_number(value, register.type, word_order, config.byte_order)
                 first = register.address - start
                 registers[first : first + len(words)] = words
-
-
-def _block(axes: Sequence[StubAxis], table: Table) -> list[SimData]:
-    """One piece of memory for each register that the map uses; none is for clients to write."""
-    taken = {
-        address
-        for axis in axes
-        for register in axis.config.registers
-        if register.table == table
-        for address in range(register.address, register.address + register.words)
-    }
-    return [
-        SimData(address, values=0, datatype=DataType.REGISTERS, readonly=True)
-        for address in sorted(taken) or [0]
-    ]

@@ -45,15 +45,11 @@ class MemberConfig(SignalConfig):
 
 
 class MqttSourceConfig(BrokerConfig, DriverConfig):
-    """Settings of the MQTT driver. Without `signals` the JSON is Industrial Edge's capture."""
+    """Settings of the MQTT driver; `deploy/drivers/mqtt.toml` tells of each."""
 
-    # filter of the topic that one capture or device sends on
     topic: str = Field(min_length=1, max_length=1000)
-    # member with the time of a message or of each sample; that of arrival without
     time: str | None = None
-    # of that member; `iso` is a text such as 2026-01-31T12:00:00.000Z
     time_unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
-    # between the samples of one message, where it holds one time for all
     period_s: float | None = Field(None, gt=0.0, le=3600.0)
     signals: tuple[MemberConfig, ...] = ()  # the map
 

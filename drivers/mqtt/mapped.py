@@ -9,17 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.samples import Floats, Quality, SampleFrame
+from edge_service.messages.samples import SI, Floats, Quality, SampleFrame
 from edge_service.models.machine import Machine
 
-from ..rows import RowBlock, Values
+from ..rows import Values, frame_of
 from ..signals import scalings
 from .link import MqttSourceConfig
 from .streams import MessageError, Order
 
 MOST_ROWS = 100_000
 """Of one message."""
-_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 class MappedStream:
@@ -35,7 +34,7 @@ class MappedStream:
         self._scalings = scalings(config.signals, machine, "signals")
         self._members = {signal.channel: signal.member for signal in config.signals}
         self.channels = tuple(self._scalings)
-        self._order = Order()
+        self._order = Order(are_times=True)
         self.counters = self._order.counts
         self.readings: dict[str, float] = {}
 
@@ -55,10 +54,9 @@ class MappedStream:
             raw[: len(found[name]), at] = [number(value) for value in found[name]]
         times_s = self._times_s(message, rows)
         kept = self._order.keep(times_s, raw)
-        block = RowBlock(self.channels)
-        for row in np.flatnonzero(kept):
-            block.add(float(times_s[row]), self._values(int(row), raw, found))
-        return [block.take()] if len(block) else []
+        taken = np.flatnonzero(kept).tolist()
+        kept_rows = [(float(times_s[row]), self._values(row, raw, found)) for row in taken]
+        return [frame_of(kept_rows, self.channels)] if kept_rows else []
 
     def _values(self, row: int, raw: Floats, found: dict[str, list[Any]]) -> Values:
         """Cells of a row; a slower signal stands in the first row only."""
@@ -91,7 +89,7 @@ class MappedStream:
     def _seconds(self, value: Any) -> float:
         unit = self._config.time_unit
         if unit != "iso":
-            return number(value) * _FACTORS[unit]
+            return number(value) * float(SI[unit][0])
         try:
             moment = datetime.fromisoformat(value)
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

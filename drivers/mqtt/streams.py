@@ -3,8 +3,9 @@
 import io
 import json
 import math
+import time
 from collections import Counter, OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +36,38 @@ LARGEST_BYTES = 4_000_000
 """Of a message."""
 MEMORY = 1 << 15
 """Samples that are remembered: a minute at 500 Hz."""
-MOST_LATE = 500
-"""Late ones in a row: after so many it is the newest key that was wrong."""
+MOST_LATE, LATE_S = 500, 0.8
+"""Late ones in a row, and real time with nothing else, s: then the newest key was wrong."""
+SETTLES_S, LONGEST_WAIT_S = 2.0, 0.1
+"""Time in which a lag is forgotten, and the longest part of it that one message may add, s."""
 
 
 class MessageError(Exception):
-    """A message that is skipped; the text is a part of a line."""
+    """A message that is skipped, and counted by `counter`; the text is a part of a line."""
+
+    counter = "malformed_messages"
+
+
+class Lateness:
+    """By how much samples come later than the promptest of their run: kept somewhere meanwhile.
+
+    A source that is as late for longer has only another clock.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._run, self._heard_s, self._prompt_s = -1, 0.0, 0.0
+
+    def lag_s(self, time_s: float, run: int) -> float:
+        """Lag of a sample of a time, s, in the run of that number."""
+        now_s = self._clock()
+        late_s, waited_s = now_s - time_s, now_s - self._heard_s
+        if run != self._run:
+            self._run, self._prompt_s = run, late_s
+        share = min(waited_s, LONGEST_WAIT_S) / SETTLES_S
+        self._prompt_s += share * (late_s - self._prompt_s)
+        self._prompt_s, self._heard_s = min(self._prompt_s, late_s), now_s
+        return late_s - self._prompt_s
 
 
 def decode_object(payload: Any) -> dict[str, Any]:
@@ -60,18 +87,26 @@ class Order:
     """Keeps a sample that is new, or the first of a new run; drops one that is neither.
 
     A key that is known, with the same values, comes again. An unknown one between known ones comes
-    late, and its place has been passed. Any other that does not rise begins a new run; so does one
-    behind too many late ones.
+    late, and its place has been passed; so does every other time that does not rise. A count begins
+    a new run then. Where nothing else comes any more, and the late ones rise, they are a new run.
+
+    Args:
+        are_times: the keys are no counts but times.
+        clock: real time, s.
 
     Attributes:
         counts: samples repeated and late, and restarts.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, *, are_times: bool = False, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.counts = {"repeated_samples": 0, "late_samples": 0, "restarts": 0}
+        self._are_times, self._clock = are_times, clock
         self._known: OrderedDict[float, int] = OrderedDict()
         self._newest = -math.inf
         self._late_in_a_row = 0
+        self._first_late = self._late_since_s = 0.0
 
     def keep(self, keys: Floats, rows: Floats) -> Booleans:
         """Mask of the samples to keep, (n,).
@@ -95,9 +130,8 @@ class Order:
                 self.counts["repeated_samples"] += 1
                 return False
             passed = known is None and key > next(iter(self._known))
-            if passed and self._late_in_a_row < MOST_LATE:
+            if (passed or self._are_times) and not self._is_new_run(key):
                 self.counts["late_samples"] += 1
-                self._late_in_a_row += 1
                 return False
             self.counts["restarts"] += 1
             self._known.clear()
@@ -107,6 +141,15 @@ class Order:
         if len(self._known) > MEMORY:
             self._known.popitem(last=False)
         return True
+
+    def _is_new_run(self, key: float) -> bool:
+        """Return whether so many came late, or for so long, that the newest key was wrong."""
+        if not self._late_in_a_row:
+            self._first_late, self._late_since_s = key, self._clock()
+        self._late_in_a_row += 1
+        if not self._are_times and self._late_in_a_row > MOST_LATE:
+            return True
+        return key > self._first_late and self._clock() - self._late_since_s >= LATE_S
 
 
 class LiveRows(Source):
@@ -208,6 +251,7 @@ class EdgeStream:
             raise MessageError(f"{SAMPLES} that is no list of rows")
         if header is not None and _signals(header) != _signals(self._header):
             self._ended, self._live, self._header = self._sums(), None, header
+            self._ended["restarts"] += self._delivered > 0
             self._order.forget()
         rows = [row for block in blocks for row in block]
         if not rows:

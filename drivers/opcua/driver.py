@@ -18,10 +18,10 @@ from ..base import (
     DriverUnavailableError,
     Probe,
 )
-from ..rows import QualityCounts, RowBlock, Values
-from ..signals import Scaling, scalings
+from ..rows import QualityCounts, Values, frame_of
+from ..signals import Scaling, Sentinels, scalings
 from .session import LOST_AFTER_S, OpcuaSession
-from .variables import OpcuaConfig
+from .variables import NodeConfig, OpcuaConfig
 
 MERGE_SHARE = 0.5
 """Changes closer together than this share of the sampling interval were sampled together."""
@@ -43,6 +43,7 @@ class Change:
     # source_s, server_s: UNIX times that the server gave, s; None where it gave none
     source_s: float | None
     server_s: float | None
+    kind: str = "double"  # type of the value
 
 
 class RowMaker:
@@ -60,6 +61,7 @@ class RowMaker:
         self._scalings = scalings
         self._merge_s = merge_s
         self._held = dict.fromkeys(scalings, (math.nan, Quality.NO_VALUE))
+        self._sentinels = Sentinels()
         self._stale_after_s = stale_after_s
         self._beat_s: float | None = None
         self._newest_s = -math.inf
@@ -113,14 +115,18 @@ class RowMaker:
             return math.nan, Quality.SOURCE_BAD
         if isinstance(change.value, bool) or not isinstance(change.value, int | float):
             return math.nan, Quality.NOT_A_NUMBER
-        value, quality = self._scalings[channel].si(float(change.value))
-        if quality is not Quality.GOOD:
-            return value, quality
-        if severity == _UNCERTAIN:
-            return value, Quality.SOURCE_UNCERTAIN
-        if change.status & _OVERFLOW == _OVERFLOW:
-            return value, Quality.OVERFLOW
-        return value, Quality.NO_SOURCE_TIME if change.source_s is None else Quality.GOOD
+        raw = float(change.value)
+        if "int" in change.kind and self._sentinels.has(channel, raw, change.kind):
+            return math.nan, Quality.NO_VALUE
+        value, quality = self._scalings[channel].si(raw)
+        if quality is Quality.GOOD:
+            if severity == _UNCERTAIN:
+                quality = Quality.SOURCE_UNCERTAIN
+            elif change.status & _OVERFLOW == _OVERFLOW:
+                quality = Quality.OVERFLOW
+            elif change.source_s is None:
+                quality = Quality.NO_SOURCE_TIME
+        return value, quality
 
 
 class OpcuaDriver:
@@ -177,7 +183,6 @@ class OpcuaDriver:
         session, maker = self._session, self._maker
         if session is None or maker is None or not session.connected:
             raise DriverUnavailableError(f"{self._config.url}: the session is not open")
-        block = RowBlock(self._channels)
         patience_s = max(LOST_AFTER_S, 3.0 * session.publishing_s)
         while True:
             result = await session.next(patience_s)
@@ -190,10 +195,8 @@ class OpcuaDriver:
                 rows = maker.rows(changes, now_s)
             else:
                 rows = maker.unchanged(now_s, session.publishing_s)
-            for time_s, values in rows:
-                block.add(time_s, values)
-            if len(block):
-                yield self._qualities.count(block.take())
+            if rows:
+                yield self._qualities.count(frame_of(rows, self._channels))
 
     async def probe(self) -> Probe:
         """Channels and rate, once all variables have been found. Raises like `open`."""
@@ -216,20 +219,30 @@ class OpcuaDriver:
         changes: list[Change] = []
         for data in result.NotificationMessage.NotificationData or ():
             if isinstance(data, ua.DataChangeNotification):
+                signals = self._config.signals
                 changes += [
-                    Change(
-                        self._config.signals[item.ClientHandle].channel,
-                        item.Value.Value.Value if item.Value.Value is not None else None,
-                        0 if item.Value.StatusCode is None else int(item.Value.StatusCode.value),
-                        _unix_s(item.Value.SourceTimestamp),
-                        _unix_s(item.Value.ServerTimestamp),
-                    )
-                    for item in data.MonitoredItems
+                    _change(signals[item.ClientHandle], item.Value) for item in data.MonitoredItems
                 ]
             elif isinstance(data, ua.StatusChangeNotification) and not data.Status.is_good():
                 ended = f"the subscription ended, {data.Status.name}"
                 raise DriverUnavailableError(f"{self._config.url}: {ended}")
         return changes
+
+
+def _change(signal: NodeConfig, told: ua.DataValue) -> Change:
+    """The change of a variable, or of the one element of an array that is asked for."""
+    variant = told.Value or ua.Variant()
+    value, index = variant.Value, signal.index
+    if index is not None:
+        value = value[index] if isinstance(value, list) and index < len(value) else None
+    return Change(
+        signal.channel,
+        value,
+        0 if told.StatusCode is None else int(told.StatusCode.value),
+        _unix_s(told.SourceTimestamp),
+        _unix_s(told.ServerTimestamp),
+        variant.VariantType.name.lower(),
+    )
 
 
 def _unix_s(moment: datetime | None) -> float | None:

@@ -27,10 +27,6 @@ from ..stub import Fault, FaultKind, Following, StubAxis
 from .variables import NodeConfig, OpcuaConfig, node_id, split_node
 
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-_FAULT_STATUS = {
-    FaultKind.NONE: StatusCodes.Good,
-    FaultKind.EXCEPTION: StatusCodes.BadDeviceFailure,
-}
 OWN = "urn:edge-service:feed-drive"
 LEAST_INTERVAL_S = 0.1
 
@@ -131,15 +127,17 @@ class OpcuaStub:
     async def _write(self, server: Server) -> None:
         late_s = self.fault.amount if self.fault.kind is FaultKind.DELAY else 0.0
         now = ua.DateTime.fromtimestamp(time.time() - late_s, UTC)
-        code = ua.UInt32(_FAULT_STATUS.get(self.fault.kind, StatusCodes.Good))
-        status = ua.StatusCode(code)
+        fails = self.fault.kind is FaultKind.EXCEPTION
+        code = StatusCodes.BadDeviceFailure if fails else StatusCodes.Good
+        status = ua.StatusCode(ua.UInt32(code))
         for axis, signal, scaling, node in self._points:
             if scaling is None:
                 raw = float(axis.samples)
             else:
                 raw = scaling.raw(axis.latest.get(str(signal.channel), math.nan))
+            told = raw if signal.index is None else [math.nan] * signal.index + [raw]
             value = ua.DataValue(
-                ua.Variant(raw, ua.VariantType.Double), status, SourceTimestamp=now
+                ua.Variant(told, ua.VariantType.Double), status, SourceTimestamp=now
             )
             await server.write_attribute_value(node.nodeid, value)
 

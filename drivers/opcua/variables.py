@@ -1,6 +1,8 @@
 """Settings of an OPC UA server: endpoint, access, variables with names and units."""
 
 import math
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 from urllib.parse import urlparse
@@ -15,52 +17,25 @@ from ..base import DriverConfig
 from ..signals import SignalConfig, check_channels
 
 Security = Literal["None", "Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
-_CODES = {
-    "m": "MTR",
-    "mm": "MMT",
-    "um": "4H",
-    "m/s": "MTS",
-    "mm/s": "C16",
-    "mm/min": "H81",
-    "m/min": "2X",
-    "rad": "C81",
-    "deg": "DD",
-    "rad/s": "2A",
-    "deg/s": "E96",
-    "rev/min": "RPM",
-    "rev/s": "RPS",
-    "N m": "NU",
-    "mN m": "D83",
-    "N": "NEW",
-    "kN": "B47",
-    "degC": "CEL",
-}
+_CODES: dict[str, str] = tomllib.loads((files(__package__) / "codes.toml").read_text("utf-8"))
 """Unit -> its common code in UNECE Recommendation 20."""
 UNIT_OF_ID = {int.from_bytes(code.encode(), "big"): unit for unit, code in _CODES.items()}
 """Unit id (OPC 10000-8, 5.6.3): characters of the common code, first one highest -> unit."""
 
 
-def split_node(name: str) -> tuple[str, str]:
-    """URI of the namespace, empty for one by number, and the node id in namespace 1 or its own.
-
-    Raises ValueError for what can be no node id.
-    """
-    uri, rest = "", name
-    if name.startswith("nsu="):
-        uri, _, rest = name.removeprefix("nsu=").partition(";")
-        rest = f"ns=1;{rest}"
+def split_node(name: str) -> tuple[str, ua.NodeId]:
+    """URI of the namespace, empty for one by number, and the node id. Raises ValueError."""
     try:
-        ua.NodeId.from_string(rest)
+        found = ua.NodeId.from_string(name)
     except (ValueError, UaError):
         expected = "expected ns=2;s=X.torque or nsu=URI;s=X.torque"
         raise ValueError(f"{name!r} is no node: {expected}") from None
-    return uri, rest
+    return getattr(found, "NamespaceUri", None) or "", found
 
 
 def node_id(name: str, namespaces: list[str]) -> ua.NodeId:
     """`ns=2;s=X` or `nsu=URI;s=X` on a server. Raises ValueError."""
-    uri, rest = split_node(name)
-    found = ua.NodeId.from_string(rest)
+    uri, found = split_node(name)
     if not uri:
         return found
     if uri not in namespaces:
@@ -72,6 +47,7 @@ class NodeConfig(SignalConfig):
     """One variable."""
 
     node: str = Field(min_length=1)  # its node id, `ns=2;s=X.torque` or `nsu=URI;s=X.torque`
+    index: int | None = Field(None, ge=0)  # of one element, from 0, where the value is an array
     heartbeat: bool = False  # no channel but a counter or clock: while it rests, values are old
 
     @field_validator("node")
@@ -88,21 +64,16 @@ class NodeConfig(SignalConfig):
 
 
 class OpcuaConfig(DriverConfig):
-    """Settings of the OPC UA driver."""
+    """Settings of the OPC UA driver; `deploy/drivers/opcua.toml` tells of each."""
 
     url: str = "opc.tcp://127.0.0.1:4840"  # of the server's endpoint
-    # policy; messages are signed and encrypted. None leaves everything open to all
     security: Security = "None"
-    # certificate, private_key: ours, PEM or DER; needed with security
     certificate: Path | None = None
     private_key: Path | None = None
-    # the server's, which is trusted and no other; needed with security
     server_certificate: Path | None = None
-    # user, password: of the session; never sent unencrypted but to this host itself
     user: str | None = None
     password: SecretStr | None = None
     password_file: Path | None = None  # that holds the password
-    # sampling and publishing that is asked for; the server says what it gives
     sampling_s: float = Field(0.1, ge=0.001, le=60.0)
     signals: tuple[NodeConfig, ...] = Field(min_length=1)  # the variables
 

@@ -29,7 +29,7 @@ from .live.channel_check import LONGER
 from .live.excursions import longest_rows, mend
 from .live.repeats import held
 from .positions import SPEEDS
-from .sampling import clock_of, motion_speeds
+from .sampling import clock_of, motion_speeds, wrap_of
 from .torque import INERTIA_FACTOR, measured_inertia
 
 _MEASURED = {
@@ -37,6 +37,7 @@ _MEASURED = {
     ANGLE: (THETA, Fault.ANGLE_STUCK, Fault.ANGLE_OUTLIERS),
     TABLE_POSITION: (X, Fault.TABLE_STUCK, Fault.TABLE_OUTLIERS),
 }
+POSITIONS = {ANGLE, TABLE_POSITION}
 LEAST_S = 1.0
 """Shorter recordings may well repeat a value, and show no motion to be judged."""
 _EFFORTS = (Quantity.TORQUE, Quantity.CURRENT, Quantity.FORCE)
@@ -58,15 +59,13 @@ def check_rate(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     clock = clock_of([frame.time_s for frame in recordings])
     said = clock.as_text()
     odd = clock.is_slow or clock.rate_hz > FASTEST_HZ
-    unit = _other_unit(machine, recordings) if odd else ""
-    if unit:
+    if odd and (unit := _other_unit(machine, recordings)):
         remedy = f"give the unit in columns.{TIME}, as in {{ column = ..., scale = {UNITS[unit]} }}"
         sentence = f"{TIME} looks like {unit}, not seconds: {said}"
         return Finding("rate", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=True)
     if clock.is_slow:
         said += "; too slow to follow the torque between samples: intervals will be wide"
-        remedy = "record faster if the controller can"
-        return Finding("rate", Verdict.DOUBTFUL, said, remedy=remedy)
+        return Finding("rate", Verdict.DOUBTFUL, said, remedy="record faster if the controller can")
     return Finding("rate", Verdict.FITS, said)
 
 
@@ -150,10 +149,9 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
 
 
 def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Find samples that no drive can make, and channels that are slower than the others."""
+    """Find samples that no drive can make, positions that wrap, and channels that are slower."""
     period_s = clock_of([frame.time_s for frame in recordings]).period_s
-    known = machine.commissioned
-    usual_s = (0.0, 0.0, 0.0) if known is None or known.hold_s is None else known.hold_s
+    usual_s = getattr(machine.commissioned, "hold_s", None) or (0.0, 0.0, 0.0)
     hold_s, bits = [0.0, 0.0, 0.0], []
     for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
         rows = np.full((len(frame), 8), np.nan)
@@ -162,14 +160,17 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
             rows[:, column] = frame.channels.get(name, np.nan)
             hold_s[k] = max(hold_s[k], period_s * (held(rows[:, column], np.nan)[0] - 1.0))
         bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
-    said, found = [], np.concatenate(bits)
+    turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
+    said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]
+    found = np.concatenate(bits)
     for k, (name, (_, _, kind)) in enumerate(_MEASURED.items()):
         if hold_s[k] > LONGER * usual_s[k] + 0.5 * period_s:
             said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.2g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
             said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
-    verdict = Verdict.DOUBTFUL if said else Verdict.FITS
-    return Finding("samples", verdict, "; ".join(said) or "each sample goes with its neighbours")
+    if not said:
+        return Finding("samples", Verdict.FITS, "each sample goes with its neighbours")
+    return Finding("samples", Verdict.DOUBTFUL, "; ".join(said), forbids=any(by for _, by in turns))
 
 
 def check_stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -179,8 +180,7 @@ def check_stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
         return Finding("stroke", Verdict.UNKNOWN, "cannot tell: axis.stroke_m is missing")
     low, high = _range(recordings, TABLE_POSITION)
     sentence = f"table moves from {low:.4g} to {high:.4g} m of a stroke of {stroke:g} m"
-    slack = STROKE_SLACK * stroke
-    inside = -slack <= low and high <= stroke + slack
+    inside = max(-low, high - stroke) <= STROKE_SLACK * stroke
     return Finding("stroke", Verdict.FITS if inside else Verdict.DOUBTFUL, sentence)
 
 

@@ -31,15 +31,16 @@ CREDIT_S = 3.0  # axis time that an unpaced source may run ahead of its estimate
 CREDIT_PATIENCE_S = 1.0  # wall time after which it goes on unless something is still unread
 
 
-def make_driver(axis: AxisConfig) -> Driver:
-    """The axis' driver, its settings checked. Raises ConfigError."""
+def make_driver(axis: AxisConfig, service: str = "") -> Driver:
+    """The axis' driver for a service, its settings checked. Raises ConfigError."""
     try:
         driver = load_driver(axis.driver)
     except UnknownDriverError as error:
         raise ConfigError(f"{axis.place}.driver: {error}") from None
     settings = check_settings(driver.config_model, axis.settings, f"{axis.place}.settings")
     try:
-        return driver(settings, DriverContext(axis.name, load_machine(axis.machine, axis.number)))
+        machine = load_machine(axis.machine, axis.number)
+        return driver(settings, DriverContext(axis.name, machine, service, axis.place))
     except DriverMisconfiguredError as error:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
 
@@ -82,10 +83,10 @@ class Acquisition:
 
     def __init__(self, context: NodeContext, axis: AxisConfig) -> None:
         self._context, self._axis = context, axis
-        self._driver = make_driver(axis)
+        self._driver = make_driver(axis, context.config.keys.root)
         self._samples = context.publisher(axis.name, RAW)
         self._waves = context.publisher(axis.name, WAVE)
-        self._waits_since_s: float | None = None
+        self._waits_since_s = float("inf")
         self._counts = {"samples": 0, "frames": 0}
         self.component = component = Component(context, "acquire", axis.name)
         component.counters = lambda: (
@@ -96,8 +97,7 @@ class Acquisition:
 
     def _silence(self) -> list[str]:
         """Line on a source that has said nothing for too long."""
-        since_s = self._waits_since_s
-        silent_s = 0.0 if since_s is None else time.monotonic() - since_s
+        silent_s = time.monotonic() - self._waits_since_s
         is_silent = silent_s > getattr(self._driver, "quiet_s", QUIET_S)
         return [f"no data for {silent_s:.0f} s"] if is_silent else []
 
@@ -116,12 +116,12 @@ class Acquisition:
                 try:
                     frame = await anext(source, None)
                 finally:
-                    self._waits_since_s = None
+                    self._waits_since_s = float("inf")
                 if frame is None:
                     return
                 self._counts["samples"] += len(frame)
                 self._counts["frames"] += 1
-                read_ns = now_ns()
+                read_ns = now_ns() - int(1e9 * getattr(driver, "lag_s", 0.0))
                 self._samples.publish(frame, read_ns)
                 for wave in frame.waveforms:
                     self._waves.publish(wave, read_ns)

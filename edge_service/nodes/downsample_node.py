@@ -28,6 +28,7 @@ class AxisDownsampling:
         self.downsampler = make_downsampler(machine)
         self.vibration = AxisVibration(orders_of(machine), config.vibration.bands_hz)
         self._gathering = Gathering()
+        self._heard_ns = 0  # source time of the frame before
         self._publisher = publisher
 
     def take(self, header: Header, frame: SampleFrame) -> None:
@@ -35,19 +36,17 @@ class AxisDownsampling:
         self.vibration.follow(frame)
         for gathered in self._gathering.add(frame, self.downsampler.due_s):
             for block in self.downsampler.push(gathered):
-                columns = self.vibration.take()
-                told = replace(block, vibration=columns) if columns else block
-                self._publisher.publish(told, source_time_ns(header, gathered, block))
+                told = replace(block, vibration=self.vibration.take())
+                at_ns = source_time_ns(header, gathered, block, self._heard_ns)
+                self._publisher.publish(told, at_ns)
+        self._heard_ns = header.source_time_ns
 
 
 async def run(context: NodeContext) -> None:
     """Downsample every configured axis until cancelled."""
     publishers = context.publishers(FEAT)
 
-    def begin(axis: str) -> AxisDownsampling:
-        return AxisDownsampling(context.config, context.machines[axis], publishers[axis])
-
-    axes = {axis: begin(axis) for axis in context.machines}
+    axes: dict[str, AxisDownsampling] = {}
     samples, waves = context.subscribe(RAW), context.subscribe(WAVE, depth=1024)
 
     def renew(axis: str) -> None:
@@ -55,8 +54,10 @@ async def run(context: NodeContext) -> None:
         samples.skip(axis)  # of a clock that is over
         waves.skip(axis)
         if axis in context.machines:
-            axes[axis] = begin(axis)
+            axes[axis] = AxisDownsampling(context.config, context.machines[axis], publishers[axis])
 
+    for axis in context.machines:
+        renew(axis)
     context.renewals.append(renew)
     component = Component(context, "downsample")
 
@@ -88,8 +89,9 @@ async def run(context: NodeContext) -> None:
         await context.forever()
 
 
-def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock) -> int:
-    """UNIX time of the interval's end: that of the frame's newest sample less the look ahead."""
+def source_time_ns(header: Header, frame: SampleFrame, block: FeatureBlock, before_ns: int) -> int:
+    """UNIX time of the interval's end: the frame's less the look ahead, or that of before a gap."""
     ahead_s = float(frame.time_s[-1]) - block.time_s
-    ahead_ns = int(1e9 * ahead_s) if 0.0 <= ahead_s < 1.0 else 0
-    return header.source_time_ns - ahead_ns
+    if 0.0 <= ahead_s < 1.0:
+        return header.source_time_ns - int(1e9 * ahead_s)
+    return before_ns or header.source_time_ns

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import load_driver
-from drivers.stub import Fault, Stub, StubAxis, load_stub, stub_names
+from drivers.stub import Fault, Stub, StubAxis, stubs
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, check_settings, load_machine
 from ..messages.samples import SampleFrame
@@ -54,8 +54,8 @@ def make_stub(
     port: int | None = None,
 ) -> Stub:
     """The stub of the axes that use the driver `name`. Raises ConfigError."""
-    if name not in stub_names():
-        raise ConfigError(f"no stub {name!r}; there are {', '.join(stub_names())}")
+    if name not in stubs():
+        raise ConfigError(f"no stub {name!r}; there are {', '.join(sorted(stubs()))}")
     chosen = [each for each in config.axes if each.driver == name and axis in (None, each.name)]
     if not chosen:
         wanted = f"axis {axis!r}" if axis else "axis"
@@ -63,8 +63,8 @@ def make_stub(
     if recording is not None and not recording.is_file():
         raise ConfigError(f"--trace {recording}: no such file")
     try:
-        return load_stub(name)([stub_axis(each, scenario, recording, port) for each in chosen])
-    except DriverMisconfiguredError as error:
+        return stubs()[name]()([stub_axis(each, scenario, recording, port) for each in chosen])
+    except (ImportError, DriverMisconfiguredError) as error:
         raise ConfigError(f"stub {name}: {error}") from None
 
 
@@ -79,11 +79,9 @@ def stub_axis(
     model = load_driver(axis.driver).config_model
     settings = check_settings(model, given, f"axes.{axis.name}.settings")
     context = DriverContext(axis.name, load_machine(axis.machine))
-    if recording is None:
-        samples = driven("simulated", {"scenario": scenario}, context)
-    else:
-        samples = driven("replay", {"path": recording}, context)
-    return StubAxis(axis.name, settings, context, samples)
+    played = ("simulated", {"scenario": scenario})
+    kind, source = played if recording is None else ("replay", {"path": recording})
+    return StubAxis(axis.name, settings, context, driven(kind, source, context))
 
 
 async def driven(

@@ -46,6 +46,8 @@ class Form:
 
 def open_source(path: Path, axis: ControllerAxis) -> Source:
     """Open a file in the form that its content has. Raises TraceError and OSError."""
+    if any("\udc80" <= letter <= "\udcff" for letter in str(path)):
+        raise TraceError(f"{str(path)!a}: a name that is no UTF-8: rename the file")
     head = head_of(path)
     form = _form(head, path)
     if form is None:
@@ -82,7 +84,7 @@ def foreign(head: bytes) -> str | None:
         if head.startswith(magic) or plain.startswith(magic):
             return named
     for part, named in _INSIDE.items():
-        if part in head:
+        if re.search(part, head):
             return named
     if head.startswith(b"PK\x03\x04"):
         name = next((name for part, name in _ZIPPED.items() if part in head), _OTHER["zip"])

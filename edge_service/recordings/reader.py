@@ -260,10 +260,8 @@ def read_trace(
 
 def joined(frames: Sequence[SampleFrame]) -> SampleFrame:
     """Frames that follow one another as one; quality is left out."""
-    channels = {
-        name: np.concatenate([frame.channels[name] for frame in frames])
-        for name in frames[0].channels
-    }
+    names = frames[0].channels
+    channels = {name: np.concatenate([each.channels[name] for each in frames]) for name in names}
     return SampleFrame(np.concatenate([frame.time_s for frame in frames]), channels)
 
 

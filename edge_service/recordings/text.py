@@ -44,9 +44,7 @@ class TextSource(Source):
             return None
         table, ragged = self._read_csv(self._plain(raw))
         rows = table.num_rows + len(ragged)
-        number = self._number_rows(rows)
-        if ragged:
-            number = np.delete(number, [min(row, rows) - 1 for row in ragged])
+        number = np.delete(self._number_rows(rows), [min(row, rows) - 1 for row in ragged])
         self.ragged_rows += len(ragged)
         block = Block({}, number)
         for name, column in zip(dict.fromkeys(self.wanted), table.columns, strict=True):
@@ -209,7 +207,8 @@ def _tags(names: tuple[str, ...], rows: list[list[str]]) -> str:
         return ""
     for name, cells in zip(names, zip(*rows, strict=False), strict=False):
         words = [cell for cell in cells if not any(map(str.isdigit, cell[:1]))]
-        if len(words) == len(cells) and 1 < len(set(words)) <= len(cells) / 2.0:
+        several = 1 < len(set(words)) <= len(cells) / 2.0
+        if len(words) == len(cells) and (several or name == "_field"):  # as InfluxDB has it
             return name
     return ""
 

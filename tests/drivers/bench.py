@@ -4,8 +4,8 @@ import asyncio
 import socket
 import tomllib
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import aclosing, asynccontextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,13 @@ from drivers.base import Driver, DriverContext
 from drivers.stub import Fault, FaultKind, Stub
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TEMPERATURE, TORQUE, SampleFrame
 from edge_service.models.machine import Machine
+from edge_service.recordings.reader import joined
 
 ROOT = Path(__file__).parents[2]
 MACHINE = Machine.model_validate(tomllib.loads((ROOT / "deploy" / "machine.toml").read_text()))
 CONTEXT = DriverContext("X", MACHINE)
 
+PATIENCE_S = 15.0
 Action = Callable[[], Awaitable[None]]
 
 
@@ -31,6 +33,7 @@ class DriverBench:
     bring_back: Action | None = None  # puts it back
     spoil: Action | None = None  # from now on the source's values are bad; None where it has none
     heal: Action | None = None  # from now on they are good again
+    step: Callable[[float], None] | None = None  # sets its clock by so many seconds
 
 
 @asynccontextmanager
@@ -61,6 +64,30 @@ async def stub_bench(
             await each.close()
 
 
+async def take(
+    driver: Driver, count: int, size: Callable[[list[SampleFrame]], int] = len
+) -> list[SampleFrame]:
+    """The next frames of an open driver, until their size is so much."""
+    taken: list[SampleFrame] = []
+    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
+        while size(taken) < count and (frame := await anext(frames, None)) is not None:
+            taken.append(frame)
+    return taken
+
+
+def samples_of(frames: list[SampleFrame]) -> int:
+    return sum(map(len, frames))
+
+
+def whole(frames: list[SampleFrame]) -> SampleFrame:
+    """Frames that follow one another as one, with the quality of every channel."""
+    quality = {
+        name: np.concatenate([f.quality.get(name, np.zeros(len(f), np.uint8)) for f in frames])
+        for name in frames[0].channels
+    }
+    return replace(joined(frames), quality=quality)
+
+
 def free_port() -> int:
     """A port of the loopback interface that nobody has."""
     with socket.socket() as probe:
@@ -78,11 +105,13 @@ def truth(number: int) -> dict[str, float]:
     }
 
 
-async def counting_source(period_s: float = 0.002) -> AsyncGenerator[SampleFrame, None]:
+async def counting_source(
+    period_s: float = 0.002, ahead_s: Callable[[], float] = lambda: 0.0
+) -> AsyncGenerator[SampleFrame, None]:
     """One sample after the other without end; every value follows from the sample's number."""
     number = 0
     while True:
         values = {name: np.array([value]) for name, value in truth(number).items()}
-        yield SampleFrame(np.array([number * period_s]), values)
+        yield SampleFrame(np.array([number * period_s + ahead_s()]), values)
         number += 1
         await asyncio.sleep(period_s)

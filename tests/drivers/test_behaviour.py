@@ -20,12 +20,12 @@ from pydantic import ValidationError
 
 from drivers.base import ENTRY_POINT_GROUP, Driver, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import driver_names
-from edge_service.messages.samples import CHANNELS, SampleFrame, is_bad
+from edge_service.messages.samples import CHANNELS, is_bad
 
-from .bench import DriverBench
+from .bench import PATIENCE_S, DriverBench, take
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
-PATIENCE_S = 10.0
+NEW_RUN_S = 2.0
 OURS = {entry.name for entry in distribution("edge-service").entry_points}
 
 
@@ -45,16 +45,6 @@ async def driver(bench: DriverBench) -> AsyncIterator[Driver]:
     made = bench.make()
     yield made
     await made.close()
-
-
-async def take(driver: Driver, count: int) -> list[SampleFrame]:
-    taken: list[SampleFrame] = []
-    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
-        async for frame in frames:
-            taken.append(frame)
-            if len(taken) == count:
-                break
-    return taken
 
 
 def open_files() -> set[str]:
@@ -218,6 +208,25 @@ async def test_bad_values_are_no_numbers_and_are_counted(
         for name, codes in frame.quality.items():
             assert np.isnan(frame.channels[name][is_bad(codes)]).all()
     assert sum(count for name, count in driver.counters.items() if "bad" in name) > 0
+
+
+@pytest.mark.parametrize("step_s", [30.0, -7200.0, -30.0])
+async def test_a_step_of_the_source_clock_is_soon_a_new_run(
+    step_s: float, bench: DriverBench, driver: Driver
+) -> None:
+    if bench.step is None:
+        pytest.skip("its source has no clock that anybody sets")
+    await driver.open()
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
+        time_s = (await anext(frames)).time_s
+        bench.step(step_s)
+        stepped_s = loop.time()
+        while (np.diff(time_s) > 0.0).all() and (np.diff(time_s) < 0.9).all():
+            time_s = np.append(time_s[-1:], (await anext(frames)).time_s)
+        assert loop.time() - stepped_s < NEW_RUN_S
+        time_s = np.concatenate([(await anext(frames)).time_s for _ in range(3)])
+    assert (np.diff(time_s) > 0.0).all()
 
 
 async def test_readings_are_numbers(driver: Driver) -> None:

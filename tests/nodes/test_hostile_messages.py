@@ -62,7 +62,7 @@ class Readers:
     def on_samples(self, axis: str, header: Header, frame: Any) -> None:
         for block in self.downsampler.push(frame):
             told = replace(block, vibration=self.vibration.take())
-            FEAT.encode(axis, Header(0, 0, source_time_ns(header, frame, block), 0), told)
+            FEAT.encode(axis, Header(0, 0, source_time_ns(header, frame, block, 0), 0), told)
         self.vibration.follow(frame)
         self.recorder.follow(axis, frame)
 

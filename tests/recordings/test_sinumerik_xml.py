@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edge_service.recordings.columns import ColumnMap, TraceError
-from edge_service.recordings.reader import TraceReader, open_trace, read_trace
+from edge_service.recordings.reader import TraceReader, joined, open_trace, read_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 NAN = math.nan
@@ -71,12 +71,9 @@ def read_all(path: Path, axis: ControllerAxis = AXIS) -> tuple[TraceReader, dict
     """Every column of a trace, in the file's own units, by a stand-in torque column."""
     torque = {"torque_command_nm": ColumnMap("ActCurr", 2.0)}
     with open_trace(path, torque, axis, keep_all=True) as reader:
-        frames = list(reader)
-    columns = {
-        name: np.concatenate([each.channels[name] for each in frames]).tolist()
-        for name in reader.channels
-    }
-    return reader, columns | {"time_s": np.concatenate([each.time_s for each in frames]).tolist()}
+        read = joined(list(reader))
+    columns = {name: values.tolist() for name, values in read.channels.items()}
+    return reader, columns | {"time_s": read.time_s.tolist()}
 
 
 def same(values: list[float], expected: list[float]) -> None:

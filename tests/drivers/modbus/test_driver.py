@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import aclosing
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from edge_service.messages.samples import (
     SampleFrame,
 )
 
-from ..bench import CONTEXT, free_port, truth
+from ..bench import CONTEXT, free_port, samples_of, take, truth, whole
 from .bench import REGISTERS, config_of, stub_of
 
 
@@ -34,22 +33,7 @@ class Rig:
 
     async def rows(self, count: int) -> SampleFrame:
         """The next rows of an open driver as one frame."""
-        frames = []
-        async with asyncio.timeout(10.0), aclosing(self.driver.frames()) as source:
-            async for frame in source:
-                frames.append(frame)
-                if sum(map(len, frames)) >= count:
-                    break
-        return SampleFrame(
-            np.concatenate([f.time_s for f in frames]),
-            {n: np.concatenate([f.channels[n] for f in frames]) for n in frames[0].channels},
-            {
-                name: np.concatenate(
-                    [f.quality.get(name, np.zeros(len(f), dtype=np.uint8)) for f in frames]
-                )
-                for name in frames[0].channels
-            },
-        )
+        return whole(await take(self.driver, count, samples_of))
 
 
 @pytest.fixture
@@ -143,7 +127,7 @@ async def test_a_device_that_hangs_is_lost_in_time_and_found_again(rig: Rig) -> 
     with pytest.raises(DriverUnavailableError, match=r"no valid reply for .* s \(no reply\)"):
         await rig.rows(1000)
     config = rig.config
-    assert loop.time() - start_s < config.lost_after_s + 2.0 * config.timeout_s + 0.2
+    assert loop.time() - start_s < 5.0 * config.timeout_s + 0.2
     with pytest.raises(DriverUnavailableError, match="no reply"):
         await rig.driver.open()
     rig.stub.fault = Fault()

@@ -104,6 +104,8 @@ HARMLESS: dict[str, Answer] = {
     "byte by byte": lambda p: [bytes([byte]) for byte in good(p)[0]],
     "merged with a late reply": lambda p: [b"\x77\x77" + good(p)[0][2:] + good(p)[0]],
     "twice": lambda p: good(p) * 2,
+    "unit 0, as devices without a gateway may": reply("0000 0007 00 03 04 4049 0fdb"),
+    "unit 255": reply("0000 0007 ff 03 04 4049 0fdb"),
 }
 
 

@@ -1,8 +1,11 @@
 """The register map: numbers in every order, requests that are as few as allowed, clear mistakes."""
 
 import math
+import tomllib
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +19,7 @@ from drivers.modbus.registers import (
     encode_number,
     plan_requests,
 )
+from drivers.signals import Sentinels
 from edge_service.config import explain
 
 PI_WORDS = (0x4049, 0x0FDB)  # IEEE 754: sign 0, exponent 128, mantissa 0x490FDB
@@ -46,6 +50,13 @@ def test_numbers_in_every_order(
     assert tuple(encode_number(expected, kind, word_order, byte_order)) == tuple(words)
 
 
+def test_the_end_of_a_type_far_from_the_number_before_stands_for_none() -> None:
+    found, values = Sentinels(), (32767, 5, -32768, 32700, 32767, 9)
+    assert [found.has("x", value, "int16") for value in values] == [1, 0, 1, 0, 0, 0]
+    assert [found.has("y", value, "uint16") for value in (0, 65535, 1)] == [0, 1, 0]
+    assert found.has("z", float(np.finfo(np.float32).max), "float32")
+
+
 def register(address: int, kind: Any = "uint16", table: Any = "holding") -> RegisterConfig:
     return RegisterConfig(channel="torque_command_nm", address=address, type=kind, table=table)
 
@@ -74,65 +85,14 @@ def test_every_plan_covers_each_value_once_and_splits_none(places: list[int]) ->
 
 
 TORQUE = {"channel": "torque_command_nm", "address": 0}
-MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown channel": (
-        {"registers": [{"channel": "torque", "address": 0}]},
-        "registers[0].channel: no channel 'torque'",
-    ),
-    "unknown unit": (
-        {"registers": [TORQUE | {"unit": "Nm"}]},
-        "registers[0].unit: unknown unit 'Nm'",
-    ),
-    "unknown type": ({"registers": [TORQUE | {"type": "float"}]}, "registers[0].type:"),
-    "unknown key": (
-        {"registers": [TORQUE | {"scal": 2}]},
-        "registers[0].scal: unknown key; did you mean registers[0].scale?",
-    ),
-    "unknown group": (
-        {"registers": [TORQUE | {"group": "fats"}]},
-        "registers[0].group: 'fats' is not one of fast, slow",
-    ),
-    "no scale": ({"registers": [TORQUE | {"scale": 0}]}, "registers[0]: scale must not be 0"),
-    "beyond the last register": (
-        {"registers": [TORQUE | {"address": 65535}]},
-        "registers[0]: address 65535: float32 ends beyond",
-    ),
-    "no role": ({"registers": [{"address": 3}]}, "registers[0]: expected exactly one of channel"),
-    "bounds": (
-        {"registers": [TORQUE | {"low": 2, "high": 1}]},
-        "registers[0]: low 2 must lie below high 1",
-    ),
-    "in part of the same registers": (
-        {"registers": [TORQUE, {"channel": "motor_angle_rad", "address": TORQUE["address"] + 1}]},
-        "registers[1].address:",
-    ),
-    "a channel twice": ({"registers": [TORQUE, TORQUE]}, "torque_command_nm appears more than"),
-    "nothing that makes rows": (
-        {"registers": [{"channel": "temperature_c", "address": 0}]},
-        "registers: expected one of torque_command_nm",
-    ),
-    "torque in a slow group": (
-        {"registers": [TORQUE | {"group": "slow"}]},
-        "registers[0].group: torque_command_nm makes the rows",
-    ),
-    "no time": ({"poll_groups": {"fast": 0.0}}, "poll_groups.fast: 0 s"),
-    "no such port": ({"url": "modbus://mill:70000"}, "url: "),
-    "no such unit": (
-        {"url": "modbus://mill/256"},
-        "url: expected a port above 0 and a unit up to 255",
-    ),
-    "another protocol": ({"url": "http://mill"}, "url: expected modbus://HOST:PORT/UNIT"),
-}
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_names_its_key(name: str) -> None:
-    changes, expected = MISTAKES[name]
-    settings = {
-        "url": "modbus://mill",
-        "poll_groups": {"fast": 0.01, "slow": 1.0},
-        "registers": [TORQUE],
-    } | changes
+    changes = dict(MISTAKES[name])
+    expected, groups = changes.pop("said"), {"fast": 0.01, "slow": 1.0}
+    settings = {"url": "modbus://mill", "poll_groups": groups, "registers": [TORQUE]} | changes
     with pytest.raises(ValidationError) as caught:
         ModbusConfig.model_validate(settings)
     assert expected in explain(caught.value, ModbusConfig)[0]

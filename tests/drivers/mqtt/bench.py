@@ -38,8 +38,8 @@ async def bench(folder: Path) -> AsyncIterator[DriverBench]:
         pytest.skip("mosquitto is not installed (apt-get install mosquitto)")
     broker = Broker(folder)
     await broker.start()
-    config = config_of(broker.port)
-    stub = stub_of(config)
+    config, ahead = config_of(broker.port), [0.0]
+    stub = stub_of(config, counting_source(ahead_s=lambda: sum(ahead)))
     await stub.start()
 
     async def spoil() -> None:
@@ -50,7 +50,8 @@ async def bench(folder: Path) -> AsyncIterator[DriverBench]:
 
     try:
         yield DriverBench(
-            lambda: MqttDriver(config, CONTEXT), broker.stop, broker.start, spoil, heal
+            lambda: MqttDriver(config, CONTEXT),
+            *(broker.stop, broker.start, spoil, heal, ahead.append),
         )
     finally:
         await stub.close()

@@ -6,23 +6,23 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator
-from contextlib import aclosing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import aiomqtt
 import numpy as np
 import pytest
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.mqtt.driver import MqttDriver
-from drivers.mqtt.link import MqttLink
 from drivers.stub import Fault, FaultKind
-from edge_service.messages.samples import SampleFrame
+from edge_service.recordings.reader import joined
 from tests.certificates import write_certificates
 
-from ..bench import CONTEXT
+from ..bench import CONTEXT, samples_of, take
 from .bench import TOPIC, config_of, stub_of
-from .broker import MOSQUITTO, PATIENCE_S, Broker, needs_broker
+from .broker import MOSQUITTO, Broker, needs_broker
 from .test_edge_stream import BLOCK, ROWS, messages, recorded
 
 pytestmark = needs_broker
@@ -36,25 +36,14 @@ def collected() -> Iterator[None]:
     gc.collect()
 
 
-async def send(broker: Broker, payloads: list[Any], topic: str = TOPIC) -> None:
+async def send(
+    broker: Broker, payloads: list[Any], topic: str = TOPIC, *, retain: bool = False
+) -> None:
     """Publish messages, each acknowledged before the next."""
-    link = MqttLink(config_of(broker.port), None)
-    try:
-        await link.connect()
+    async with aiomqtt.Client("127.0.0.1", broker.port) as client:
         for each in payloads:
-            await link.publish(
-                topic, each if isinstance(each, bytes) else json.dumps(each).encode()
-            )
-    finally:
-        await link.close()
-
-
-async def take(driver: MqttDriver, samples: int) -> list[SampleFrame]:
-    taken: list[SampleFrame] = []
-    async with asyncio.timeout(PATIENCE_S), aclosing(driver.frames()) as frames:
-        while sum(map(len, taken)) < samples:
-            taken.append(await anext(frames))
-    return taken
+            content = each if isinstance(each, bytes) else json.dumps(each).encode()
+            await client.publish(topic, content, qos=1, retain=retain)
 
 
 @pytest.mark.parametrize(
@@ -69,11 +58,10 @@ async def test_what_the_stub_drops_and_repeats_is_counted(
     await stub.start()
     try:
         await driver.open()
-        frames = await take(driver, 150)
+        frames = await take(driver, 150, samples_of)
         assert driver.counters[counter] >= 100
         assert driver.counters["restarts"] == 0
-        time_s = np.concatenate([frame.time_s for frame in frames])
-        assert (np.diff(time_s) > 0.0).all()
+        assert (np.diff(joined(frames).time_s) > 0.0).all()
     finally:
         await driver.close()
         await stub.close()
@@ -85,7 +73,7 @@ async def test_a_broker_that_starts_again_is_a_gap_and_no_new_clock(broker: Brok
     await driver.open()
     try:
         await send(broker, sent[:10])
-        first = joined_times(await take(driver, 10 * BLOCK))
+        first = joined(await take(driver, 10 * BLOCK, samples_of)).time_s
         await broker.stop()
         with pytest.raises(DriverUnavailableError):
             await take(driver, 1)
@@ -94,7 +82,7 @@ async def test_a_broker_that_starts_again_is_a_gap_and_no_new_clock(broker: Brok
         await broker.start()
         await driver.open()
         await send(broker, sent[15:])
-        second = joined_times(await take(driver, 15 * BLOCK))
+        second = joined(await take(driver, 15 * BLOCK, samples_of)).time_s
         assert second[0] - first[-1] == pytest.approx(0.002 * (5 * BLOCK + 1))
         assert driver.counters["lost_samples"] == 5 * BLOCK
         assert driver.counters["connections"] == 2
@@ -116,9 +104,52 @@ async def test_an_open_that_was_cancelled_is_done_again(broker: Broker) -> None:
     try:
         assert driver.counters["connections"] == 1
         await send(broker, messages(recorded())[:1])
-        assert sum(map(len, await take(driver, BLOCK))) == BLOCK
+        assert samples_of(await take(driver, BLOCK, samples_of)) == BLOCK
     finally:
         await driver.close()
+
+
+async def test_what_the_broker_retained_and_what_nobody_asked_for_is_counted(
+    broker: Broker,
+) -> None:
+    sent = messages(recorded())
+    await send(broker, sent[1:2], retain=True)
+    driver = MqttDriver(config_of(broker.port), CONTEXT)
+    await driver.open()
+    assert driver._link is not None
+    await driver._link.subscribe("another/#")  # as an earlier configuration may have left it
+    try:
+        await send(broker, sent[2:3], "another/capture")
+        await send(broker, [{"Payload": sent[3]["Payload"]}])
+        (frame,) = await take(driver, 1)
+        np.testing.assert_array_equal(frame.channels["torque_command_nm"], recorded()[30:40, 3])
+        assert driver.counters["retained_messages"] == driver.counters["foreign_messages"] == 1
+    finally:
+        await driver.close()
+
+
+async def test_installations_have_names_of_their_own_and_one_that_is_taken_is_said(
+    broker: Broker,
+) -> None:
+    boxes = [replace(CONTEXT, service="feeddrive/v1/s/mill", installation=i) for i in ("a", "b")]
+    config, elsewhere = (config_of(broker.port, topic=each) for each in ("x", "y"))
+    first = MqttDriver(config, boxes[0])
+    assert first.client_id.startswith("edge-service-s-mill-X-")
+    assert MqttDriver(config, boxes[0]).client_id == first.client_id
+    others = {MqttDriver(config, boxes[1]).client_id, MqttDriver(elsewhere, boxes[0]).client_id}
+    assert len(others | {first.client_id}) == 3
+    second, told = MqttDriver(config, boxes[0]), ""
+    for _ in range(3):
+        await first.open()
+        waiting = asyncio.create_task(take(first, 1))
+        await second.open()
+        with pytest.raises(DriverUnavailableError) as lost:
+            await waiting
+        told += str(lost.value)
+    assert told.count("closed the connection") == 3
+    assert told.count(f"another client seems to be {first.client_id}, too") == 1
+    await first.close()
+    await second.close()
 
 
 async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Broker) -> None:
@@ -129,14 +160,10 @@ async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Bro
     await send(broker, sent)
     await driver.open()
     try:
-        assert sum(map(len, await take(driver, ROWS))) == ROWS
+        assert samples_of(await take(driver, ROWS, samples_of)) == ROWS
         assert driver.counters["lost_samples"] == 0
     finally:
         await driver.close()
-
-
-def joined_times(frames: list[SampleFrame]) -> np.ndarray:
-    return np.concatenate([frame.time_s for frame in frames])
 
 
 @pytest.mark.skipif(PASSWD is None, reason="mosquitto_passwd is not installed")

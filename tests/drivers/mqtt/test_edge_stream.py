@@ -19,7 +19,7 @@ from edge_service.recordings.sinumerik.edge import RESTART_GAP_S
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
 from ...recordings.form_files import EDGE_NAMES, edge_json
-from ..bench import CONTEXT, counting_source
+from ..bench import CONTEXT, counting_source, whole
 from .bench import config_of
 
 AXIS = ControllerAxis(number=1, lead_m=0.01)
@@ -45,12 +45,7 @@ def stream_of(axis: ControllerAxis = AXIS) -> EdgeStream:
 
 
 def heard(stream: EdgeStream, sent: list[dict[str, Any]]) -> SampleFrame:
-    frames = [frame for each in sent for frame in stream.frames(each)]
-    channels, quality = (
-        {name: np.concatenate([getattr(f, part)[name] for f in frames]) for name in names}
-        for part, names in (("channels", frames[0].channels), ("quality", frames[0].quality))
-    )
-    return SampleFrame(np.concatenate([f.time_s for f in frames]), channels, quality)
+    return whole([frame for each in sent for frame in stream.frames(each)])
 
 
 def test_samples_are_those_that_the_file_reader_gives(tmp_path: Path) -> None:

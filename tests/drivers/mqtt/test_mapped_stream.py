@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.mqtt.mapped import MappedStream
-from drivers.mqtt.streams import MessageError
+from drivers.mqtt.streams import Lateness, MessageError, Order
 from edge_service.messages.samples import Quality
 
 from ..bench import MACHINE
@@ -77,6 +77,39 @@ def test_what_comes_again_or_late_is_dropped_and_counted() -> None:
     times_s = [float(f.time_s[0]) for each in sent for f in stream.frames(each)]
     assert times_s == [1.0, 3.0, 4.0]
     assert stream.counters == {"repeated_samples": 1, "late_samples": 1, "restarts": 0}
+
+
+def kept(order: Order, *times_s: float) -> list[bool]:
+    return [bool(order.keep(np.array([t]), np.array([[t, n]]))[0]) for n, t in enumerate(times_s)]
+
+
+def test_an_older_time_is_dropped_until_nothing_else_has_come_for_a_second() -> None:
+    now_s = [0.0]
+    order = Order(are_times=True, clock=lambda: now_s[0])
+    assert kept(order, 100.0, 13.6, 100.1, 100.2) == [True, False, True, True]
+    for now_s[0] in (1.0, 1.25, 1.5, 1.75, 2.0, 2.25):
+        assert kept(order, 70.0 + now_s[0]) == [now_s[0] >= 2.0]
+    assert order.counts == {"repeated_samples": 0, "late_samples": 5, "restarts": 1}
+
+
+def test_a_clock_that_stands_gives_one_sample() -> None:
+    order = Order(are_times=True, clock=iter(range(100)).__next__)
+    assert kept(order, *[100.0] * 30) == [True] + [False] * 29
+
+
+def test_what_was_kept_on_the_way_is_late_and_another_clock_is_not() -> None:
+    now_s = [0.0]
+    lateness = Lateness(lambda: now_s[0])
+    sent_s, arrives_s = 0.1 * np.arange(200), 0.1 * np.arange(200)
+    arrives_s[50:100] = 10.0 + 0.001 * np.arange(50)  # held for five seconds, then all at once
+    lags_s = []
+    for now_s[0], time_s in zip(arrives_s.tolist(), sent_s, strict=True):
+        lags_s.append(lateness.lag_s(7e8 + time_s, run=0))
+    np.testing.assert_allclose(lags_s, arrives_s - sent_s, atol=0.4)
+    assert lateness.lag_s(7e8, run=1) == 0.0
+    for now_s[0] in 20.0 + 0.1 * np.arange(300):  # and has been put back by 5 s, within a run
+        lag_s = lateness.lag_s(7e8 + now_s[0] - 25.0, run=1)
+    assert lag_s < 0.1
 
 
 STRANGE: dict[str, dict[str, Any]] = {

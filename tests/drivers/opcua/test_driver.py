@@ -6,8 +6,10 @@ made of asyncua's own server.
 
 import asyncio
 import time
+import tomllib
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing, nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ from edge_service.config import explain
 from edge_service.messages import samples
 from edge_service.messages.samples import Quality, SampleFrame
 
-from ..bench import CONTEXT, truth
+from ..bench import CONTEXT, take, truth
 from .bench import SIGNALS, config_of
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -39,16 +41,6 @@ async def driver(config: OpcuaConfig, stub: OpcuaStub) -> AsyncIterator[OpcuaDri
     await made.open()
     yield made
     await made.close()
-
-
-async def take(driver: OpcuaDriver, count: int) -> list[SampleFrame]:
-    frames: list[SampleFrame] = []
-    async with asyncio.timeout(15.0), aclosing(driver.frames()) as source:
-        async for frame in source:
-            frames.append(frame)
-            if len(frames) == count:
-                break
-    return frames
 
 
 async def until(driver: OpcuaDriver, found: Callable[[SampleFrame], Any]) -> SampleFrame:
@@ -207,42 +199,13 @@ async def test_a_unit_that_the_server_states_must_be_the_one_here(
     await driver.close()
 
 
-MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
-    "no address": ({"url": "http://127.0.0.1"}, "url: 'http://127.0.0.1': expected opc.tcp://"),
-    "policy without certificate": (
-        {"security": "Basic256Sha256"},
-        "certificate: missing, security Basic256Sha256 needs it",
-    ),
-    "a broken policy": ({"security": "Basic128Rsa15"}, "security:"),
-    "password that could be read": (
-        {"url": "opc.tcp://10.0.0.1:4840", "user": "u", "password": "p"},
-        "user: needs security",
-    ),
-    "a certificate that nothing asks for": (
-        {"certificate": "c.pem"},
-        "certificate: is for",
-    ),
-    "no node id": (
-        {"signals": [{"channel": samples.TORQUE, "node": "ns=2;X.torque"}]},
-        "signals[0].node: 'ns=2;X.torque' is no node: expected ns=2;s=",
-    ),
-    "a path": (
-        {"signals": [{"channel": samples.TORQUE, "node": "{urn:x}X/Torque"}]},
-        "signals[0].node: '{urn:x}X/Torque' is no node: expected ns=2;s=",
-    ),
-    "password of nobody": ({"password": "p"}, "user: missing"),
-    "no role": ({"signals": [{"node": "i=1"}]}, "signals[0]: expected exactly one of channel"),
-    "nothing that makes rows": (
-        {"signals": [{"channel": samples.TEMPERATURE, "node": "i=1"}]},
-        "signals: expected one of torque_command_nm",
-    ),
-    "a channel twice": ({"signals": [SIGNALS[0], SIGNALS[0]]}, "appears more than once"),
-}
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 async def test_a_mistake_in_the_file_names_its_key(name: str) -> None:
-    changes, expected = MISTAKES[name]
+    changes = dict(MISTAKES[name])
+    expected = changes.pop("said")
     with pytest.raises(ValidationError) as caught:
         config_of(4840, **changes)
     assert expected in explain(caught.value, OpcuaConfig)[0]

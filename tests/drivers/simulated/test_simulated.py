@@ -107,30 +107,25 @@ async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
     assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 + 0.004)
 
 
+async def truths(source: SimulatedDriver, count: int) -> list[float]:
+    """True preload at the end of each frame, %."""
+    await source.open()
+    frames = source.frames()
+    return [source.readings["true_preload_percent"] for _ in range(count) if await anext(frames)]
+
+
 async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
     source = driver(scenario="gradual", life_s=1.0, hold_s=0.5, frame_s=0.1)
     assert source.readings == {}
-    await source.open()
-    frames = source.frames()
-    truths = []
-    for _ in range(20):
-        await take(frames, 1)
-        truths.append(source.readings["true_preload_percent"])
     end_s = 0.1 * np.arange(1, 21) + 0.004
-    assert truths == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
+    assert await truths(source, 20) == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
     await source.close()
     assert source.readings == {}
 
 
 async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
     source = driver(scenario="sudden", life_s=1.0, hold_s=0.51, frame_s=0.25, repeat=True)
-    await source.open()
-    frames = source.frames()
-    truths = []
-    for _ in range(12):
-        await take(frames, 1)
-        truths.append(source.readings["true_preload_percent"])
-    assert truths == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0] * 2
+    assert await truths(source, 12) == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0] * 2
 
 
 @pytest.mark.parametrize(
@@ -146,14 +141,9 @@ async def test_start_and_end_of_the_scenarios(
     config: dict[str, object], start: float, end: float
 ) -> None:
     source = driver(**config, hold_s=0.0, life_s=1.0, frame_s=1.0)
-    await source.open()
-    frames = source.frames()
-    await take(frames, 1)
-    assert source.readings["true_preload_percent"] == pytest.approx(
-        end, abs=abs(end - start) * 2e-3
-    )
-    await take(frames, 1)
-    assert source.readings["true_preload_percent"] == pytest.approx(end)
+    first, second = await truths(source, 2)
+    assert first == pytest.approx(end, abs=abs(end - start) * 2e-3)
+    assert second == pytest.approx(end)
 
 
 async def test_the_true_machine_reaches_the_torque(tmp_path: Path) -> None:
