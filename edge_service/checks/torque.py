@@ -38,6 +38,7 @@ CLEAR_SHARE = 0.15
 _LONGEST_M_PER_RAD = 0.1 / 6.28  # beyond it, a rotary axis or a belt
 _GREATEST = (("dry friction", "N m", 5.0, 3e3, 1), ("inertia", "kg m2", 0.02, 5e3, 2))
 """Of feed axes: motor and screw; table and guides, by a power of the travel per rad."""
+_WIDE = "inertia is known to half of it at best: rows may be interpolated, or motion is too slow"
 _BORROWED_SIGN = Finding(
     "torque",
     Verdict.DOUBTFUL,
@@ -53,12 +54,11 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     if TORQUE in machine.columns and machine.columns[TORQUE].direction:
         return _BORROWED_SIGN
     able, settings = _readable(machine, recordings)
-    by_sign = judge_sign(able, settings)
-    if by_sign is not None:
+    if (by_sign := judge_sign(able, settings)) is not None:
         return by_sign
     fit = identify_inverse_dynamics(able, settings)
     inertia = fit.parameters["inertia"]
-    expected = machine.model.inertia_kg_m2.value
+    half = 0.5 * (inertia.high - inertia.low)
     verdict, said = Verdict.FITS, "torque has the sign and the size that the inertia needs"
     judged = None
     if not inertia.determined or inertia.holds(0.0):
@@ -66,8 +66,10 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     else:
         share = driven_share(able, settings, fit.parameters["offset"].value)
         judged = _judged_inertia(fit, machine.model.inertia_kg_m2, able, share)
+        if half > 0.5 * abs(inertia.value):
+            verdict, said = Verdict.DOUBTFUL, _WIDE
     judged = judged or _judged_drag(machine, able, fit) or _judged_size(machine, fit)
-    return judged or Finding("torque", verdict, said, inertia, expected)
+    return judged or Finding("torque", verdict, said, inertia, machine.model.inertia_kg_m2.value)
 
 
 def driven_share(
@@ -163,17 +165,14 @@ def _readable(
     """Recordings with a torque, without an angle that is misread, and how to prepare them."""
     able = [frame for frame in recordings if TORQUE in frame.channels]
     if angle_is_misread(machine, able):
-        able = [_without_angle(frame) for frame in able]
+        able = [
+            SampleFrame(f.time_s, {n: v for n, v in f.channels.items() if n != ANGLE}) for f in able
+        ]
     settings = PreparationSettings.sampled(machine.transmission_ratio_m_per_rad, able, CUTOFF_HZ)
     speeds = np.abs(motion_speeds(machine, able))
     top_rad_s = float(np.quantile(speeds, 0.99)) if speeds.size else 0.0
     still = min(settings.standstill_rad_s, STANDSTILL_SHARE * top_rad_s)
     return able, replace(settings, standstill_rad_s=still)
-
-
-def _without_angle(frame: SampleFrame) -> SampleFrame:
-    channels = {name: values for name, values in frame.channels.items() if name != ANGLE}
-    return SampleFrame(frame.time_s, channels)
 
 
 def judge_sign(recordings: Sequence[SampleFrame], settings: PreparationSettings) -> Finding | None:
