@@ -19,12 +19,13 @@ from ...models.effects.effect import Effect, Kind, Parameter, Role
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
 from ...models.effects.registry import disturbance, effects, get_effect
 from ...regression.run import is_below
+from ..residual.vibration import hidden_vibration
+from ..result import VIBRATION
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"
 FORCE = disturbance()
 """Effect that no motion predicts: what the motion predicts is no force."""
-
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
 _LEAST_LEADS, _MOST_WAVES = 2.0, 40
@@ -36,12 +37,16 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
-_NULL_TORQUES: tuple[MotionCurve, ...] = (
-    lambda motion, _: motion.direction,
-    lambda motion, _: motion.speed_rad_s,
-    lambda motion, _: motion.acceleration_rad_s2,
-    lambda motion, _: np.ones(len(motion)),
-    lambda motion, _: motion.model_torque_nm,
+_NULL_TORQUES: tuple[tuple[MotionCurve, ...], ...] = (
+    (lambda motion, _: motion.direction,),
+    (lambda motion, _: motion.speed_rad_s,),
+    (lambda motion, _: motion.acceleration_rad_s2,),
+    (lambda motion, _: np.ones(len(motion)),),
+    (lambda motion, _: motion.model_torque_nm,),
+    (  # friction that grows with what speeds the axis up, or slows it down, or both
+        lambda motion, _: motion.acceleration_rad_s2,
+        lambda motion, _: motion.direction * np.abs(motion.acceleration_rad_s2),
+    ),
 )
 _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 """Kinds of effects that two encoders show; the torque shows the others."""
@@ -198,6 +203,18 @@ CandidateRegressor = EntryRegressor | EmpiricalShape | ForcePulse
 their shapes alone."""
 
 
+def most_shapes(name: str) -> int:
+    """Regressors of one effect that a set may hold; of what has no name, a few."""
+    effect = effects().get(name)
+    return 4 if effect is None else effect.most_shapes
+
+
+def is_load(regressor: CandidateRegressor) -> bool:
+    """Flag of what loads a spring: the difference of two could be any."""
+    effect = effects().get(regressor.name)
+    return effect is not None and effect.has_one_load and regressor.form != "late"
+
+
 def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
     """Regressors that bear the names of some effects, as far as a session could show them."""
     ranges, found = Ranges.of_session(session), list[CandidateRegressor]()
@@ -239,8 +256,8 @@ def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
         return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)
 
     if TORQUE_GAP in session.channels:
-        for curve in _NULL_TORQUES:
-            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (curve,)))
+        for curves in _NULL_TORQUES:
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", curves))
     if TRANSMISSION_GAP in session.channels:
         slope = EmpiricalForm("slope", transmission=(lambda motion, _: motion.position_m,))
         yield EmpiricalShape(UNKNOWN, slope)
@@ -361,4 +378,6 @@ def unobservable(session: Session) -> dict[str, str]:
         if is_open and not any(shown):
             lacks_torque = effect.kind not in _BETWEEN and TORQUE_GAP not in session.channels
             found[name] = "no torque recorded" if lacks_torque else "not visible in this motion"
-    return found
+    rows_of = session.channels.items()
+    unseen = [f"{name}: {why}" for name, rows in rows_of if (why := hidden_vibration(rows))]
+    return found | {VIBRATION: "; ".join(unseen)} if unseen else found
