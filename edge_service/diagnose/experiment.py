@@ -108,9 +108,7 @@ def separations(
     names: Sequence[str],
     values: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[Separation]:
-    """Separations of some effects, each from each other one, by a motion.
-
-    A fault is left out: no motion shows it, the estimator knows it or it is tied with friction.
+    """Separations of some effects, but for a fault, each from each other one, by a motion.
 
     Args:
         values: of the effects; of a typical fault unless given, or where those make no gap.

@@ -378,6 +378,6 @@ def unobservable(session: Session) -> dict[str, str]:
         if is_open and not any(shown):
             lacks_torque = effect.kind not in _BETWEEN and TORQUE_GAP not in session.channels
             found[name] = "no torque recorded" if lacks_torque else "not visible in this motion"
-    rows_of = session.channels.items()
-    unseen = [f"{name}: {why}" for name, rows in rows_of if (why := hidden_vibration(rows))]
+    why = {name: hidden_vibration(rows) for name, rows in session.channels.items()}
+    unseen = [f"{name}: {words}" for name, words in why.items() if words]
     return found | {VIBRATION: "; ".join(unseen)} if unseen else found

@@ -93,7 +93,8 @@ def strongest_vibration(session: Session, machine: Machine) -> Vibration | None:
 def _places(rows: Rows) -> Integers:
     """Place of each row on an even grid of time, (n,)."""
     time_s = rows.variables["time_s"]
-    return np.round((time_s - time_s[0]) / np.median(np.diff(time_s))).astype(np.int64)
+    place: Integers = np.round((time_s - time_s[0]) / np.median(np.diff(time_s))).astype(np.int64)
+    return place
 
 
 def hidden_vibration(rows: Rows) -> str:
