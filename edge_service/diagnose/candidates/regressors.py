@@ -8,7 +8,7 @@ plainer explains the gap as well.
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,17 +37,17 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
-_NULL_TORQUES: tuple[tuple[MotionCurve, ...], ...] = (
-    (lambda motion, _: motion.direction,),
-    (lambda motion, _: motion.speed_rad_s,),
-    (lambda motion, _: motion.acceleration_rad_s2,),
-    (lambda motion, _: np.ones(len(motion)),),
-    (lambda motion, _: motion.model_torque_nm,),
-    (  # friction that grows with what speeds the axis up, or slows it down, or both
+_NULL_TORQUES: dict[str, tuple[MotionCurve, ...]] = {  # each beside no entry of the same column
+    "drag_error": (lambda motion, _: motion.direction,),
+    "viscous_error": (lambda motion, _: motion.speed_rad_s,),
+    "inertia_error": (lambda motion, _: motion.acceleration_rad_s2,),
+    "load_offset": (lambda motion, _: np.ones(len(motion)),),
+    "torque_gain_error": (lambda motion, _: motion.model_torque_nm,),
+    UNKNOWN: (  # friction that grows with what speeds the axis up, or slows it down, or both
         lambda motion, _: motion.acceleration_rad_s2,
         lambda motion, _: motion.direction * np.abs(motion.acceleration_rad_s2),
     ),
-)
+}
 _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 """Kinds of effects that two encoders show; the torque shows the others."""
 
@@ -249,14 +249,14 @@ def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalSh
                 yield EmpiricalShape(effect.name, form)
 
 
-def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
-    """Null shapes, a level, a slope or a wave, of the recorded channels, each in one of them."""
+def null_shapes(session: Session, names: Collection[str]) -> Iterator[EmpiricalShape]:
+    """Null shapes beside some entries: levels, slopes, waves, each in one recorded channel."""
 
     def wave(order: int, phase_rad: float) -> MotionCurve:
         return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)
 
     if TORQUE_GAP in session.channels:
-        for curves in _NULL_TORQUES:
+        for curves in (curves for name, curves in _NULL_TORQUES.items() if name not in names):
             yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", curves))
     if TRANSMISSION_GAP in session.channels:
         slope = EmpiricalForm("slope", transmission=(lambda motion, _: motion.position_m,))

@@ -100,7 +100,7 @@ class SelectionProblem:
         """Pose the selection among the effects of a library that a session could show."""
         names = {each.name for each in library}
         entries = candidates_of(session, [each for each in library if each.name != FORCE])
-        more: list[CandidateRegressor] = list(null_shapes(session))
+        more: list[CandidateRegressor] = list(null_shapes(session, names))
         noise, tolerances = Noise.of_gap(session, machine), parameter_tolerances(machine)
         prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
         if TORQUE_GAP in session.channels and FORCE in names:
