@@ -15,9 +15,9 @@ import numpy as np
 
 from ...messages.samples import TORQUE, Floats
 from ...models.effects.baseline import Motion
-from ...models.effects.effect import Effect, Kind, Parameter, Role
+from ...models.effects.effect import Effect, Kind, Parameter, Role, Term
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
-from ...models.effects.registry import disturbance, effects, get_effect
+from ...models.effects.registry import disturbance, effects, effects_where, error_of, get_effect
 from ...regression.run import is_below
 from ..residual.vibration import hidden_vibration
 from ..result import VIBRATION
@@ -37,12 +37,13 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
+_STEADY = min(effects_where(lambda effect: effect.kind is Kind.LOAD and effect.term is None))
 _NULL_TORQUES: dict[str, tuple[MotionCurve, ...]] = {  # each beside no entry of the same column
-    "drag_error": (lambda motion, _: motion.direction,),
-    "viscous_error": (lambda motion, _: motion.speed_rad_s,),
-    "inertia_error": (lambda motion, _: motion.acceleration_rad_s2,),
-    "load_offset": (lambda motion, _: np.ones(len(motion)),),
-    "torque_gain_error": (lambda motion, _: motion.model_torque_nm,),
+    error_of(Term.COULOMB): (lambda motion, _: motion.direction,),
+    error_of(Term.VISCOUS): (lambda motion, _: motion.speed_rad_s,),
+    error_of(Term.INERTIA): (lambda motion, _: motion.acceleration_rad_s2,),
+    _STEADY: (lambda motion, _: np.ones(len(motion)),),
+    error_of(Term.GAIN): (lambda motion, _: motion.model_torque_nm,),
     UNKNOWN: (  # friction that grows with what speeds the axis up, or slows it down, or both
         lambda motion, _: motion.acceleration_rad_s2,
         lambda motion, _: motion.direction * np.abs(motion.acceleration_rad_s2),
