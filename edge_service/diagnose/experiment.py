@@ -41,11 +41,9 @@ class Separation:
 
     Attributes:
         rival: None stands for a healthy axis.
-        evidence: expected logarithm of the evidence for `effect` against `rival`, if `effect` is
-            there.
+        evidence: expected logarithm of the evidence for `effect` where it is there.
         ratios: what the rival leaves of each channel, over what a healthy axis leaves.
-        strain: squared distance of the parameters from their values, in their tolerances, that
-            the rival needs.
+        strain: squared distance of the parameters, in their tolerances, that the rival needs.
     """
 
     effect: str
@@ -110,13 +108,10 @@ def separations(
     names: Sequence[str],
     values: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[Separation]:
-    """Separations of some effects, each from each other one, by a motion.
-
-    A fault is left out: no motion shows it, the estimator knows it or it is tied with friction.
+    """Separations of some effects, but for a fault, each from each other one, by a motion.
 
     Args:
-        values: of the effects; those of a typical fault unless given, or where given values make
-            no gap.
+        values: of the effects; of a typical fault unless given, or where those make no gap.
     """
     prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
     names = [name for name in names if not get_effect(name).is_fault]
@@ -223,9 +218,7 @@ def propose(
     longest_s: float = LONGEST_S,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> list[Proposal]:
-    """Motions that were rehearsed, the best first: the shortest that decides leads.
-
-    Rehearsal ends with the first motion that decides; without any the order is by evidence.
+    """Motions that were rehearsed until one decides, the best first: that one, or by evidence.
 
     Args:
         tied: names of effects.

@@ -141,8 +141,7 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     """Variables that explain most of the gap in each channel, the best first.
 
     A function of the variable, or one that turns with the direction, is fitted to every other
-    stretch of time and held against the rest; the rate of false discoveries is bounded. The
-    intervals of a variable follow one another.
+    stretch of time and held against the rest; the rate of false discoveries is bounded.
 
     Args:
         floors: gap of a healthy axis by channel; a channel that hardly exceeds it holds no gap.

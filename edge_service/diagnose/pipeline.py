@@ -9,6 +9,7 @@ from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
 from .localisation import where
+from .residual.noise import steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
@@ -36,6 +37,7 @@ BLIND_TRUST = 0.5
 where a vibration has most of the gap, for it may shake the axis itself."""
 BLIND_SHARE = 0.5
 """Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
+COARSE = "torque: it comes in steps greater than its noise, and rows that keep a value are left out"
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
@@ -168,12 +170,13 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
         floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
     blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
+    coarse = 0.0 < floor.get(TORQUE_GAP, 0.0) <= steps_nm(session)
     known = {} if loss is None else {loss.effect.name: TORQUE_GAP}
     channel_of = {**known, **contributions.channel_of}
     replayed = replay(problem.machine, assessment.validation, channel_of, floor, loss)
     found = []
     for each in assessment.effects:
-        trust = BLIND_TRUST if blind and each.channel == TORQUE_GAP else 1.0
+        trust = BLIND_TRUST if (blind or coarse) and each.channel == TORQUE_GAP else 1.0
         changes = {"replay": replayed.effects.get(each.name)}
         found.append(each.model_copy(update=changes | {"probability": trust * each.probability}))
     found = _ranked(found)
@@ -200,7 +203,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     without = problem.fit(()).rms
     misfit = Misfit(
         p_value=min(noise.chance(name, without[name]) for name in gap),
-        p_value_after=min(noise.chance(name, left_rms[name]) for name in gap),
+        p_value_after=min(noise.chance(n, (left_rms if found else without)[n]) for n in gap),
     )
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
@@ -220,7 +223,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             name: tuple(WaterfallStep(effect=effect, rms=left) for effect, left in steps)
             for name, steps in contributions.waterfall().items()
         },
-        caveats=caveats_of(gap, left_rms, torque_rms_nm, verdict),
+        caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict)),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         suspects={
             name: {"structure": finite_or_none(each)} for name, each in assessment.suspects.items()

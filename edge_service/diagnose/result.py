@@ -84,8 +84,9 @@ class NamedEffect(Frozen):
 
     @property
     def is_known(self) -> bool:
-        """Flag of a cause beyond doubt that helps on other motion."""
-        return self.probability >= SURE and len(self.tied) == 1 and self.shrink.low > 0.0
+        """Flag of a cause beyond doubt that helps on other motion, and harms on none."""
+        is_sure = self.probability >= SURE and len(self.tied) == 1
+        return is_sure and self.shrink.low >= 0.0 and self.shrink.estimate > 0.0
 
 
 class ReplayedGap(Frozen):
@@ -194,8 +195,7 @@ class Diagnosis(Frozen):
         gap, waterfall: by channel.
         where, where_after: places of the gap, and of what the named effects leave of it.
         effects: the most probable first.
-        suspects: effects that were named at first, and the `structure` that each left; null where
-            it cannot be told.
+        suspects: effects that were named at first, and the `structure` that each left.
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each.
@@ -249,12 +249,9 @@ def withheld(found: Diagnosis) -> tuple[str, ...]:
 
 
 def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
-    """Effects that the model may learn; beside a remainder of no known cause the known ones."""
+    """Effects that the model may learn: those beyond doubt."""
     if found.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
         return ()
     kept_out = withheld(found)
-    return tuple(
-        each
-        for each in found.effects
-        if each.entries and each.name not in kept_out and (each.is_known or not found.partly)
-    )
+    known = [each for each in found.effects if each.is_known and each.name not in kept_out]
+    return tuple(each for each in known if each.entries)

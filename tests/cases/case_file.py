@@ -27,6 +27,7 @@ class Edit(Strict):
     value: dict[str, float] = {}
     old_rows: dict[str, int] = {}
     held_rows: dict[str, int] = {}
+    steps: dict[str, float] = {}
     wrap: dict[str, float] = {}
     interpolated_rows: int = Field(1, description="of so many, all but the first are drawn")
     noise: dict[str, float] = {}

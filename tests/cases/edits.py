@@ -15,9 +15,10 @@ def edited(columns: Columns, edit: Edit, seed: int = 1) -> Columns:
     columns = {name: np.array(values) for name, values in columns.items()}
     rng = np.random.default_rng(seed)
     _in_place(columns, edit, rng)
+    for name, step in edit.steps.items():
+        columns[name] = step * np.round(columns[name] / step)
     _clock(columns[TIME], edit)
-    columns = _rows(columns, edit, rng)
-    kept = {name: values for name, values in columns.items() if name not in edit.drop}
+    kept = {name: x for name, x in _rows(columns, edit, rng).items() if name not in edit.drop}
     return {edit.rename.get(name, name): values for name, values in kept.items()}
 
 

@@ -90,10 +90,8 @@ def _own_recorded(machine: Machine, case: HiddenCase, motion: str, seed: int) ->
 
 def _drawn(text: str, case: HiddenCase) -> ActiveEffect:
     """Effect as it is given, or with amounts and phases by chance."""
-    active, random = (
-        parse_effect(text),
-        np.random.default_rng([case.seed, zlib.crc32(text.encode())]),
-    )
+    active = parse_effect(text)
+    random = np.random.default_rng([case.seed, zlib.crc32(text.encode())])
     values = dict(active.values)
     for each in () if ":" in text else active.effect.parameters:
         if each.role is Role.AMOUNT:

@@ -94,8 +94,8 @@ class CheckedCase:
         }
         realised = [{"name": name, "share": share} for name, share in self.realised.items()]
         case = {"truth": self.case.causes, "without": self.case.withheld, "seed": self.case.seed}
-        said = {"outcome": self.outcome, "gap": gap, "realised": realised}
-        return case | said | {"diagnosis": self.found}
+        said = {"outcome": self.outcome, "gap": gap, "realised": realised, "diagnosis": self.found}
+        return case | said
 
     @property
     def words(self) -> str:

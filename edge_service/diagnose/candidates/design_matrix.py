@@ -72,8 +72,7 @@ class DesignMatrix:
         nuisances: number of leading regressors that stand for what a healthy axis may have.
         mean, precision: prior of the coefficient of each column, (p,); precision 0 knows nothing.
         first: first column of each regressor, (n_regressors + 1,).
-        columns: by channel, (n, p); none in a matrix that is restricted to some rows.
-        equations: normal equations of the columns and the gap, by channel.
+        columns, equations: by channel, (n, p); a matrix restricted to some rows has no columns.
         alternatives: number of regressors that share name and form with each regressor.
     """
 

@@ -8,23 +8,24 @@ plainer explains the gap as well.
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...messages.samples import TORQUE, Floats
 from ...models.effects.baseline import Motion
-from ...models.effects.effect import Effect, Kind, Parameter, Role
+from ...models.effects.effect import Effect, Kind, Parameter, Role, Term
 from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
-from ...models.effects.registry import disturbance, effects, get_effect
+from ...models.effects.registry import disturbance, effects, effects_where, error_of, get_effect
 from ...regression.run import is_below
+from ..residual.vibration import hidden_vibration
+from ..result import VIBRATION
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 UNKNOWN = "unknown"
 FORCE = disturbance()
 """Effect that no motion predicts: what the motion predicts is no force."""
-
 _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
 _LEAST_LEADS, _MOST_WAVES = 2.0, 40
@@ -36,13 +37,18 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
-_NULL_TORQUES: tuple[MotionCurve, ...] = (
-    lambda motion, _: motion.direction,
-    lambda motion, _: motion.speed_rad_s,
-    lambda motion, _: motion.acceleration_rad_s2,
-    lambda motion, _: np.ones(len(motion)),
-    lambda motion, _: motion.model_torque_nm,
-)
+_STEADY = min(effects_where(lambda effect: effect.kind is Kind.LOAD and effect.term is None))
+_NULL_TORQUES: dict[str, tuple[MotionCurve, ...]] = {  # each beside no entry of the same column
+    error_of(Term.COULOMB): (lambda motion, _: motion.direction,),
+    error_of(Term.VISCOUS): (lambda motion, _: motion.speed_rad_s,),
+    error_of(Term.INERTIA): (lambda motion, _: motion.acceleration_rad_s2,),
+    _STEADY: (lambda motion, _: np.ones(len(motion)),),
+    error_of(Term.GAIN): (lambda motion, _: motion.model_torque_nm,),
+    UNKNOWN: (  # friction that grows with what speeds the axis up, or slows it down, or both
+        lambda motion, _: motion.acceleration_rad_s2,
+        lambda motion, _: motion.direction * np.abs(motion.acceleration_rad_s2),
+    ),
+}
 _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 """Kinds of effects that two encoders show; the torque shows the others."""
 
@@ -198,6 +204,18 @@ CandidateRegressor = EntryRegressor | EmpiricalShape | ForcePulse
 their shapes alone."""
 
 
+def most_shapes(name: str) -> int:
+    """Regressors of one effect that a set may hold; of what has no name, a few."""
+    effect = effects().get(name)
+    return 4 if effect is None else effect.most_shapes
+
+
+def is_load(regressor: CandidateRegressor) -> bool:
+    """Flag of what loads a spring: the difference of two could be any."""
+    effect = effects().get(regressor.name)
+    return effect is not None and effect.has_one_load and regressor.form != "late"
+
+
 def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
     """Regressors that bear the names of some effects, as far as a session could show them."""
     ranges, found = Ranges.of_session(session), list[CandidateRegressor]()
@@ -232,15 +250,15 @@ def empirical_shapes(session: Session, ranges: "Ranges") -> Iterator[EmpiricalSh
                 yield EmpiricalShape(effect.name, form)
 
 
-def null_shapes(session: Session) -> Iterator[EmpiricalShape]:
-    """Null shapes, a level, a slope or a wave, of the recorded channels, each in one of them."""
+def null_shapes(session: Session, names: Collection[str]) -> Iterator[EmpiricalShape]:
+    """Null shapes beside some entries: levels, slopes, waves, each in one recorded channel."""
 
     def wave(order: int, phase_rad: float) -> MotionCurve:
         return lambda motion, _baseline: np.sin(order * motion.angle_rad + phase_rad)
 
     if TORQUE_GAP in session.channels:
-        for curve in _NULL_TORQUES:
-            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", (curve,)))
+        for curves in (curves for name, curves in _NULL_TORQUES.items() if name not in names):
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", curves))
     if TRANSMISSION_GAP in session.channels:
         slope = EmpiricalForm("slope", transmission=(lambda motion, _: motion.position_m,))
         yield EmpiricalShape(UNKNOWN, slope)
@@ -361,4 +379,6 @@ def unobservable(session: Session) -> dict[str, str]:
         if is_open and not any(shown):
             lacks_torque = effect.kind not in _BETWEEN and TORQUE_GAP not in session.channels
             found[name] = "no torque recorded" if lacks_torque else "not visible in this motion"
-    return found
+    why = {name: hidden_vibration(rows) for name, rows in session.channels.items()}
+    unseen = [f"{name}: {words}" for name, words in why.items() if words]
+    return found | {VIBRATION: "; ".join(unseen)} if unseen else found

@@ -1,8 +1,7 @@
 """Noise of a session: what no fit can explain, and how much of a residual matters.
 
 What smooth functions of the motion say of the gap in another block of time is no noise, nor is what
-comes again at the same place at the same speed: two passes of a motion differ by noise, and by
-nothing that any model could know. Bursts, such as those of a force, do not raise the floor.
+comes again at the same place at the same speed. Bursts, such as those of a force, are not either.
 """
 
 import math
@@ -17,6 +16,7 @@ from scipy.spatial import KDTree
 from ...messages.samples import Floats, Integers
 from ...models.machine import Machine
 from ...regression.linear import effective_size
+from ..session.recordings import STEPS
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
 from .structure import predicted_structure, structure_of_gap
 
@@ -34,8 +34,7 @@ TOLERANCE_OF_TORQUE = 1e-3
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
 _MOST_INDEPENDENT = 60.0
-"""Observations for which no p-value up to 0.1 is below the part of healthy axes that left as much:
-of 320 simulated ones, 200 and 120 more, three plants and six motions."""
+"""Observations with which no p-value up to 0.1 is below the part of 320 healthy axes (README)."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
@@ -56,8 +55,7 @@ class Noise:
     Attributes:
         floor: root mean square that a healthy axis leaves.
         tolerance: root mean square that nobody needs to know the cause of.
-        effective: independent observations among the rows; bounded, because the library is no
-            better than an approximation of a real axis.
+        effective: independent observations among the rows; bounded, for the library approximates.
         discrepancy: root mean square below which one fit is no better than another.
     """
 
@@ -137,8 +135,8 @@ def stated_tolerance(
     """Gap beyond the floor that nobody acts on, by channel.
 
     As the machine file states it; otherwise as much as the floor, in the torque no more than a
-    tenth of the torque in motion, and no less than a thousandth of the drive's greatest torque, and
-    what a linear encoder's own interpolation makes.
+    tenth of that in motion and no less than a thousandth of the drive's greatest, and what a
+    linear encoder's own interpolation makes.
 
     Args:
         torque_nm: root mean square of the torque in motion.
@@ -159,6 +157,11 @@ def stated_tolerance(
     }
 
 
+def steps_nm(session: Session) -> float:
+    """Root mean square that coarse steps of the torque leave in it, N m; otherwise 0."""
+    return max(run.noise.get(STEPS, 0.0) for run in session.runs)
+
+
 def noise_floor(
     session: Session,
     left: Mapping[str, Floats],
@@ -175,7 +178,8 @@ def noise_floor(
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, session.fold[name])
-        levels[name] = min(ordinary_rms(rest), _REPEATS_MAY_MISS * again)
+        least = steps_nm(session) if name == TORQUE_GAP else 0.0
+        levels[name] = max(min(ordinary_rms(rest), _REPEATS_MAY_MISS * again), least)
         noise[name] = rest
     return levels, noise
 

@@ -1,8 +1,7 @@
 """Structure of a gap: what smooth functions of the motion predict, whatever the name of its cause.
 
-What they say of held-out blocks is no noise. Hats over speed, position, acceleration and time, each
-also turned with the direction, and the strongest waves over the angle claim nothing but that the
-same motion gives the same gap.
+What they say of held-out blocks is no noise. Hats over speed, position, acceleration and time, also
+turned with the direction, and waves over the angle claim but that like motion gives a like gap.
 """
 
 from collections.abc import Mapping, Sequence
@@ -172,9 +171,7 @@ def predicted_groups(
 def predicted_structure(
     session: Session, left: Mapping[str, Floats], *, timed: bool = True
 ) -> dict[str, Floats]:
-    """Prediction of `left` by smooth functions on blocks that they were not fitted to, by channel.
-
-    It is 0 in a channel where nothing follows better.
+    """Prediction by smooth functions on blocks not fitted, by channel; 0 where none helps.
 
     Args:
         left: what something leaves of the gap, by channel, (n,).

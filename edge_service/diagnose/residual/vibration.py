@@ -1,10 +1,9 @@
 """Vibration: what is periodic in time, and in nothing that the axis is told to do.
 
 Its cause is no entry of the library: a limit cycle, chatter, a filter, the machine next door. A
-line or a band of the spectrum counts where it stands out of the floor around it more than white
-noise does in one recording of a hundred, over all that is tried; noise that wanders, AR(0.9), in
-rows with pauses does so in 3 of a hundred. What stands out as clearly of the motion's own spectrum
-follows the motion, and what the angle tells as well turns with the screw: neither is a vibration.
+line or a band of the spectrum counts where white noise stands out as much in one recording of a
+hundred (AR(0.9) in rows with pauses in three). What stands out as clearly of the motion's own
+spectrum follows the motion, and what the angle tells as well turns with the screw.
 """
 
 import math
@@ -91,16 +90,30 @@ def strongest_vibration(session: Session, machine: Machine) -> Vibration | None:
     return strongest
 
 
+def _places(rows: Rows) -> Integers:
+    """Place of each row on an even grid of time, (n,)."""
+    time_s = rows.variables["time_s"]
+    place: Integers = np.round((time_s - time_s[0]) / np.median(np.diff(time_s))).astype(np.int64)
+    return place
+
+
+def hidden_vibration(rows: Rows) -> str:
+    """Reason why a channel has no spectrum; empty where it has one."""
+    place = _places(rows)
+    if np.any(np.diff(place) < 1):
+        return "rows are not evenly in order"
+    is_usual = _LEAST_ROWS < int(place[-1]) + 1 < _MOST_ROWS
+    return "" if is_usual else f"{len(place)} rows, expected {_LEAST_ROWS} to {_MOST_ROWS}"
+
+
 def _strongest(session: Session, channel: str, rest: Floats) -> Vibration | None:
     """Strongest vibration of a residual (n,); None where nothing stands out but the motion."""
     rows, low_pass = session.channels[channel], session.runs[0].low_pass
-    time_s = rows.variables["time_s"]
-    period_s = float(np.median(np.diff(time_s)))
-    place = np.round((time_s - time_s[0]) / period_s).astype(np.int64)
-    count = int(place[-1]) + 1
-    if not _LEAST_ROWS < count < _MOST_ROWS or np.any(np.diff(place) < 1):
+    if hidden_vibration(rows):
         return None
-    step_hz = 1.0 / (count * period_s)
+    time_s, place = rows.variables["time_s"], _places(rows)
+    count = int(place[-1]) + 1
+    step_hz = 1.0 / (count * float(np.median(np.diff(time_s))))
     passed_hz = math.inf if len(low_pass.taps) == 1 else low_pass.cutoff_hz
     raised, floor = _spectrum(place, rest, count)
     band = _greatest_band(raised, floor, int(min(passed_hz / step_hz, _MOST_OF_RATE * count)))

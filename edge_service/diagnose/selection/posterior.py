@@ -143,10 +143,9 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
-    that one, however well many observations tell them apart. So is, before the data, a part of the
-    best set that leaves as little: the nuisances can hold what it lacks. And friction of a healthy
-    axis wanders: where heat seems to be a cause, a level that is off, and drifts by less than
-    anybody acts on, may be no more than that, whatever the drift resembles.
+    that one. So is, before the data, a part of the best set that leaves as little: the nuisances
+    can hold what it lacks. And friction of a healthy axis wanders: where heat seems to be a cause,
+    a level that is off, and drifts by less than anybody acts on, may be no more than that.
     """
     ranked = sorted(sets, key=lambda each: -each.fit.score)
     best = ranked[0]

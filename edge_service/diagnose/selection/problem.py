@@ -15,22 +15,24 @@ from ...models.effects.registry import effects, effects_where
 from ...models.machine import Machine
 from ..candidates.design_matrix import DesignMatrix, force_pulses, healthy_priors
 from ..candidates.normal_equations import solved, square_falls
-from ..candidates.regressors import FORCE, UNKNOWN, CandidateRegressor, candidates_of, null_shapes
+from ..candidates.regressors import (
+    FORCE,
+    UNKNOWN,
+    CandidateRegressor,
+    candidates_of,
+    is_load,
+    most_shapes,
+    null_shapes,
+)
 from ..residual.noise import Noise
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, parameter_tolerances
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
-UNNAMED_COST = 10.0
-"""A cause that no entry describes is some hundred times rarer still."""
-REGRESSORS_PER_EFFECT = 4
-_ROUNDS = 6
-_PINNED = 1e9
-_AT_ONCE = 256
-_MOST_LEADERS = 12
-_LEAST_GAIN = 3.0
-_MOST_REGRESSORS = 14
-_MOST_SPARED = 5
+UNNAMED_COST = NAME_COST + math.log(20.0)
+"""Of twenty causes one is none that an entry describes (assumption)."""
+_ROUNDS, _AT_ONCE, _PINNED, _LEAST_GAIN = 6, 256, 1e9, 3.0
+_MOST_LEADERS, _MOST_REGRESSORS, _MOST_SPARED = 12, 14, 5
 MOST_EFFECTS = 3
 _LEADING = 12
 """Sets whose shapes are sought once more, all of their effects together."""
@@ -43,12 +45,6 @@ COMPLETE = 0.3
 another one's entry, which would be wrong in some way of its own."""
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
-
-
-def most_shapes(name: str) -> int:
-    """Regressors of one effect that a set may hold; of what has no name, a few."""
-    effect = effects().get(name)
-    return REGRESSORS_PER_EFFECT if effect is None else effect.most_shapes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +100,7 @@ class SelectionProblem:
         """Pose the selection among the effects of a library that a session could show."""
         names = {each.name for each in library}
         entries = candidates_of(session, [each for each in library if each.name != FORCE])
-        more: list[CandidateRegressor] = list(null_shapes(session))
+        more: list[CandidateRegressor] = list(null_shapes(session, names))
         noise, tolerances = Noise.of_gap(session, machine), parameter_tolerances(machine)
         prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
         if TORQUE_GAP in session.channels and FORCE in names:
@@ -228,8 +224,7 @@ class SelectionProblem:
     ) -> Fit:
         """Select a set that grows by the best regressor and loses what has become idle.
 
-        It ends where no further one is worth it. An effect may be there several times: two
-        ripples, two rough stretches.
+        An effect may be there several times: two ripples, two rough stretches.
 
         Args:
             most_of: effect -> number of its regressors that a set may hold.
@@ -263,13 +258,13 @@ class SelectionProblem:
         regressors = self.design.regressors
         chosen = [regressors[a] for a in base.chosen]
         used = Counter(each.name for each in chosen)
-        loads = {each.form for each in chosen if _is_load(each)}
+        loads = {each.form for each in chosen if is_load(each)}
         loaded = most_of is most_shapes and bool(loads)
         return [
             a
             for a in candidates
             if a not in base.regressors and used[regressors[a].name] < most_of(regressors[a].name)
-            if not ((loaded or regressors[a].form in loads) and _is_load(regressors[a]))
+            if not ((loaded or regressors[a].form in loads) and is_load(regressors[a]))
         ]
 
     def _pruned(self, best: Fit) -> Fit:
@@ -304,8 +299,7 @@ class SelectionProblem:
     def leading_sets(self, known: Sequence[Fit]) -> list[Fit]:
         """Best sets of up to three effects, each with the shapes that suit it.
 
-        Every effect comes with its shapes where it is alone, and with those that it has beside
-        others: a greedy start may be in none of them.
+        Every effect comes with its shapes where it is alone, and with those beside others.
 
         Args:
             known: fits found so far, the best of all first.
@@ -334,9 +328,8 @@ class SelectionProblem:
     def material_names(self, whole: Fit) -> frozenset[str]:
         """Effects of a fit that matter: significance is not enough.
 
-        Two that stand in for one another would both be idle, and nothing would be named of a gap
-        that they explain: the one that can be spared is taken out, and the others are looked at
-        again, as long as the material ones leave most of what all explain of a channel.
+        Two that stand in for one another would both be idle: the one that can be spared is taken
+        out, as long as the material ones leave most of what all explain of a channel.
         """
         while True:
             material = self._material(whole)
@@ -401,9 +394,3 @@ class SelectionProblem:
             - self.design.columns[name][:, best.columns].astype(np.float64) @ best.coefficients
             for name, rows in self.session.channels.items()
         }
-
-
-def _is_load(regressor: CandidateRegressor) -> bool:
-    """Flag of what loads a spring: the difference of two could be any."""
-    effect = effects().get(regressor.name)
-    return effect is not None and effect.has_one_load and regressor.form != "late"

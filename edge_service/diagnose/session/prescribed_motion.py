@@ -1,8 +1,7 @@
 """Inverse simulation: an axis with the measured motion of a run prescribed, for its torque.
 
-Its motor makes the measured motion (`models.driven_motion`), so controllers and following errors
-have no part in what is compared. What lies outside the plant is put on afterwards: the torque path
-is undone from shaft to command, and the encoders' errors are read as they were made.
+Its motor makes the measured motion, so controllers have no part in what is compared. What lies
+outside the plant, the torque's path and the encoders' errors, is put on afterwards.
 """
 
 import itertools
@@ -87,7 +86,7 @@ class PrescribedMotionAxis:
         motion, ratio = run.motion, self.plant.ratio_m_per_rad
         misread = np.choose(number, [_misread_rad(each, motion.angle_rad) for each in variants])
         travel = ratio * (motion.angle_rad - misread)
-        speed = motion.speed_rad_s - central_difference(misread, _period_s(motion))
+        speed = motion.speed_rad_s - central_difference(misread, run.period_s)
         shaft_nm, ahead_m = self._moved(motion, travel, ratio * speed, variants, number)
         command_nm = _command(motion, shaft_nm, variants, number)
         lag_s = _of(number, variants, "position_lag_s")
@@ -112,7 +111,7 @@ class PrescribedMotionAxis:
         number: Integers,
     ) -> tuple[Floats, Floats]:
         """Torque at the shaft, and how far the table is ahead of the motor, (n,) each."""
-        period_s = _period_s(motion)
+        period_s = float(motion.time_s[1] - motion.time_s[0])
         loads = [each.over_time(motion.time_s, motion.temperature_c) for each in variants]
         way = self._way(motion, speed, loads, number)
         offset_m = float(np.median(motion.position_m - travel))
@@ -150,10 +149,6 @@ class PrescribedMotionAxis:
         by_time = Loads(*(np.choose(number, each) for each in zip(*loads, strict=True)))
         by_time = by_time._replace(force_n=by_time.force_n + known_n)
         return Way(_extended(speed), _extended(motion.position_m), Loads(*map(_extended, by_time)))
-
-
-def _period_s(motion: Motion) -> float:
-    return float(motion.time_s[1] - motion.time_s[0])
 
 
 def _command(

@@ -48,6 +48,7 @@ _AT_LIMIT = 0.999
 """Of the drive's limit: as exactly as drives state their torque."""
 TEMPERATURE_MEAN_S = 5.0
 """A housing warms up slowly: its sensor's noise and steps are no warmth."""
+STEPS, _NO_STEP = "torque_steps", 1e-6  # of the greatest torque
 EDGE_S = 0.1
 LEAST_RUN_S = 1.0
 _OPTIONAL = (SETPOINT, TEMPERATURE, EXTERNAL_FORCE)
@@ -119,6 +120,8 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)
+    if TORQUE in raw:
+        noise[STEPS] = _steps_rms(raw[TORQUE][inside][moving])
     given = {name: values[inside] for name, values in {**raw, **smooth}.items()}
     if TEMPERATURE in raw:
         reach = max(round(TEMPERATURE_MEAN_S / run.period_s), 1)
@@ -161,6 +164,14 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         low_pass=low_pass_of,
         noise=noise,
     )
+
+
+def _steps_rms(values: Floats) -> float:
+    """Error of rounding of a series (n,) that mostly keeps the value before; otherwise 0."""
+    change = np.abs(np.diff(values))
+    steps = change[change > _NO_STEP * np.abs(values).max(initial=0.0)]
+    is_coarse = 0 < len(steps) < 0.5 * len(change)
+    return float(steps.min()) / math.sqrt(12.0) if is_coarse else 0.0
 
 
 def _slow_noise_rms(values: Floats) -> float:

@@ -66,12 +66,9 @@ class Session:
     Attributes:
         baseline: rigid; `modelled` effects belong to the model as well.
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
-        rows: channel -> its rows in each run, thinned to those of the session, (k,) each; none
-            in a run without the channel.
-        beside: session with what it has beyond the healthy machine as its gap; itself where only
-            the model is known.
-        healthy_floor: channel -> root mean square by which another healthy recording may part from
-            that machine.
+        rows: channel -> its rows in each run, thinned to those of the session, (k,) each.
+        beside: session with what it has beyond the healthy machine, if that is known, as its gap.
+        healthy_floor: channel -> root mean square by which a healthy recording may part from it.
     """
 
     runs: tuple[Run, ...]

@@ -97,10 +97,9 @@ def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
 def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     """Shrink from a gap to what is left of it, (n,), with an interval for motion of other kinds.
 
-    Another motion visits the regimes of this one in other proportions, of which nothing is known:
-    each draw weighs them by a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap).
-    It is one recording, as warm as a part of this session and in no more places: each draw looks at
-    one part.
+    Another motion visits the regimes of this one in unknown proportions: each draw weighs them by
+    a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap). It is one recording, as
+    warm as a part of this session and in no more places: each draw looks at one part.
 
     Args:
         left: the first gives the estimate; each is as likely on other motion.

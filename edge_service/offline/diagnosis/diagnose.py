@@ -35,7 +35,7 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
 from ..recordings import Progress, examine, silent
-from ..report.diagnosis_page import chance, render
+from ..report.diagnosis_page import chance, places, render
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
 
@@ -100,7 +100,8 @@ def _diagnosed(
     found = lost or diagnose_session(session, machine, library, progress)
     found = _with_motion(beside_doubts(found, doubted, library), machine)
     found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
-    found = found.with_effects(found.effects, found.verdict, *mismatches)
+    verdict = Verdict.UNKNOWN if mismatches and found.verdict is Verdict.NO_GAP else found.verdict
+    found = found.with_effects(found.effects, verdict, *mismatches)
     unseen = unobservable(session)
     stated = {
         "not_judged": tuple(unseen),
@@ -116,7 +117,7 @@ def _diagnosed(
     except ValueError as error:
         raise ConfigError(f"{machine_file}: {error}") from error
     _write(out, found, augmented, render(machine, names, found, session))
-    return Answer(_summary(found, out), found)
+    return Answer(_summary(found, out, machine.transmission_ratio_m_per_rad), found)
 
 
 def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
@@ -128,8 +129,7 @@ def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
 
 def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:
     """Check of a session: what `doctor` forbids comes first, in its words."""
-    names = [path.name for path in traces]
-    check = check_data(runs, machine.transmission_ratio_m_per_rad, names)
+    check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
     forbidding = tuple(f"{e.sentence}; {e.remedy}" for e in examine(machine, traces) if e.forbids)
     return replace(check, faults=forbidding or check.faults)
 
@@ -203,7 +203,7 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
             file.write(content)
 
 
-def _summary(found: Diagnosis, out: Path) -> str:
+def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
     is_part = found.partly and found.verdict is Verdict.EXPLAINED
     lines = [f"verdict: {'partly ' if is_part else ''}{found.verdict.value}"]
     if found.misfit is not None:
@@ -215,6 +215,7 @@ def _summary(found: Diagnosis, out: Path) -> str:
         f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
         for name, each in found.gap.items()
     ]
+    lines += places(found.where, m_per_rad)
     for each in found.effects:
         said, s = [f"{x.value:.3g} {x.unit}" for x in each.parameters.values()], each.shrink
         if each.entries:
@@ -231,6 +232,5 @@ def _summary(found: Diagnosis, out: Path) -> str:
     }
     lines += [f"{words}: {', '.join(names)}" for words, names in kinds.items() if names]
     if found.next_motion:
-        document = out / "diagnosis.json"
-        lines.append(f"to decide ({found.next_motion}): edge-service motion next {document}")
+        lines += [f"to decide ({found.next_motion}): edge-service motion next {out / _FILES[2]}"]
     return "\n".join([*lines, f"report: {out / 'report.html'}"])
