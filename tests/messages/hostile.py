@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from edge_service.messages.codec import Topic
 from edge_service.messages.edge_block import BLOCK_ENCODING, MAGIC
+from edge_service.messages.topics import TOPICS
 
 from .examples import HEADER, PAYLOADS
 
@@ -50,6 +51,13 @@ def payloads(topic: Topic[Any]) -> st.SearchStrategy[bytes]:
         inside(good),
         inside(good),
         inside(good),
+    )
+
+
+def hostile() -> st.SearchStrategy[tuple[str, bytes]]:
+    """Topic and payload, of every topic of the table."""
+    return st.sampled_from(sorted(TOPICS)).flatmap(
+        lambda name: st.tuples(st.just(name), payloads(TOPICS[name]))
     )
 
 
