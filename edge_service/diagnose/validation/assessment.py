@@ -208,7 +208,10 @@ class Assessment:
             shown = estimates.shown(name)
             sure = min((confidence[each] for each in shown), default=1.0)
             shrink = validation.shrink(name, channel)
-            if shrink.low < 0.0 and name != FORCE:
+            tolerated = posterior.problem.noise.tolerance[channel]
+            rms = math.sqrt(np.mean(posterior.problem.session.channels[channel].gap ** 2))
+            helps = shrink.estimate * rms >= tolerated >= -shrink.low * rms
+            if shrink.low < 0.0 and not helps and name != FORCE:
                 trust *= CONTRADICTED
             if name == FORCE:
                 gap = posterior.problem.session.channels[TORQUE_GAP].gap
@@ -255,10 +258,7 @@ class Assessment:
         )
 
     def idlest(self) -> str:
-        """Named effect that is least of a cause; empty where all are causes.
-
-        One whose value is not told from zero is none.
-        """
+        """Named effect that is least of a cause, as one not told from zero; empty without any."""
         if FORCE in self.contributions.named and all(each.name != FORCE for each in self.effects):
             return FORCE  # no entry can say how it acts
         idle = []

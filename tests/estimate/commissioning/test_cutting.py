@@ -103,7 +103,8 @@ def test_every_kind_of_cut_is_refused(
     cut: Cut, force_n: float, axis_seed: int, tmp_path: Path
 ) -> None:
     recording = produced(cut, force_n, axis_seed, encoders=1 + axis_seed % 2)
-    assert "process forces" in commission(recording, tmp_path, 2)
+    text = commission(recording, tmp_path, 2)
+    assert "process forces" in text or "another force is in it" in text
 
 
 @pytest.mark.slow
