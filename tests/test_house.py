@@ -159,7 +159,7 @@ MOST_LINES = {
     "drivers": 3759,
     "estimate": 5143,
     "fingerprint": 2790,
-    "health": 4608,
+    "health": 4610,
     "http_api": 2449,
     "messages": 2001,
     "models": 5660,

@@ -54,7 +54,7 @@ def test_even_a_step_that_nobody_tells_freezes_no_trend(step_ns: int) -> None:
 @pytest.mark.parametrize("step_ns", STEPS_NS)
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_kept_state_of_another_clock_goes_on(step_ns: int, is_told: bool) -> None:
-    """What is dated after now is moved where nobody tells the step, as at a start."""
+    """At a start nobody tells the step: times after now are moved before it."""
     monitor, now_ns = run()
     again = AxisMonitor(*FACTS, AlarmSettings(), now_ns + step_ns)
     again.restore(monitor.snapshot(), step_ns if is_told else 0)

@@ -61,7 +61,9 @@ MEMORY_MB = 64.0
 _GREATEST = 2**62
 _OVER = "SELECT axis, hour_s FROM open_hour WHERE hour_s <> ? LIMIT 1"
 _OLDEST = """SELECT axis, step_s, start_s FROM history WHERE step_s < ?
-ORDER BY step_s, start_s LIMIT 1"""
+ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
+FUTURE_S = 86_400.0
+"""Lead over the clock from which on a row was written while the clock was wrong, s."""
 
 
 class History:
@@ -111,7 +113,7 @@ class History:
             if over is not None:
                 self._store.write(lambda file: self._compact(file, *over))
             if over is not None or self._is_new:
-                self._make_room()
+                self._make_room(now_s)
                 self._is_new = False
 
     def rows(self, axis: str, start_s: float, end_s: float, finest_step_s: float) -> Rows:
@@ -231,11 +233,11 @@ class History:
             log.warning("%s; left out", words)
             self._store.damages.append(words)
 
-    def _make_room(self) -> None:
-        """Remove the oldest seconds, then minutes, until the file is within its budget."""
+    def _make_room(self, now_s: float) -> None:
+        """Remove seconds, then minutes, the oldest and those of the future first, to the budget."""
 
         def remove(file: sqlite3.Connection) -> bool:
-            oldest = file.execute(_OLDEST, (HOUR_S,)).fetchone()
+            oldest = file.execute(_OLDEST, (HOUR_S, now_s + FUTURE_S)).fetchone()
             if oldest is not None:
                 gone = "DELETE FROM history WHERE axis = ? AND step_s = ? AND start_s = ?"
                 file.execute(gone, oldest)
