@@ -62,19 +62,14 @@ def adapt_hypotheses(
     moments[state.SINCE_SPAWN_S] += motion_s
     if elapsed_s > STOP_S:
         moments[state.STOPPED_S] = min(elapsed_s, _LONGEST_STOP_S)
-    side = 1 if reading.direction > 0.0 else 2
-    oldest = 0.0
-    for k in range(bank.alive.shape[0]):
-        if bank.alive[k]:
-            if calm:
-                bank.age_s[k] += motion_s
-                bank.directions[k] |= side
-            oldest = max(oldest, bank.age_s[k])
+    leader = leader_of(bank)
+    if calm:
+        bank.age_s[:] += motion_s * bank.alive * (bank.force <= FORCED)
+        bank.directions[leader] |= 1 if reading.direction > 0.0 else 2
     if moments[state.LEARNING] > 0.0:
-        if oldest >= process.assumed.learn_s:
+        if (bank.age_s * bank.alive).max() >= process.assumed.learn_s:
             _end_initialisation(bank, process)
         return
-    leader = leader_of(bank)
     base = accepted(bank)
     if _is_confirmed(bank, process, leader, base, calm):
         _promote(bank, process, leader, base)

@@ -14,7 +14,7 @@ from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.modes import LEVEL_NAMES, LEVELS_PERCENT
 from . import state
-from .hypotheses import BOTH, FORCED
+from .hypotheses import BOTH, FORCED, accepted
 from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
@@ -39,7 +39,7 @@ LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, whole friction, table mass,
 compliance."""
 DOUBTED = 0.4
-"""Most weight of challengers that have explained one direction only."""
+"""Most weight of challengers that have led in one direction only."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
 _STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVEL_NAMES)
 _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
@@ -138,15 +138,17 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
 
 @compiled
 def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
-    """Let challengers only widen the answer that explain one direction, and that by a force.
+    """Let challengers only widen the answer that have led in one direction, by a force or upwards.
 
     What errs along the way, as a screw that grows unevenly does, looks like a step until the axis
-    turns.
+    turns, and a preload does not come back by itself.
     """
-    doubted = np.zeros(len(rows))
+    doubted, log_percent = np.zeros(len(rows)), bank.mean[:, state.PRELOAD]
     for i in range(len(rows)):
-        one = bank.directions[rows[i]] != BOTH and bank.force[rows[i]] > FORCED
-        doubted[i] = weight[i] if one and rows[i] in state.CHALLENGERS else 0.0
+        k = rows[i]
+        rises = log_percent[k] > log_percent[accepted(bank)]
+        if k > state.WEARING and bank.directions[k] != BOTH and (bank.force[k] > FORCED or rises):
+            doubted[i] = weight[i]
     share = sum_of(doubted)
     if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
         rest = (1.0 - DOUBTED) / max(1.0 - share, 1e-12)

@@ -202,3 +202,13 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
     assert bank.mean[hypotheses.NUT_SLOT, PRELOAD] == START.mean[PRELOAD]
     assert bank.covariance[hypotheses.LOAD_SLOT, PAYLOAD, PAYLOAD] == START.load[PAYLOAD, PAYLOAD]
     assert bank.moments[LEARNING] == 1.0
+
+
+def test_a_challenger_gets_older_only_by_what_it_explains_and_has_led_where_it_leads() -> None:
+    """Another one may lead meanwhile; what it takes for a force speaks for no direction."""
+    bank = Challenger(age_s=2.0, directions=0).bank()
+    for force, ahead, seen in ((1.0, -1.0, 0), (0.0, -1.0, 0), (0.0, 1.0, 1)):
+        bank.force[LOSS], bank.log_weight[LOSS], age_s = force, ahead, bank.age_s[LOSS]
+        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        assert bank.directions[LOSS] == seen
+        assert bank.age_s[LOSS] == age_s + TICK.steady_s * (force == 0.0)

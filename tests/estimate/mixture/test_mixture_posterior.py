@@ -10,7 +10,7 @@ from scipy.stats import norm, truncnorm
 
 from edge_service.estimate.imm.modes import LEVELS_PERCENT
 from edge_service.estimate.mixture import posterior, state
-from edge_service.estimate.mixture.hypotheses import BOTH, FORCED
+from edge_service.estimate.mixture.hypotheses import BOTH, FORCED, accepted
 from edge_service.estimate.mixture.posterior import Posterior
 from edge_service.estimate.mixture.state import Bank, empty_bank
 from edge_service.messages.samples import Floats
@@ -26,7 +26,7 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     rng, size = np.random.default_rng(seed), len(start.mean)
     bank = empty_bank(size)
     bank.alive[:] = rng.random(state.HYPOTHESES) < 0.6
-    bank.alive[rng.integers(state.HYPOTHESES)] = 1
+    bank.alive[state.STEADY] = 1
     bank.log_weight[:] = np.log(rng.dirichlet(np.full(state.HYPOTHESES, 0.3)) + 1e-6)
     bank.force[:] = rng.random(state.HYPOTHESES)
     bank.directions[:] = rng.integers(1, 4, state.HYPOTHESES)
@@ -72,8 +72,9 @@ class Another:
         self.weight = np.exp(bank.log_weight[rows])
         self.weight /= self.weight.sum()
         slots = np.flatnonzero(rows)
-        doubted = np.isin(slots, state.CHALLENGERS) & (bank.directions[slots] != BOTH)
-        doubted &= bank.force[slots] > FORCED
+        rises = bank.mean[slots, state.PRELOAD] > bank.mean[accepted(bank), state.PRELOAD]
+        doubted = (slots > state.WEARING) & (bank.directions[slots] != BOTH)
+        doubted &= rises | (bank.force[slots] > FORCED)
         share = self.weight[doubted].sum()
         if share > posterior.DOUBTED:
             self.weight[doubted] *= posterior.DOUBTED / share
