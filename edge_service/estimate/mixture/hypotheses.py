@@ -139,13 +139,8 @@ def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
 
     A rival that is about as likely goes on: with one encoder much looks alike.
     """
-    mean, covariance = bank.mean[base].copy(), bank.covariance[base].copy()
-    force, force_n = bank.force[base], bank.force_n[base]
     left = max(bank.log_weight[base], process.assumed.floor)
-    _accept(bank, process, leader, bank.log_weight[leader] - process.assumed.margin)
-    bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
-    bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
-    copy_to(bank, state.BEFORE, state.BEFORE, left)
+    _succeed(bank, process, leader, bank.log_weight[leader] - process.assumed.margin, base, left)
 
 
 @compiled
@@ -156,9 +151,21 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
     for k in range(bank.alive.shape[0]):
         if bank.alive[k] and k != best and bank.log_weight[k] > weight:
             second, weight = k, bank.log_weight[k]
-    copy_to(bank, state.BEFORE, second, weight)
-    _accept(bank, process, best, math.inf)
+    _succeed(bank, process, best, math.inf, second, weight)
     bank.moments[state.LEARNING] = 0.0
+
+
+@compiled
+def _succeed(
+    bank: Bank, process: Process, slot: int, least: float, other: int, log_weight: float
+) -> None:
+    """Accept a hypothesis, and let another go on beside it as what was believed before."""
+    mean, covariance = bank.mean[other].copy(), bank.covariance[other].copy()
+    force, force_n = bank.force[other], bank.force_n[other]
+    _accept(bank, process, slot, least)
+    bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
+    bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
+    copy_to(bank, state.BEFORE, state.BEFORE, log_weight)
 
 
 @compiled
@@ -232,7 +239,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     """Hypotheses at the start, until one is accepted: preloads, with and without a load."""
     bank = empty_bank(len(start.mean))
-    fresh = 1.0 - settings.half - settings.none
+    fresh = 1.0 - settings.used - settings.half - settings.none
     levels = (
         (1.0, settings.start, fresh),
         (_HALF, _HALF_SIGMA, settings.half),
@@ -258,6 +265,9 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     copy_to(
         bank, state.WEARING, state.STEADY, bank.log_weight[state.STEADY] + math.log(settings.hazard)
     )
+    if settings.used > 0.0:
+        copy_to(bank, state.BEFORE, state.STEADY, math.log(settings.used))
+        bank.covariance[state.BEFORE, state.PRELOAD, state.PRELOAD] = settings.used_sigma**2
     bank.moments[state.LEARNING] = 1.0
     return bank
 

@@ -82,7 +82,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     t = commissioned.transmission
     size = state.STRETCH_STATES if t else state.TORQUE_STATES
     mean, sigma = np.zeros(size), np.zeros(size)
-    mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.start
+    mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.used_sigma
     mean[state.TORQUE_OFFSET] = commissioned.torque_offset_nm
     drifts = settings.together > 0.0
     sigma[state.WEAR_RATE] = settings.wear_rate

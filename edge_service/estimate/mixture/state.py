@@ -114,8 +114,10 @@ class MixtureSettings(NamedTuple):
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
-    start: float = 0.3  # of ln(preload) at the start
-    half: float = 0.2  # probability that half of it is lost then
+    start: float = 0.08  # of ln(preload) at the start, of a fresh screw
+    used: float = 0.4  # probability that an unknown share is lost then
+    used_sigma: float = 0.3  # of ln(preload) in that case
+    half: float = 0.2  # that half of it is
     none: float = 0.1  # that all is
     loaded: float = 0.2  # that the load is another
     loss: float = 0.5  # sizes of the steps
