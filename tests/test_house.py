@@ -157,7 +157,7 @@ MOST_LINES = {
     "diagnose": 5015,
     "downsample": 1244,
     "drivers": 3759,
-    "estimate": 5116,
+    "estimate": 5108,
     "fingerprint": 2790,
     "health": 4630,
     "http_api": 2456,
@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3334,
     "regression": 1008,
     "beside the rooms": 720,
-    "tests": 46269,
+    "tests": 46267,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 380

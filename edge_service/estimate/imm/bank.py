@@ -8,10 +8,9 @@ row = from, as we do.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator
 
 from ...messages.samples import Floats
 from ...messages.stored import Stored, StoredFloats
@@ -54,20 +53,13 @@ class BankOutput:
     nis: Floats  # normalised innovation squared of each mode, (r,)
 
 
-def _read_logs(values: Floats) -> Floats:
-    """Logarithms of probabilities, (r,); null also stands for that of zero."""
-    if (values > 0.0).any():
-        raise ValueError("must not exceed 0")
-    return np.where(np.isnan(values), -np.inf, values)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
     """States (r, 2), covariances (r, 2, 2), log mu_j (r,)."""
 
     states: StoredFloats
     covariances: StoredFloats
-    log_mode_probability: Annotated[StoredFloats, AfterValidator(_read_logs)]
+    log_mode_probability: StoredFloats
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -256,10 +248,10 @@ def _require_result(*results: Floats) -> None:
         raise ValueError("step: the result is not finite; the bank keeps its state")
 
 
-def _require_fitting(states: Floats, covariances: Floats, probability: Floats) -> None:
+def _require_fitting(states: Floats, covariances: Floats, logs: Floats) -> None:
     """Require arrays of a snapshot that fit together, (r, 2), (r, 2, 2), (r,)."""
     modes = len(states)
     _require_finite("snapshot states", states, (modes, 2))
     _require_finite("snapshot covariances", covariances, (modes, 2, 2))
-    if probability.shape != (modes,) or np.isnan(probability).any():
+    if logs.shape != (modes,) or not (logs <= 0.0).all():
         raise ValueError("snapshot: one probability per mode is needed")
