@@ -82,7 +82,10 @@ class HttpConfig(Table):
 
 
 class EstimatorConfig(Table):
-    """`[estimator]`: `auto` takes the first method of the registry that suits the machine file."""
+    """`[estimator]`: `auto` takes the first method of the registry that suits the machine file.
+
+    `engine` is that of the thesis' Kalman filters, which give a second opinion beside any method.
+    """
 
     method: str = AUTO
     engine: Literal["compiled", "filterpy"] = "compiled"
@@ -95,12 +98,6 @@ class EstimatorConfig(Table):
             expected = f"Input should be {', '.join(names)} or {last}"
             raise PydanticCustomError("literal_error", "{expected}", {"expected": expected})
         return value
-
-    @model_validator(mode="after")
-    def _engine_fits(self) -> "EstimatorConfig":
-        if self.engine == "filterpy" and self.method != "kf-imm":
-            raise ValueError("engine 'filterpy' has Kalman filters only; set method = 'kf-imm'")
-        return self
 
 
 class _OfFile(Table):

@@ -8,7 +8,6 @@ from ..checks.live.repeats import LEAST_ROWS
 from ..messages.row_faults import FORCE, TEMP, THETA, T, U, X
 from ..messages.samples import Floats
 from ..models.compiled import compiled
-from ..models.reductions import greatest, least, median, sum_of
 from ..models.steady_limits import LONGEST_HOLD_S
 
 
@@ -113,10 +112,10 @@ def torque(inside: Floats) -> Floats:
     for row in range(rows):
         values[row] = _between(inside, row)
     mean, moment = lever(values, inside[:, T])
-    middle, spread = sum_of(values) / rows, 0.0
+    middle, spread = np.sum(values) / rows, 0.0
     for value in values:
         spread += (value - middle) * (value - middle)
-    return np.array([mean, moment, least(values), greatest(values), np.sqrt(spread / rows)])
+    return np.array([mean, moment, np.min(values), np.max(values), np.sqrt(spread / rows)])
 
 
 @compiled
@@ -230,7 +229,7 @@ def phases(
         if sums[part, 0] > 0.0:
             rows = sums[part, 0]
             sums[part, 1:] /= rows
-            sums[part, 0] = rows * median(spans) / (2.0 * reach)
+            sums[part, 0] = rows * np.median(spans) / (2.0 * reach)
     return direction, sums
 
 

@@ -2,10 +2,10 @@
 
 from ..messages.answer import AxisAnswer, of_fresh
 from ..messages.codec import Header
-from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from ..messages.event import AxisCondition
 from ..messages.health import AxisHealth, Limits
-from ..messages.topics import HEALTH, PRELOAD
+from ..messages.topics import HEALTH, IMM, PRELOAD
 from .advice import consistent
 from .components import ComponentWatch
 from .inputs import InputWatch
@@ -19,6 +19,7 @@ class AxisState:
         self._components = components
         self.preload_input = InputWatch(PRELOAD.stale_after_s)
         self.health_input = InputWatch(HEALTH.stale_after_s)
+        self._opinion_input, self._opinion = InputWatch(IMM.stale_after_s), ImmEstimate(axis=axis)
         self.estimate: PreloadEstimate | None = None
         self.health: AxisHealth | None = None
 
@@ -26,6 +27,11 @@ class AxisState:
         """Take an estimate in."""
         self.preload_input.hear(header, now_ns)
         self.estimate = estimate
+
+    def hear_opinion(self, header: Header, opinion: ImmEstimate, now_ns: int) -> None:
+        """Take a second opinion in."""
+        self._opinion_input.hear(header, now_ns)
+        self._opinion = opinion
 
     def hear_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
         """Take a condition in."""
@@ -55,6 +61,14 @@ class AxisState:
         kept = {"time_s", "status", "method", "reasons", "level", "data_used_s"}
         return PreloadEstimate(**{name: getattr(estimate, name) for name in kept})
 
+    def opinion(self, now_ns: int) -> ImmEstimate:
+        """The second opinion; without numbers where none may be read now."""
+        last = self._opinion
+        if not self._opinion_input.is_stale(now_ns):
+            return last
+        measured_ns = last.measured_time_ns
+        return ImmEstimate(axis=self.axis, engine=last.engine, measured_time_ns=measured_ns)
+
     def answer(self, started_ns: int, now_ns: int) -> AxisAnswer:
         """All that may be read of the axis now."""
         return AxisAnswer(
@@ -64,6 +78,7 @@ class AxisState:
             health=self.told(started_ns, now_ns),
             is_heard=not self.missing(now_ns),
             header=self.preload_input.header,
+            opinion=self.opinion(now_ns),
         )
 
     def told(self, started_ns: int, now_ns: int) -> AxisHealth:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 from ..messages.answer import AxisAnswer, PreloadAnswer
 from ..messages.codec import Header
-from ..messages.estimate import PreloadEstimate
+from ..messages.estimate import ImmEstimate, PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
 from ..messages.health import AxisHealth, ComponentHealth, Limits
@@ -78,6 +78,11 @@ class ServiceState:
                 temperature_c = self._live[axis].temperature_c
                 self.history.append(axis, header.source_time_ns, estimate, temperature_c)
             self._mark(PRELOAD.name, axis)
+
+    def on_opinion(self, axis: str, header: Header, opinion: ImmEstimate, now_ns: int) -> None:
+        """Take a second opinion in."""
+        if self._knows(axis):
+            self._axes[axis].hear_opinion(header, opinion, now_ns)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in, for the live traces."""

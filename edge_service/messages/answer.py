@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pydantic import Field
 
 from .codec import Header
-from .estimate import EstimateStatus, PreloadEstimate
+from .estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from .event import AxisCondition
 from .health import Advice, Alarm, AxisHealth, Headline, Limits
 from .interval import Frozen, Interval, TimeNs
@@ -83,6 +83,7 @@ class AxisAnswer:
     health: AxisHealth  # UNAVAILABLE as soon as it rests on something stale
     is_heard: bool  # estimates and conditions come in
     header: Header | None = None  # of the estimate's message; None before the first
+    opinion: ImmEstimate | None = None  # the second one, numbers as in the estimate
 
     @property
     def of_fresh(self) -> Interval | None:

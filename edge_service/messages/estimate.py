@@ -2,7 +2,9 @@
 
 from enum import StrEnum
 
-from .interval import Frozen, Interval
+from pydantic import Field
+
+from .interval import Frozen, Interval, TimeNs
 
 
 class EstimateStatus(StrEnum):
@@ -54,3 +56,23 @@ class PreloadEstimate(Frozen):
     fault_probability: dict[str, float] = {}
     data_used_s: float = 0.0
     nis: float | None = None
+
+
+class ImmEstimate(Frozen):
+    """Second opinion on an axis, by the thesis' five levels and the drag alone.
+
+    Numbers are as in PreloadEstimate, which also has the reasons for a status.
+
+    Attributes:
+        engine: of the filters; None before any has spoken.
+        measured_time_ns: UNIX time of the newest sample behind it, ns; `measured_at` in JSON.
+    """
+
+    axis: str
+    status: EstimateStatus = EstimateStatus.UNESTIMATED
+    preload_percent: float | None = None
+    low: float | None = None
+    high: float | None = None
+    mode_probability: dict[str, float] = {}
+    engine: str | None = None
+    measured_time_ns: TimeNs | None = Field(None, alias="measured_at")

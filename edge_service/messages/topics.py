@@ -5,7 +5,7 @@ from typing import Any
 from .codec import JsonTopic, Topic
 from .command import Command, Outcome
 from .edge_block import FeatureTopic, SampleTopic, WaveformTopic
-from .estimate import PreloadEstimate
+from .estimate import ImmEstimate, PreloadEstimate
 from .event import Event
 from .health import AxisHealth, ComponentHealth
 
@@ -15,6 +15,7 @@ RAW = SampleTopic("raw", "samples/1", 10.0, 2.0, 2_000_000, 5000.0)
 FEAT = FeatureTopic("feat", "features/1", 10.0, 2.0, 20_000, 5000.0)
 WAVE = WaveformTopic("wave", "waveform/1", 10.0, 2.0, 2_000_000, 5000.0, keeps_last=False)
 PRELOAD = JsonTopic("preload", "preload/1", 10.0, 2.0, 20_000, 5000.0, PreloadEstimate)
+IMM = JsonTopic("imm", "imm/1", 10.0, 2.0, 20_000, 5000.0, ImmEstimate)
 HEALTH = JsonTopic("health", "health/1", 1.0, 5.0, 100_000, 200.0, AxisHealth, cached=600)
 EVENT = JsonTopic("event", "event/1", 0.0, _NEVER, 20_000, 100.0, Event)
 STATUS = JsonTopic("status", "status/1", 1.0, 5.0, 20_000, 50.0, ComponentHealth)
@@ -28,5 +29,5 @@ OUTCOME = JsonTopic("outcome", "outcome/1", 0.0, _NEVER, 20_000, 20.0, Outcome, 
 
 TOPICS: dict[str, Topic[Any]] = {
     topic.name: topic
-    for topic in (RAW, FEAT, PRELOAD, HEALTH, EVENT, COMMAND, STATUS, WAVE, OUTCOME)
+    for topic in (RAW, FEAT, PRELOAD, IMM, HEALTH, EVENT, COMMAND, STATUS, WAVE, OUTCOME)
 }

@@ -9,17 +9,18 @@ from ..clock import CLOCK, now_ns
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..messages.answer import of_fresh
 from ..messages.codec import Header
+from ..messages.estimate import ImmEstimate, PreloadEstimate
 from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
-from ..messages.topics import EVENT, FEAT, PRELOAD, RAW
+from ..messages.topics import EVENT, FEAT, IMM, PRELOAD, RAW
 from ..threads import Threads
-from .component import Component
+from .component import Component, said
 from .context import NodeContext
 from .estimated_axis import EstimatedAxis, Kept, StateError, identity_of
 from .record_node import Shaking, notch_in
-from .stages import PREPARING, make_estimator, warm_up
+from .stages import PREPARING, THESIS_METHOD, make_beside, make_estimator, warm_up
 
 log = logging.getLogger(__name__)
 PART_REPLACED = "part_replaced"
@@ -42,6 +43,8 @@ class Estimators:
         self._context, self.component = context, Component(context, "estimate")
         self.parts: dict[str, Component] = {}
         self.axes: dict[str, EstimatedAxis] = {}
+        self._beside: dict[str, EstimatedAxis] = {}
+        self._preloads, self._opinions = context.publishers(PRELOAD), context.publishers(IMM)
         self._identities: dict[str, str] = {}
         self._looked: dict[str, tuple[Shaking, Subscriber[SampleFrame]]] = {}
         for axis in context.machines:
@@ -60,10 +63,29 @@ class Estimators:
         )
         part.problems = lambda: [axis.problem] if axis.problem else []
         part.is_broken = lambda: bool(axis.problem)
-        part.counters = lambda: {"resets": axis.resets}
-        self.parts[name], self.axes[name] = part, axis
+        beside = EstimatedAxis(
+            *(name, lambda: make_beside(config, self._context.machines[name]), said),
+            lambda _why: None,
+        )
+        part.counters = lambda: {"resets": axis.resets, "imm_failures": beside.failed}
+        self.parts[name], self.axes[name], self._beside[name] = part, axis, beside
         self._identities[name] = identity_of(self._context.machines[name], config)
         return part
+
+    def take(self, axis: str, header: Header, block: FeatureBlock) -> None:
+        """Tell what an interval says, then the second opinion: its own where it is the thesis'."""
+        if axis not in self.axes:
+            return
+        time_ns, estimate = header.source_time_ns, self.axes[axis].take(header, block)
+        self._preloads[axis].publish(estimate, time_ns)
+        self.watch(axis, block)
+        if estimate.method != THESIS_METHOD:
+            estimate = self._beside[axis].take(header, block)
+        names = ImmEstimate.model_fields.keys() & PreloadEstimate.model_fields.keys()
+        told = {name: getattr(estimate, name) for name in names}
+        engine = self._context.config.estimator.engine
+        opinion = ImmEstimate(axis=axis, engine=engine, measured_time_ns=time_ns, **told)
+        self._opinions[axis].publish(opinion, time_ns)
 
     def load(self) -> None:
         """Go on where the last process was. Raises StoreFailedError."""
@@ -97,7 +119,8 @@ class Estimators:
 
     def forget(self, axis: str) -> None:
         """Begin anew: the part is another."""
-        self.axes[axis].forget()
+        for each in (self.axes[axis], self._beside[axis]):
+            each.forget()
         self._context.dispatcher.put((), lambda *_: None, (State(STATE, axis, None),))
         self.look(axis)
 
@@ -110,7 +133,7 @@ class Estimators:
 
     def move(self, step_ns: int) -> None:
         """The clock was set by a step, ns."""
-        for axis in self.axes.values():
+        for axis in (*self.axes.values(), *self._beside.values()):
             axis.move(step_ns)
 
     def look(self, axis: str) -> None:
@@ -161,15 +184,10 @@ class Estimators:
 
 async def run(context: NodeContext) -> None:
     """Estimate every configured axis until cancelled."""
-    estimators, publishers = Estimators(context), context.publishers(PRELOAD)
+    estimators = Estimators(context)
     axes, component = estimators.axes, estimators.component
     features, work = context.subscribe(FEAT, depth=1024), Threads("estimate")
     component.counters = lambda: features.counts() | {"damaged_states": estimators.damaged}
-
-    def take_features(axis: str, header: Header, block: FeatureBlock) -> None:
-        if axis in axes:
-            publishers[axis].publish(axes[axis].take(header, block), header.source_time_ns)
-            estimators.watch(axis, block)
 
     def take_event(axis: str, _header: Header, event: Event) -> None:
         if axis in axes and event.kind == PART_REPLACED:
@@ -211,7 +229,7 @@ async def run(context: NodeContext) -> None:
         context.renewals.append(renew)
         for axis in {*context.machines, *axes}:  # what has changed while all was being prepared
             renew(axis)
-        component.follow(features, take_features)
+        component.follow(features, estimators.take)
         component.follow(context.subscribe(EVENT), take_event)
         component.repeat(SAVE_PERIOD_S, estimators.keep)
         try:

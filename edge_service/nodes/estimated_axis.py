@@ -110,7 +110,7 @@ class EstimatedAxis:
 
     Attributes:
         problem: reason for which there is no number; empty while the estimator works.
-        resets: states that were given up.
+        resets, failed: states that were given up, and times that an estimator has raised.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class EstimatedAxis:
         self._sound: Kept | None = None
         self._heard: tuple[float, int] | None = None
         self._is_restored = self._is_changed = False
-        self._since_sound = self._failures = self.resets = 0
+        self._since_sound = self._failures = self.resets = self.failed = 0
         self.problem = ""
         self._begin(None)
 
@@ -229,7 +229,7 @@ class EstimatedAxis:
     def _failed(self, error: Exception) -> None:
         self.problem = self._note(error)
         self._due_s = self._clock() + self._retry.pause_s()
-        self._failures += 1
+        self._failures, self.failed = self._failures + 1, self.failed + 1
         if self._sound is not None and self._failures >= MOST_FAILURES:
             self._sound, self._failures = None, 0
             self.resets += 1

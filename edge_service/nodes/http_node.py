@@ -30,7 +30,7 @@ from ..messages.command import Command, Outcome
 from ..messages.event import AxisCondition, Event
 from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from ..messages.samples import SampleFrame
-from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS
+from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, IMM, OUTCOME, PRELOAD, RAW, STATUS
 from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
@@ -123,6 +123,10 @@ class HttpNode:
                 component.follow(
                     preloads,
                     lambda axis, header, each: state.on_preload(axis, header, each, now_ns()),
+                )
+                component.follow(
+                    context.subscribe(IMM),
+                    lambda axis, header, each: state.on_opinion(axis, header, each, now_ns()),
                 )
                 component.follow(context.subscribe(HEALTH), take_health)
                 component.follow(context.subscribe(FEAT), state.on_feature)

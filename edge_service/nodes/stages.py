@@ -24,6 +24,7 @@ from .estimated_axis import identity_of
 PREPARING = (
     "numeric kernels are being compiled; after an installation or upgrade that takes a minute"
 )
+THESIS_METHOD = "kf-imm"
 _WARM_RAD_S = 10.0
 
 
@@ -55,6 +56,11 @@ def make_estimator(config: EstimatorConfig, machine: Machine) -> PreloadEstimato
         raise ConfigError(f"estimator.method {config.method!r}: {error}") from None
 
 
+def make_beside(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
+    """The thesis' own estimator for one axis, for a second opinion."""
+    return interface.make_estimator(THESIS_METHOD, machine, config.engine)
+
+
 async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
     """Compile the kernels; if they can be kept, in a process that ends: that takes 300 MB."""
     folder = getattr(numba.config, "CACHE_DIR", "")
@@ -71,13 +77,15 @@ async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
 def warm_up(estimator: EstimatorConfig, machines: Iterable[Machine]) -> None:
     """Let every kernel run, with and without a linear encoder, until the estimators answer."""
     for machine in machines:
-        steady, warm = _steady(machine), make_estimator(estimator, machine)
+        steady = _steady(machine)
+        warm = make_estimator(estimator, machine), make_beside(estimator, machine)
         table_m = steady.channels[ANGLE] * machine.axis.lead_m / (2.0 * np.pi)
         both = replace(steady, channels={**steady.channels, TABLE_POSITION: table_m})
         make_downsampler(machine).push(both)
         for block in make_downsampler(machine).push(steady):
-            warm.update(block)
-            warm.estimate()
+            for each in warm:
+                each.update(block)
+                each.estimate()
 
 
 def _steady(machine: Machine) -> SampleFrame:

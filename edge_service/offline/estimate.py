@@ -21,7 +21,10 @@ from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
 from .recordings import Progress, open_recording, reported, require_sound, silent
 
-COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
+COLUMNS = (
+    *("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons"),
+    "method",
+)
 
 
 class OfflineEstimate:
@@ -120,7 +123,7 @@ def estimate_to_csv(
             drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value
             numbers = (last.time_s, last.preload_percent, last.low, last.high)
             reasons = " ".join(reason.partition(":")[0] for reason in last.reasons)
-            writer.writerow((*numbers, last.status.value, drag_nm, reasons))
+            writer.writerow((*numbers, last.status.value, drag_nm, reasons, last.method))
         if state is not None:
             offline.keep(state)
     ending = "none" if last is None else last.status.value

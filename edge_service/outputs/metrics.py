@@ -16,6 +16,7 @@ from .base import Message, Output, OutputConfig, value_at
 _GAUGES = {
     "preload_fresh_ratio": ("Preload as a share of the fresh screw's", "axis", "bound"),
     "preload_rating_ratio": ("Preload as a share of the load rating", "axis", "bound"),
+    "imm_preload_rating_ratio": ("The same, second opinion", "axis", "bound"),
     "preload_newtons": ("Preload", "axis"),
     "drag_torque_newton_meters": ("Coulomb drag torque at the motor", "axis", "bound"),
     "stiffness_newtons_per_meter": ("Stiffness in series", "axis", "bound"),
@@ -141,6 +142,8 @@ class _Families(Collector):
         percents = {"value": estimate.preload_percent, "low": estimate.low, "high": estimate.high}
         for bound, percent in percents.items():
             self.add("preload_rating_ratio", percent, axis, bound, scale=0.01)
+            second = value_at(answer, f"opinion.{bound.replace('value', 'preload_percent')}")
+            self.add("imm_preload_rating_ratio", second, axis, bound, scale=0.01)
             for name, (scale, path) in _INTERVALS.items():
                 self.add(name, value_at(answer, f"{path}.{bound}"), axis, bound, scale=scale)
         for status in EstimateStatus:

@@ -7,7 +7,7 @@ import numpy as np
 from edge_service.messages import health
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command, Outcome
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
 from edge_service.messages.interval import Interval
@@ -109,6 +109,7 @@ PAYLOADS: dict[str, Any] = {
         drag_torque_nm=INTERVAL,
         mode_probability={"10": 0.1, "7.5": 0.9},
     ),
+    "imm": ImmEstimate(axis="X", low=6.5, mode_probability={"10": 0.1}, measured_time_ns=9_000_000),
     "health": HEALTH,
     "event": Event(
         axis="X",

@@ -51,6 +51,7 @@ class Readers:
             "raw": self.on_samples,
             "feat": self.on_features,
             "preload": self.on_preload,
+            "imm": lambda *opinion: self.state.on_opinion(*opinion, START_NS),
             "health": lambda _, *health: self.state.on_health(*health, START_NS),
             "event": self.on_event,
             "command": self.on_command,

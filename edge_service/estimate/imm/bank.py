@@ -8,10 +8,9 @@ row = from, as we do.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator
 
 from ...messages.samples import Floats
 from ...messages.stored import Stored, StoredFloats
@@ -54,29 +53,16 @@ class BankOutput:
     nis: Floats  # normalised innovation squared of each mode, (r,)
 
 
-def _read_logs(values: Floats) -> Floats:
-    """Logarithms of probabilities, (r,); null also stands for that of zero."""
-    if (values > 0.0).any():
-        raise ValueError("must not exceed 0")
-    return np.where(np.isnan(values), -np.inf, values)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
     """States (r, 2), covariances (r, 2, 2), log mu_j (r,)."""
 
     states: StoredFloats
     covariances: StoredFloats
-    log_mode_probability: Annotated[StoredFloats, AfterValidator(_read_logs)]
+    log_mode_probability: StoredFloats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _FilterpyState:
-    """The same with mu_j (r,)."""
-
-    states: StoredFloats
-    covariances: StoredFloats
-    mode_probability: StoredFloats
+_STORED: Stored[_State] = Stored(_State)
 
 
 class CompiledBank:
@@ -85,15 +71,13 @@ class CompiledBank:
     `boundary` is delta of the sliding innovation filter, per measurement (2,), or KALMAN.
     """
 
-    _stored: Stored[Any] = Stored(_State)
-
     def __init__(self, boundary: Floats = KALMAN) -> None:
         self._boundary = boundary
-        self._state: Any = None
+        self._state: _State | None = None
 
     def reset(self, start: BankStart) -> None:
         """Start every mode from one state."""
-        self._state = _State(*_alike(start), _logs(start.mode_probability))
+        self._state = _started(start)
 
     def step(self, step: LinearStep, measurement: Floats) -> BankOutput:
         """Predict and update with a measurement (2,).
@@ -102,20 +86,22 @@ class CompiledBank:
         """
         if self._state is None:
             raise ValueError("step: the bank has no state yet; reset it first")
-        output, self._state = self._stepped(step, measurement)
+        output, self._state = self._stepped(step, measurement, self._state)
         return output
 
-    def _stepped(self, step: LinearStep, measurement: Floats) -> tuple[BankOutput, Any]:
-        run, state = _run(step, step.drive[None], measurement[None], self._state, self._boundary)
+    def _stepped(
+        self, step: LinearStep, measurement: Floats, now: _State
+    ) -> tuple[BankOutput, _State]:
+        run, state = _run(step, step.drive[None], measurement[None], now, self._boundary)
         return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput))), state
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; empty before the first reset."""
-        return {} if self._state is None else dict(self._stored.dump(self._state))
+        return {} if self._state is None else dict(_STORED.dump(self._state))
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Continue from a snapshot; ValueError if it is none."""
-        state = self._stored.load(snapshot) if snapshot else None
+        state = _STORED.load(snapshot) if snapshot else None
         if state is not None:
             _require_fitting(*(getattr(state, each.name) for each in fields(state)))
         self._state = state
@@ -124,16 +110,11 @@ class CompiledBank:
 class FilterpyBank(CompiledBank):
     """The bank with Kalman gains on filterpy's IMMEstimator and KalmanFilter."""
 
-    _stored = Stored(_FilterpyState)
-
-    def reset(self, start: BankStart) -> None:
-        """Start every mode from one state."""
-        self._state = _FilterpyState(*_alike(start), start.mode_probability.copy())
-
-    def _stepped(self, step: LinearStep, measurement: Floats) -> tuple[BankOutput, Any]:
+    def _stepped(
+        self, step: LinearStep, measurement: Floats, now: _State
+    ) -> tuple[BankOutput, _State]:
         from filterpy.kalman import IMMEstimator, KalmanFilter
 
-        now = self._state
         _require_finite("step drive", step.drive, now.states.shape)
         _require_finite("measurement", measurement, (2,))
         filters = []
@@ -143,7 +124,8 @@ class FilterpyBank(CompiledBank):
             mode.F, mode.Q, mode.B = step.transition, step.process_noise, drive[:, None]
             mode.H, mode.R = step.observation, step.measurement_noise
             filters.append(mode)
-        estimator = IMMEstimator(filters, now.mode_probability, step.mode_transition)
+        probability = np.exp(now.log_mode_probability)
+        estimator = IMMEstimator(filters, probability, step.mode_transition)
         try:
             with np.errstate(all="ignore"):
                 estimator.predict(np.ones((1, 1)))
@@ -162,7 +144,9 @@ class FilterpyBank(CompiledBank):
         _require_result(probability, output.log_likelihood, output.covariance)
         _require_result(output.state, output.nis)
         states = np.array([mode.x[:, 0] for mode in filters])
-        return output, _FilterpyState(states, np.array([mode.P for mode in filters]), probability)
+        return output, _State(
+            states, np.array([mode.P for mode in filters]), output.log_mode_probability
+        )
 
 
 def run_bank(
@@ -177,14 +161,13 @@ def run_bank(
     `drives` are (N, r, 2), `measurements` (N, 2). Raises ValueError if an input or a result is not
     finite.
     """
-    state = _State(*_alike(start), _logs(start.mode_probability))
-    return _run(step, drives, measurements, state, boundary)[0]
+    return _run(step, drives, measurements, _started(start), boundary)[0]
 
 
-def _alike(start: BankStart) -> tuple[Floats, Floats]:
-    """States (r, 2) and covariances (r, 2, 2) of modes that start alike."""
-    modes = len(start.mode_probability)
-    return np.tile(start.state, (modes, 1)), np.tile(start.covariance, (modes, 1, 1))
+def _started(start: BankStart) -> _State:
+    """State of modes that start alike."""
+    modes, logs = len(start.mode_probability), _logs(start.mode_probability)
+    return _State(np.tile(start.state, (modes, 1)), np.tile(start.covariance, (modes, 1, 1)), logs)
 
 
 def _logs(probability: Floats) -> Floats:
@@ -265,10 +248,10 @@ def _require_result(*results: Floats) -> None:
         raise ValueError("step: the result is not finite; the bank keeps its state")
 
 
-def _require_fitting(states: Floats, covariances: Floats, probability: Floats) -> None:
+def _require_fitting(states: Floats, covariances: Floats, logs: Floats) -> None:
     """Require arrays of a snapshot that fit together, (r, 2), (r, 2, 2), (r,)."""
     modes = len(states)
     _require_finite("snapshot states", states, (modes, 2))
     _require_finite("snapshot covariances", covariances, (modes, 2, 2))
-    if probability.shape != (modes,) or np.isnan(probability).any():
+    if logs.shape != (modes,) or not (logs <= 0.0).all():
         raise ValueError("snapshot: one probability per mode is needed")

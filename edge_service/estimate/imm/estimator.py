@@ -64,7 +64,7 @@ class ImmPreloadEstimator:
     Args:
         machine: the baseline model. Without load rating, preload or fresh drag there is no preload
             in percent, only drag.
-        engine: of the bank; `filterpy` has Kalman filters only, and is slow.
+        engine: of Kalman filters; `filterpy` is slow.
         method: Kalman or sliding innovation filters.
     """
 
@@ -77,9 +77,9 @@ class ImmPreloadEstimator:
         self._drag = DragFilter(machine)
         if self._per_percent is not None:
             self._balance = MomentumBalance(machine, self._levels * self._per_percent)
-            self._bank: CompiledBank | FilterpyBank = FilterpyBank()
-            if engine == "compiled":
-                self._bank = CompiledBank(SLIDING_BOUNDARY if method == "sif-imm" else KALMAN)
+            self._bank = CompiledBank(SLIDING_BOUNDARY if method == "sif-imm" else KALMAN)
+            if engine == "filterpy" and method == "kf-imm":
+                self._bank = FilterpyBank()
         self.reset()
 
     def reset(self) -> None:

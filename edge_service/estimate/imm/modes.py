@@ -31,21 +31,16 @@ PUBLISHED_EXPONENT = 1.33
 
 @lru_cache(maxsize=256)
 def scaled_mode_transition(step_s: float) -> Floats:
-    """Mode transition for a step of another length, s: P^(T / T0) = exp(G T), G = log(P) / T0.
+    """Mode transition for a step of another length, s: P^(T / T0), a Markov chain for every T.
 
     The printed matrix is per step: left as it is at a tenth of the step, modes would jump ten times
-    as often per second. Its logarithm is the generator of a Markov chain: real, with rates above 0.
+    as often per second. Its logarithm, the chain's generator, is real, with rates above 0.
     """
+    from scipy.linalg import fractional_matrix_power
+
     if not (np.isfinite(step_s) and step_s > 0.0):
         raise ValueError(f"step_s: {step_s:g}, expected a finite length above 0")
-    values, vectors = np.linalg.eig(THESIS_MODE_TRANSITION)
-    logarithm = (vectors * np.log(values.astype(complex))) @ np.linalg.inv(vectors)
-    rates = np.maximum(logarithm.real, 0.0) / REFERENCE_STEP_S
-    np.fill_diagonal(rates, 0.0)
-    np.fill_diagonal(rates, -rates.sum(axis=1))
-    values, vectors = np.linalg.eig(rates * step_s)
-    exponential = (vectors * np.exp(values.astype(complex))) @ np.linalg.inv(vectors)
-    scaled = np.maximum(exponential.real, 0.0)
+    scaled = fractional_matrix_power(THESIS_MODE_TRANSITION, step_s / REFERENCE_STEP_S)
     return np.asarray(scaled / scaled.sum(axis=1, keepdims=True))
 
 
@@ -68,25 +63,16 @@ def weighted_level(
     return np.asarray(raised / raised.sum(axis=-1, keepdims=True) @ levels)
 
 
-def causal_moving_average(values: Floats, steps: int) -> Floats:
-    """Mean of the last `steps` rows, of fewer at the beginning, (N, ...)."""
-    return _window_mean(values, steps - 1, 0)
+def moving_average(values: Floats, steps: int, ahead: int = 0) -> Floats:
+    """Mean of `steps` rows, `ahead` of them after the row itself, of fewer at the ends, (N, ...).
 
-
-def centred_moving_average(values: Floats, steps: int) -> Floats:
-    """Mean of `steps` rows around each row, of fewer at both ends; looks ahead, (N, ...).
-
-    Of an even number of rows, one more lies before than after.
+    Raises ValueError: `steps` does not exceed `ahead`.
     """
-    return _window_mean(values, steps // 2, (steps - 1) // 2)
-
-
-def _window_mean(values: Floats, before: int, after: int) -> Floats:
-    if before < 0 or after < 0:
-        raise ValueError("moving average: the window must hold at least one step")
+    if not 0 <= ahead < steps:
+        raise ValueError("moving average: the window must hold the step itself")
     sums = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     index = np.arange(len(values))
-    start = np.maximum(index - before, 0)
-    end = np.minimum(index + after + 1, len(values))
+    start = np.maximum(index - steps + 1 + ahead, 0)
+    end = np.minimum(index + ahead + 1, len(values))
     counts = (end - start).reshape(-1, *([1] * (values.ndim - 1)))
     return np.asarray((sums[end] - sums[start]) / counts)

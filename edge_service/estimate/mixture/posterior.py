@@ -10,7 +10,6 @@ import numpy.typing as npt
 from ...messages.samples import Floats
 from ...models.compiled import compiled
 from ...models.machine import Machine
-from ...models.reductions import least, places, sum_of
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.modes import LEVEL_NAMES, LEVELS_PERCENT
 from . import state
@@ -94,9 +93,9 @@ def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior
 def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Floats:
     """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
     values = np.empty(_SIZE)
-    rows = places(bank.alive)
+    rows = np.flatnonzero(bank.alive)
     weight = np.exp(bank.log_weight[rows])
-    weight /= sum_of(weight)
+    weight /= np.sum(weight)
     _doubt_one_direction(bank, rows, weight)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
@@ -119,7 +118,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     of[state.BEARING_FRICTION] = model.bearing_nm
     of[state.GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
     values[_FAULT + 1] = _above(bank, rows, weight, of, SLICK_SHARE * limits.coulomb_nm)
-    values[_FAULT + 2] = sum_of(weight * bank.force[rows])
+    values[_FAULT + 2] = np.sum(weight * bank.force[rows])
     values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > state.TORQUE_STATES:
         of[:], limit = 0.0, PAYLOAD_SHARE * model.table_mass_kg
@@ -149,7 +148,7 @@ def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
         rises = log_percent[k] > log_percent[accepted(bank)]
         if k > state.WEARING and bank.directions[k] != BOTH and (bank.force[k] > FORCED or rises):
             doubted[i] = weight[i]
-    share = sum_of(doubted)
+    share = np.sum(doubted)
     if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
         rest = (1.0 - DOUBTED) / max(1.0 - share, 1e-12)
         weight += (rest - 1.0) * (weight - doubted) + (DOUBTED / share - 1.0) * doubted
@@ -179,7 +178,7 @@ def _of_torque_alone(
         if bank.moments[state.LEARNING] > 0.0 or k in (state.STEADY, state.WEARING, state.BEFORE):
             firm += weight[i] * mine
             up += weight[i] * slicker(level_nm, sigma_nm, fresh_nm, limit_nm, mine)
-    whole = sum_of(firm)
+    whole = np.sum(firm)
     firm = firm / whole if whole > 0.0 else every
     low = min(quantile(0.025, every), quantile(0.025, firm))
     high = max(quantile(0.975, every), quantile(0.975, firm), UNDETERMINED_HIGH_SHARE)
@@ -230,7 +229,7 @@ def _quantile(
     probability: float, weight: Floats, mean: Floats, sigma: Floats, most: float
 ) -> float:
     """Preload below which the mixture has a probability, %."""
-    low, high = min(least(mean - 8.0 * sigma), most - 1.0), most
+    low, high = min(np.min(mean - 8.0 * sigma), most - 1.0), most
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if _below(middle, weight, mean, sigma, most) < probability:

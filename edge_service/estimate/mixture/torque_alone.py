@@ -13,7 +13,6 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.compiled import compiled
-from ...models.reductions import sum_of
 from .state import MOST_SHARE
 
 AS_MADE = 0.05
@@ -34,7 +33,8 @@ def cells() -> Floats:
 def prior() -> Floats:
     """Prior of each cell, (n,): as it was made, or any other, equally likely."""
     fresh = np.exp(-0.5 * ((cells() - 1.0) / AS_MADE) ** 2)
-    return fresh / sum_of(fresh) + 1.0 / CELLS
+    share: Floats = fresh / np.sum(fresh)
+    return share + 1.0 / CELLS
 
 
 @compiled
@@ -65,7 +65,7 @@ def weigh(
             away = coulomb_nm - expected_nm
             likelihood += math.exp(-0.5 * away * away / variance) / math.sqrt(variance)
         weights[i] *= likelihood
-    whole = sum_of(weights)
+    whole = np.sum(weights)
     return weights / whole if whole > 0.0 else np.full(CELLS, 1.0 / CELLS)
 
 
@@ -75,7 +75,7 @@ def below(share: float, weights: Floats) -> float:
     at = share / MOST_SHARE * CELLS
     whole = min(max(int(at), 0), CELLS)
     part = weights[whole] * (at - whole) if whole < CELLS else 0.0
-    return min(float(sum_of(weights[:whole]) + part), 1.0)
+    return min(float(np.sum(weights[:whole]) + part), 1.0)
 
 
 @compiled

@@ -11,6 +11,7 @@ from starlette.exceptions import HTTPException
 from ...health.live_features import ChannelQuality, LivePoint
 from ...messages.answer import PreloadAnswer
 from ...messages.command import Command, Outcome
+from ...messages.estimate import ImmEstimate
 from ...messages.health import AlarmKind, AxisHealth
 from ...messages.interval import Frozen
 from ...messages.trend import FrictionCurve, Stroke, Use
@@ -94,6 +95,12 @@ ReadStroke = Callable[[str, PreloadAnswer], Stroke | None]
 async def preload(axis: AxisDep, state: StateDep, now_ns: NowDep) -> PreloadAnswer:
     """Preload of one axis; numbers are null, never stale, unless the status is `estimated`."""
     return state.preload(axis, now_ns)
+
+
+@axis_router.get("/imm")
+async def imm(axis: AxisDep, state: StateDep, now_ns: NowDep) -> ImmEstimate:
+    """Second opinion on one axis: the thesis' five levels of preload, by the drag alone."""
+    return state.answer(axis, now_ns).opinion or ImmEstimate(axis=axis)
 
 
 @axis_router.get("/health")

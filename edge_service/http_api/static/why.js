@@ -17,11 +17,14 @@ let parts = {};
 function build() {
   parts = {};
   parts.modes = element("ul", { class: "modes" });
+  parts.believed = element("p", { class: "quiet" });
+  parts.second = element("p", { class: "quiet", id: "second" });
   parts.changes = element("div", {});
   byId("belief").replaceChildren(
     element("h2", { id: "belief-title" }, t("belief")),
-    element("p", { class: "quiet" }, t("belief.text")),
+    parts.believed,
     parts.modes,
+    parts.second,
     parts.changes,
   );
   parts.frictionText = element("p", { class: "quiet" });
@@ -85,6 +88,8 @@ function frictionOptions(width) {
 
 export function renderWhy(state) {
   if (!byId("belief").firstChild) build();
+  const { method } = (state.connected && state.preload) || {};
+  write(parts.believed, `${t("belief.text")}${method ? ` ${t("belief.method", { method })}` : ""}`);
   const probabilities = (state.connected && state.preload?.mode_probability) || {};
   const levels = Object.keys(probabilities).sort((a, b) => b - a);
   refill(parts.modes, JSON.stringify(levels.map((level) => [level, probabilities[level].toFixed(2)])), () =>
@@ -127,14 +132,16 @@ export async function loadWhy(state) {
   const asking = parts;
   const path = `/api/v1/axes/${encodeURIComponent(state.axis)}`;
   const end = state.serverMs() / 1000;
-  const [{ friction }, live, history] = await Promise.all([
+  const [{ friction }, second, live, history] = await Promise.all([
     fetchJson(`${path}/wear`),
+    fetchJson(`${path}/imm`),
     fetchJson(`${path}/live?duration=1`),
     fetchJson(`${path}/history?from=${end - HISTORY_S}&to=${end}&step=20`),
   ]);
   if (asking !== parts) return; // another axis is shown by now
   parts.friction.set([friction.speed_rad_s.map((speed) => speed * R_MIN_PER_RAD_S), friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
+  write(parts.second, secondText(state, second));
   renderChannels(live.channels);
   const times = history.buckets.map((bucket) => Date.parse(bucket.time) / 1000 + 10);
   const column = (name) => history.buckets.map((bucket) => bucket[name]?.mean ?? null);
@@ -144,6 +151,13 @@ export async function loadWhy(state) {
   renderModel(state);
   write(parts.warm, warmText(times, column("temperature_c")));
   write(parts.stiffness, stiffnessText(state.connected ? state.preload?.stiffness_n_per_m : null));
+}
+
+function secondText({ limits, preload }, { preload_percent: percent, low, high }) {
+  if (percent === null) return t("second.none");
+  const [value, from, to] = [percent, low, high].map((each) => (limits ? number(ofFresh(each, limits)) : number(each, 1)));
+  const parted = preload && preload.preload_percent !== null && (preload.low > high || low > preload.high);
+  return `${t("second", { value, from, to })}${parted ? ` ${t("second.parted")}` : ""}`;
 }
 
 function frictionText({ torque_nm: now, first_torque_nm: first, count }) {

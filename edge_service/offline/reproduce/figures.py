@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...estimate.imm.modes import causal_moving_average, weighted_level
+from ...estimate.imm.modes import moving_average, weighted_level
 from ...messages.samples import Floats
 from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg
 from .simulation import (
@@ -30,7 +30,7 @@ def drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
     _, sliding = run_case(ThesisCase(5, method="sif-imm"), seed)
     truth = {number: run.preload_percent for number, (run, _) in runs.items()}
     modes = {number: bank.mode_probability for number, (_, bank) in runs.items()}
-    smooth = causal_moving_average(modes[1], window)
+    smooth = moving_average(modes[1], window)
     by_exponent = {
         ("linear" if each == 1.0 else f"exponent {each:g}"): weighted_level(smooth, LEVELS, each)
         for each in (1.0, 1.33, 2.0)

@@ -14,7 +14,7 @@ from ...estimate.imm.bank import KALMAN, BankOutput, BankStart, LinearStep, run_
 from ...estimate.imm.modes import (
     LEVELS_PERCENT,
     PUBLISHED_EXPONENT,
-    causal_moving_average,
+    moving_average,
     scaled_mode_transition,
     weighted_level,
 )
@@ -166,7 +166,7 @@ def smoothed_preload(
     mode_probability: Floats, steps: int, exponent: float = PUBLISHED_EXPONENT
 ) -> Floats:
     """Preload in percent (N,) from probabilities (N, r) averaged over the last `steps`."""
-    return weighted_level(causal_moving_average(mode_probability, steps), LEVELS, exponent)
+    return weighted_level(moving_average(mode_probability, steps), LEVELS, exponent)
 
 
 def mean_absolute_error(estimate_percent: Floats, truth_percent: Floats) -> float:

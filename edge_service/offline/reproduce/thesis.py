@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...atomic import replaced_file
-from ...estimate.imm.modes import PUBLISHED_EXPONENT, centred_moving_average, weighted_level
+from ...estimate.imm.modes import PUBLISHED_EXPONENT, moving_average, weighted_level
 from ...messages.samples import Floats
 from ..recordings import Progress, silent
 from ..report.page import rendered
@@ -149,11 +149,9 @@ def mean_probability(case: ThesisCase, seeds: range) -> Floats:
 
 def _level_rows(seeds: range, exponent: float) -> tuple[LevelRow, ...]:
     ramp = ThesisCase(1)
-    smoothed = [
-        centred_moving_average(run_case(ramp, seed)[1].mode_probability, TABLE_WINDOW_STEPS)
-        for seed in seeds
-    ]
-    ramp_percent = weighted_level(np.mean(smoothed, axis=0), LEVELS, exponent)
+    mean = np.mean([run_case(ramp, seed)[1].mode_probability for seed in seeds], axis=0)
+    smoothed = moving_average(mean, TABLE_WINDOW_STEPS, (TABLE_WINDOW_STEPS - 1) // 2)
+    ramp_percent = weighted_level(smoothed, LEVELS, exponent)
     truth = ramp.true_preload_percent()
     rows = []
     for level, published in PUBLISHED_TABLE.items():

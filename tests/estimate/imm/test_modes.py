@@ -5,12 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.linalg import fractional_matrix_power
 
 from edge_service.estimate.imm.modes import (
-    THESIS_MODE_TRANSITION,
-    causal_moving_average,
-    centred_moving_average,
+    moving_average,
     scaled_mode_transition,
     weighted_level,
 )
@@ -26,12 +23,6 @@ def test_two_steps_are_one_longer_step(first_s: float, second_s: float) -> None:
     np.testing.assert_allclose(first.sum(axis=1), 1.0, atol=1e-14)
     both = scaled_mode_transition(first_s + second_s)
     np.testing.assert_allclose(first @ second, both, atol=1e-12)
-
-
-@pytest.mark.parametrize("step_s", [0.001, 0.01, 0.1, 0.25])
-def test_equals_a_fractional_matrix_power(step_s: float) -> None:
-    expected = fractional_matrix_power(THESIS_MODE_TRANSITION, step_s / 0.1)
-    np.testing.assert_allclose(scaled_mode_transition(step_s), expected, atol=1e-12)
 
 
 LEVELS = np.array([10.0, 7.5, 5.0, 2.5, 0.0])
@@ -62,16 +53,13 @@ def test_published_prediction_follows_from_published_probabilities() -> None:
 series = arrays(np.float64, st.tuples(st.integers(1, 30), st.just(3)), elements=st.floats(-9, 9))
 
 
-@given(series, st.integers(1, 40))
-def test_causal_average_equals_the_definition(values: np.ndarray, steps: int) -> None:
-    expected = [values[max(0, k - steps + 1) : k + 1].mean(axis=0) for k in range(len(values))]
-    np.testing.assert_allclose(causal_moving_average(values, steps), expected, atol=1e-12)
-
-
-@given(series, st.integers(1, 40))
-def test_centred_average_equals_the_definition(values: np.ndarray, steps: int) -> None:
+@given(series, st.integers(1, 40), st.data())
+def test_moving_average_equals_the_definition(
+    values: np.ndarray, steps: int, data: st.DataObject
+) -> None:
+    ahead = data.draw(st.integers(0, steps - 1))
     expected = [
-        values[max(0, k - steps // 2) : k + (steps - 1) // 2 + 1].mean(axis=0)
+        values[max(0, k - steps + 1 + ahead) : k + ahead + 1].mean(axis=0)
         for k in range(len(values))
     ]
-    np.testing.assert_allclose(centred_moving_average(values, steps), expected, atol=1e-12)
+    np.testing.assert_allclose(moving_average(values, steps, ahead), expected, atol=1e-12)

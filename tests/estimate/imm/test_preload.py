@@ -121,19 +121,6 @@ def test_the_result_does_not_depend_on_the_interval() -> None:
     assert covered >= 0.93
 
 
-def test_filterpy_gives_the_same_estimates() -> None:
-    blocks = blocks_of(recording("partial", 60.0, 5)[0])
-    ours, theirs = run(blocks), run(blocks, engine="filterpy")
-    assert [e.status for e in ours] == [e.status for e in theirs]
-    pairs = [
-        (a.preload_percent, b.preload_percent)
-        for a, b in zip(ours, theirs, strict=True)
-        if a.preload_percent is not None
-    ]
-    assert len(pairs) > 500
-    np.testing.assert_allclose(*np.array(pairs, dtype=float).T, rtol=0, atol=1e-9)
-
-
 def changed(frame: SampleFrame, **channels: Floats) -> SampleFrame:
     return SampleFrame(frame.time_s, dict(frame.channels) | channels)
 
@@ -188,13 +175,6 @@ def test_without_a_load_rating_there_is_drag_but_no_percent() -> None:
     assert "axis.dynamic_load_rating_n is unknown" in last.reasons[0]
     assert last.drag_torque_nm is not None
     assert last.drag_torque_nm.low < 0.146 < last.drag_torque_nm.high
-
-
-def test_mode_probabilities_are_published_and_sum_to_one() -> None:
-    last = run(blocks_of(recording("healthy", 20.0, 11)[0]))[-1]
-    assert list(last.mode_probability) == ["10", "7.5", "5", "2.5", "0"]
-    assert sum(last.mode_probability.values()) == pytest.approx(1.0)
-    assert max(last.mode_probability, key=lambda k: last.mode_probability[k]) == "7.5"
 
 
 EMPS = Path(__file__).parents[3].parent / "shared" / "data" / "emps"

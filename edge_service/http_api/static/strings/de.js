@@ -274,6 +274,10 @@ export const de = {
 
   "belief": "Was der Schätzer glaubt",
   "belief.text": "Wahrscheinlichkeit jeder Stufe der Vorspannung, Prozent des Neuzustands.",
+  "belief.method": "Nach dem Verfahren {method}.",
+  "second": "Zweite Meinung, nach fünf Stufen und der Reibung allein: {value} % ({from} bis {to} %).",
+  "second.none": "Zweite Meinung: derzeit keine.",
+  "second.parted": "Die beiden gehen auseinander: Die Reibung passt nicht zum Übrigen. Sehen Sie nach, was sich geändert haben kann: Schmierung, Wärme, Last.",
   "belief.none": "nichts: derzeit keine Schätzung",
   "belief.level": "Stufe {level}",
   "changes": "Was sich seit der Inbetriebnahme geändert hat, und wie wahrscheinlich das ist",
