@@ -21,7 +21,7 @@ from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
 from .consistency import CHANNEL_WORDS
-from .headline import clock, condition_words, limit_words
+from .headline import clock, condition_words, is_in_doubt, limit_words
 from .inputs import NS_PER_S
 from .limits import AlarmSettings
 from .wear.trend import is_over
@@ -30,6 +30,8 @@ _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
 _NIS_MEMORY = 0.98
 _MODEL_NIS = 6.0
 """Mean squared normalised innovation from which the model does not fit; 1 if it does."""
+_SURELY_LOST = 0.9
+"""Probability of a loss from which on it explains that the axis is not as it was learned."""
 _SUDDEN_S, _CLEAR_DELAY_S = 10.0, 5.0
 _START_S = 30
 """So long after a start nobody misses data that were never heard."""
@@ -79,11 +81,13 @@ class _Fit:
     status: EstimateStatus | None = None
     used_s: float = 0.0  # motion that the newest estimate rests on, s
     nis: float = 1.0  # mean squared normalised innovation lately
+    lost: float = 0.0  # probability that preload is lost, and not friction alone
 
     def update(self, estimate: PreloadEstimate) -> None:
         """Take an estimate in; an axis at rest repeats its last error, which counts once."""
         is_new, self.used_s = estimate.data_used_s != self.used_s, estimate.data_used_s
         self.status = estimate.status
+        self.lost = estimate.fault_probability.get("preload_loss", 0.0)
         if estimate.nis is not None and is_new and self.is_settled:
             self.nis = _NIS_MEMORY * self.nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
 
@@ -271,6 +275,9 @@ class AxisAlarms:
         if _lacks_data(health):
             return None, SILENT
         consistency = health.consistency
+        is_lost = health.condition is AxisCondition.FAULT and not is_in_doubt(health)
+        if is_lost and self._fit.lost >= _SURELY_LOST:
+            consistency = None  # play and softness are what a lost preload brings
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             return True, _changed_words(consistency.channel or "")
         if self._fit.status is EstimateStatus.INVALID:
