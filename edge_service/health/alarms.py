@@ -245,26 +245,24 @@ class AxisAlarms:
 
     def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
         """Loss of preload, percent of the fresh screw's per 1000 h."""
+        is_falling = trend is not None and trend.status is TrendStatus.FALLING
+        if trend is not None and is_falling:
+            self._falling_ns = trend.until_time_ns or now_ns
+        words, at_ns = SILENT, self._falling_ns
+        if at_ns is not None:
+            words = told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, self._fell_words()
+            return None, words
         share, rate = -100.0 / self._fresh, trend.rate_percent_per_h
         loss_per_h, sure_per_h = rate.value * share, slowest_loss(rate) * share
         limit_per_h = self._rate_limit / 1000.0
-        words = self._fell_words()
-        if trend.status is TrendStatus.FALLING:
-            self._falling_ns = trend.until_time_ns or now_ns
-            over = is_over(trend, now_ns)
-            words = self._fell_words() if over else _rate_words(loss_per_h)
+        if (is_falling and not is_over(trend, now_ns)) or (
+            sure_per_h > limit_per_h and not words.text
+        ):
+            words = _rate_words(loss_per_h)
         if sure_per_h > limit_per_h:
-            return True, words if words.text else _rate_words(loss_per_h)
+            return True, words
         return (False if loss_per_h < 0.9 * limit_per_h else None), words
-
-    def _fell_words(self) -> Statement:
-        """Statement on a fall that is over; without one if its end is not known."""
-        at_ns = self._falling_ns
-        if at_ns is None:
-            return SILENT
-        return told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
 
     def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:
         if self._fit.status is None and now_ns < self._patient_until_ns:
