@@ -189,11 +189,8 @@ class AlarmLatch:
         level: AxisCondition = AxisCondition.NORMAL,
         note: str = "",
     ) -> Event:
-        data: dict[str, str | float | int | None] = {
-            "alarm": self._kind.value,
-            "occurrence": self._occurrence,
-            "shelved": int(self._shelved_until_ns is not None),
-        }
+        data: dict[str, str | float] = {"alarm": self._kind.value, "occurrence": self._occurrence}
+        data["shelved"] = int(self._shelved_until_ns is not None)
         if note:
             words = words.model_copy(update={"text": f"{words.text}: {note}"})
             data["note"] = note
