@@ -73,17 +73,15 @@ def log_entry(axis: str, command: Command, now_ns: int) -> Event:
     """Event of a note, or of a part that was replaced."""
     replaced = command.action == "part_replaced"
     words = command.note or ("part replaced" if replaced else "")
-    said, kind = (
-        Statement(text=f"{words} ({command.user})"),
-        "part_replaced" if replaced else "note",
-    )
-    return noted(axis, kind, said, now_ns, {"user": command.user})
+    words, data = f"{words} ({command.user})", {"user": command.user}
+    return noted(axis, "part_replaced" if replaced else "note", Statement(text=words), now_ns, data)
 
 
 def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:
     """Event of a command that would have changed nothing."""
     about = "" if command.alarm is None else f" {command.alarm}"
-    words = Statement(text=f"{command.action}{about} was refused: {reason}")
+    words = f"{command.action}{about} was refused: {reason}"
     data: Data = {"action": command.action, "outcome": "refused"}
     asked = {"who": command.user, "origin": command.origin or "bus"}
-    return noted(axis, "command", words, now_ns, data).model_copy(update=asked)
+    event = noted(axis, "command", Statement(text=words), now_ns, data)
+    return event.model_copy(update=asked)

@@ -57,9 +57,10 @@ class ConditionMonitor:
             reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
             invalid = estimate.status is EstimateStatus.INVALID
             level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
-            words = Statement(text=f"estimate is {estimate.status.replace('_', ' ')}{reason}")
+            text = f"estimate is {estimate.status.replace('_', ' ')}{reason}"
             data = {"from": None if before is None else before.status, "to": estimate.status}
-            changed = (noted(self.axis, "status_changed", words, now_ns, data, level),)
+            about = (now_ns, data, level)
+            changed = (noted(self.axis, "status_changed", Statement(text=text), *about),)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
