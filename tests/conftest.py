@@ -22,6 +22,14 @@ def quiet_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def machine() -> Any:
+    """The thesis' test bench."""
+    from edge_service.config import DEFAULT_MACHINE, load_machine
+
+    return load_machine(DEFAULT_MACHINE)
+
+
+@pytest.fixture
 async def broker(tmp_path: Path) -> AsyncIterator[Any]:
     """MQTT's mosquitto, for this test alone."""
     from .drivers.mqtt.broker import Broker

@@ -352,6 +352,7 @@ def test_every_effect_stands_in_the_readme_with_its_parameters() -> None:
 
 OTHER_MEANINGS = {
     "edge_service/estimate/mixture/posterior.py": {"preload_loss"},  # a fault's probability
+    "edge_service/health/alarms.py": {"preload_loss"},
     "edge_service/fingerprint/fingerprint.py": {"backlash"},  # a section of the fingerprint
     "edge_service/offline/report/fingerprint_wording.py": {"backlash"},
     "edge_service/offline/report/fingerprint_figures.py": {"backlash"},

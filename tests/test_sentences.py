@@ -140,10 +140,7 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
     check_alarms(health)
 
 
-IN_ENGLISH = {
-    *("status_changed", "command"),
-    *("note", "part_replaced"),  # the words of a person
-}
+IN_ENGLISH = {"status_changed", "command", "note", "part_replaced"}
 """Events that parts and people tell in words of their own."""
 
 
@@ -151,11 +148,12 @@ def test_every_other_event_of_the_health_room_has_a_sentence() -> None:
     without = set()
     for path in HEALTH.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Event":
-                members = {each.arg: each.value for each in node.keywords}
-                if "code" not in members and None not in members:  # nor a whole statement
-                    kinds = ast.walk(members["kind"])
-                    without |= {each.value for each in kinds if isinstance(each, ast.Constant)}
+            match node:
+                case ast.Call(func=ast.Name("Event"), keywords=members):
+                    assert None in {each.arg for each in members}  # a whole statement
+                case ast.Call(func=ast.Name("noted"), args=[_, kind, ast.Call(), *_]):
+                    found = ast.walk(kind)  # words of its own, as no code has them
+                    without |= {each.value for each in found if isinstance(each, ast.Constant)}
     assert without == IN_ENGLISH
 
 

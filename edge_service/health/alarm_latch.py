@@ -6,6 +6,7 @@ from ..messages.command import Command
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind
 from ..messages.interval import rfc3339
+from .axis_events import noted
 from .headline import clock, span
 from .inputs import NS_PER_S
 
@@ -188,18 +189,9 @@ class AlarmLatch:
         level: AxisCondition = AxisCondition.NORMAL,
         note: str = "",
     ) -> Event:
-        data = {
-            "alarm": self._kind.value,
-            "occurrence": self._occurrence,
-            "shelved": int(self._shelved_until_ns is not None),
-        }
-        return Event(
-            axis=self._axis,
-            kind=f"alarm_{change}",
-            level=level,
-            code=words.code,
-            text=words.text + (f": {note}" if note else ""),
-            values=words.values,
-            time_ns=now_ns,
-            data=data | ({"note": note} if note else {}),
-        )
+        data: dict[str, str | float] = {"alarm": self._kind.value, "occurrence": self._occurrence}
+        data["shelved"] = int(self._shelved_until_ns is not None)
+        if note:
+            words = words.model_copy(update={"text": f"{words.text}: {note}"})
+            data["note"] = note
+        return noted(self._axis, f"alarm_{change}", words, now_ns, data, level)

@@ -21,7 +21,7 @@ from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
 from .consistency import CHANNEL_WORDS
-from .headline import clock, condition_words, limit_words
+from .headline import clock, condition_words, is_in_doubt, limit_words
 from .inputs import NS_PER_S
 from .limits import AlarmSettings
 from .wear.trend import is_over
@@ -30,6 +30,8 @@ _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
 _NIS_MEMORY = 0.98
 _MODEL_NIS = 6.0
 """Mean squared normalised innovation from which the model does not fit; 1 if it does."""
+_SURELY_LOST = 0.9
+"""Probability of a loss from which on it explains that the axis is not as it was learned."""
 _SUDDEN_S, _CLEAR_DELAY_S = 10.0, 5.0
 _START_S = 30
 """So long after a start nobody misses data that were never heard."""
@@ -79,11 +81,13 @@ class _Fit:
     status: EstimateStatus | None = None
     used_s: float = 0.0  # motion that the newest estimate rests on, s
     nis: float = 1.0  # mean squared normalised innovation lately
+    lost: float = 0.0  # probability that preload is lost, and not friction alone
 
     def update(self, estimate: PreloadEstimate) -> None:
         """Take an estimate in; an axis at rest repeats its last error, which counts once."""
         is_new, self.used_s = estimate.data_used_s != self.used_s, estimate.data_used_s
         self.status = estimate.status
+        self.lost = estimate.fault_probability.get("preload_loss", 0.0)
         if estimate.nis is not None and is_new and self.is_settled:
             self.nis = _NIS_MEMORY * self.nis + (1.0 - _NIS_MEMORY) * min(estimate.nis, 100.0)
 
@@ -241,26 +245,24 @@ class AxisAlarms:
 
     def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
         """Loss of preload, percent of the fresh screw's per 1000 h."""
+        is_falling = trend is not None and trend.status is TrendStatus.FALLING
+        if trend is not None and is_falling:
+            self._falling_ns = trend.until_time_ns or now_ns
+        words, at_ns = SILENT, self._falling_ns
+        if at_ns is not None:
+            words = told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
-            return None, self._fell_words()
+            return None, words
         share, rate = -100.0 / self._fresh, trend.rate_percent_per_h
         loss_per_h, sure_per_h = rate.value * share, slowest_loss(rate) * share
         limit_per_h = self._rate_limit / 1000.0
-        words = self._fell_words()
-        if trend.status is TrendStatus.FALLING:
-            self._falling_ns = trend.until_time_ns or now_ns
-            over = is_over(trend, now_ns)
-            words = self._fell_words() if over else _rate_words(loss_per_h)
+        if (is_falling and not is_over(trend, now_ns)) or (
+            sure_per_h > limit_per_h and not words.text
+        ):
+            words = _rate_words(loss_per_h)
         if sure_per_h > limit_per_h:
-            return True, words if words.text else _rate_words(loss_per_h)
+            return True, words
         return (False if loss_per_h < 0.9 * limit_per_h else None), words
-
-    def _fell_words(self) -> Statement:
-        """Statement on a fall that is over; without one if its end is not known."""
-        at_ns = self._falling_ns
-        if at_ns is None:
-            return SILENT
-        return told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
 
     def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:
         if self._fit.status is None and now_ns < self._patient_until_ns:
@@ -271,6 +273,9 @@ class AxisAlarms:
         if _lacks_data(health):
             return None, SILENT
         consistency = health.consistency
+        is_lost = health.condition is AxisCondition.FAULT and not is_in_doubt(health)
+        if is_lost and self._fit.lost >= _SURELY_LOST:
+            consistency = None  # play and softness are what a lost preload brings
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             return True, _changed_words(consistency.channel or "")
         if self._fit.status is EstimateStatus.INVALID:

@@ -1,5 +1,6 @@
 """Events beyond those of an axis' condition and its alarms."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 
 from ..messages.command import Command
@@ -7,20 +8,25 @@ from ..messages.event import AxisCondition, Code, Event, Statement, told
 from .consistency import CHANNEL_WORDS, Disagreement
 from .inputs import NS_PER_S
 
-Data = dict[str, str | float | int | None]
+Data = Mapping[str, str | float | int | None]
 
 
-def _told(
-    axis: str, kind: str, words: Statement, now_ns: int, data: Data, *, warns: bool = False
+def noted(
+    axis: str,
+    kind: str,
+    words: Statement,
+    now_ns: int,
+    data: Data,
+    level: AxisCondition = AxisCondition.NORMAL,
 ) -> Event:
-    level = AxisCondition.WARNING if warns else AxisCondition.NORMAL
-    return Event(axis=axis, kind=kind, level=level, time_ns=now_ns, data=data, **dict(words))
+    """Event in words that have a code."""
+    return Event(axis=axis, kind=kind, level=level, time_ns=now_ns, data=dict(data), **dict(words))
 
 
 def preload_rose(axis: str, before: float, after: float, now_ns: int) -> Event:
     """Event of a rise that wear cannot make; preloads in percent of the fresh screw's."""
     words = told(Code.PRELOAD_ROSE, before=before, after=after)
-    return _told(axis, "preload_rose", words, now_ns, {"from_percent": before, "to_percent": after})
+    return noted(axis, "preload_rose", words, now_ns, {"from_percent": before, "to_percent": after})
 
 
 def recording_name(axis: str, since_ns: int) -> str:
@@ -39,16 +45,18 @@ def consistency_changed(axis: str, change: Disagreement, since_ns: int, now_ns: 
     data: Data = {"channel": change.channel, "ratio": change.ratio, "since_s": change.since_s}
     if not change.disagrees:
         words = told(Code.AXIS_AS_LEARNED, watched, watched=change.channel)
-        return _told(axis, "model_agrees", words, now_ns, data | {"recording": None})
+        return noted(axis, "model_agrees", words, now_ns, {**data, "recording": None})
     name = recording_name(axis, since_ns)
     words = told(Code.AXIS_DIFFERS, watched, watched=change.channel, recording=name)
-    return _told(axis, "model_disagrees", words, now_ns, data | {"recording": name}, warns=True)
+    return noted(
+        axis, "model_disagrees", words, now_ns, {**data, "recording": name}, AxisCondition.WARNING
+    )
 
 
 def recording_kept(axis: str, name: str, now_ns: int) -> Event:
     """Event of a recording that is ready to diagnose."""
     words = told(Code.DISAGREEMENT_RECORDED, recording=name)
-    return _told(axis, "recording_kept", words, now_ns, {"recording": name})
+    return noted(axis, "recording_kept", words, now_ns, {"recording": name})
 
 
 def clock_changed(step_ns: int, now_ns: int) -> Event:
@@ -58,33 +66,22 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
     words = told(Code.CLOCK_SET_S, way=way, seconds=abs(seconds))
     if abs(seconds) >= 3600.0:
         words = told(Code.CLOCK_SET_H, way=way, hours=abs(seconds) / 3600.0)
-    return _told("", "clock_changed", words, now_ns, {"step_s": seconds}, warns=True)
+    return noted("", "clock_changed", words, now_ns, {"step_s": seconds}, AxisCondition.WARNING)
 
 
 def log_entry(axis: str, command: Command, now_ns: int) -> Event:
     """Event of a note, or of a part that was replaced."""
     replaced = command.action == "part_replaced"
     words = command.note or ("part replaced" if replaced else "")
-    return Event(
-        axis=axis,
-        kind="part_replaced" if replaced else "note",
-        level=AxisCondition.NORMAL,
-        text=f"{words} ({command.user})",
-        time_ns=now_ns,
-        data={"user": command.user},
-    )
+    words, data = f"{words} ({command.user})", {"user": command.user}
+    return noted(axis, "part_replaced" if replaced else "note", Statement(text=words), now_ns, data)
 
 
 def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:
     """Event of a command that would have changed nothing."""
     about = "" if command.alarm is None else f" {command.alarm}"
-    return Event(
-        axis=axis,
-        kind="command",
-        level=AxisCondition.NORMAL,
-        text=f"{command.action}{about} was refused: {reason}",
-        time_ns=now_ns,
-        who=command.user,
-        origin=command.origin or "bus",
-        data={"action": command.action, "outcome": "refused"},
-    )
+    words = f"{command.action}{about} was refused: {reason}"
+    data: Data = {"action": command.action, "outcome": "refused"}
+    asked = {"who": command.user, "origin": command.origin or "bus"}
+    event = noted(axis, "command", Statement(text=words), now_ns, data)
+    return event.model_copy(update=asked)

@@ -2,6 +2,7 @@
 
 from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.health import ComponentHealth, ComponentStatus
+from .axis_events import noted
 from .inputs import NS_PER_S
 
 DOWN = "tasks_down"
@@ -61,15 +62,10 @@ class ComponentWatch:
                 reason = f": {report.reason}" if report.reason else ""
                 words = {"part": report.status.replace("_", " "), "reason": reason}
                 values = {"component": report.component, "part": report.status.value}
-                component_changed = Event(
-                    axis=report.axis or "",
-                    kind="component_changed",
-                    level=_LEVELS.get(report.status, AxisCondition.NORMAL),
-                    **dict(told(Code.COMPONENT_CHANGED, words, **values)),
-                    time_ns=now_ns,
-                    data={"component": report.component, "from": before, "to": report.status},
-                )
-                events.append(component_changed)
+                changed = told(Code.COMPONENT_CHANGED, words, **values)
+                data = {"component": report.component, "from": before, "to": report.status}
+                kind, level = "component_changed", _LEVELS.get(report.status, AxisCondition.NORMAL)
+                events.append(noted(report.axis or "", kind, changed, now_ns, data, level))
         return tuple(events)
 
     def reports(self, now_ns: int, axis: str | None = "") -> tuple[ComponentHealth, ...]:

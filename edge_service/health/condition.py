@@ -3,10 +3,11 @@
 from ..messages.answer import of_fresh
 from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.event import AxisCondition, Code, Event, told
+from ..messages.event import AxisCondition, Code, Event, Statement, told
 from ..messages.features import FeatureBlock
 from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.topics import FEAT, HEALTH, PRELOAD
+from .axis_events import noted
 from .components import ComponentWatch
 from .inputs import DataFaults, InputWatch
 from .limits import GRACE_NS, LimitTracker
@@ -55,15 +56,11 @@ class ConditionMonitor:
         if before is None or before.status is not estimate.status:
             reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
             invalid = estimate.status is EstimateStatus.INVALID
-            status_changed = Event(
-                axis=self.axis,
-                kind="status_changed",
-                level=AxisCondition.WARNING if invalid else AxisCondition.NORMAL,
-                text=f"estimate is {estimate.status.replace('_', ' ')}{reason}",
-                time_ns=now_ns,
-                data={"from": None if before is None else before.status, "to": estimate.status},
-            )
-            changed = (status_changed,)
+            level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
+            text = f"estimate is {estimate.status.replace('_', ' ')}{reason}"
+            data = {"from": None if before is None else before.status, "to": estimate.status}
+            about = (now_ns, data, level)
+            changed = (noted(self.axis, "status_changed", Statement(text=text), *about),)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
@@ -93,15 +90,8 @@ class ConditionMonitor:
             words = told(Code.CONDITION_CHANGED_FOR, said, condition=condition.value, reason=code)
         is_known = self.estimate is not None and condition is not AxisCondition.UNAVAILABLE
         percent = self.estimate.preload_percent if is_known and self.estimate else None
-        condition_changed = Event(
-            axis=self.axis,
-            kind="condition_changed",
-            level=condition,
-            **dict(words),
-            time_ns=now_ns,
-            data={"from": before, "to": condition, "preload_percent": percent},
-        )
-        return (condition_changed, *events)
+        data = {"from": before, "to": condition, "preload_percent": percent}
+        return (noted(self.axis, "condition_changed", words, now_ns, data, condition), *events)
 
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis as of now, with its number."""

@@ -14,8 +14,8 @@ from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_state import AxisState
 from .components import ComponentWatch, is_down
 from .inputs import NS_PER_S
-from .live_features import ChannelQuality, LiveFeatures, LivePoint
-from .store.events import EventLog, StoredEvent
+from .live_features import LiveFeatures
+from .store.events import EventLog
 from .store.history import History
 from .store.readers import FanOut
 from .store.store import Store
@@ -100,10 +100,6 @@ class ServiceState:
         """An event is of the service or of one of its axes."""
         return not event.axis or self._knows(event.axis)
 
-    def tell(self, stored: StoredEvent) -> None:
-        """Hand an event that is kept to the live readers."""
-        self.readers.put_event(stored)
-
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:
         """Take a component's report in."""
         if report.axis is None or self._knows(report.axis):
@@ -122,9 +118,9 @@ class ServiceState:
         """Condition of an axis now; UNAVAILABLE as soon as it rests on something stale."""
         return self._axes[axis].told(self._started_ns, now_ns)
 
-    def components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
-        """Components that serve all axes."""
-        return self._components.reports(now_ns, None)
+    def components(self, now_ns: int, axis: str | None = "") -> tuple[ComponentHealth, ...]:
+        """Components of all axes, those of one, or (None) those that serve all."""
+        return self._components.reports(now_ns, axis)
 
     def renew(self, axis: str, limits: Limits | None, ratio_m_per_rad: float | None) -> None:
         """Show an axis by another machine file from now on, or a new axis."""
@@ -138,21 +134,9 @@ class ServiceState:
         del self._axes[axis], self._live[axis]
         self._components.forget(axis)
 
-    def all_components(self, now_ns: int) -> tuple[ComponentHealth, ...]:
-        """All components, those of axes included."""
-        return self._components.reports(now_ns)
-
-    def live(self, axis: str, since_ns: int = 0) -> tuple[LivePoint, ...]:
-        """The axis' last intervals after a time, oldest first."""
-        return tuple(self._live[axis].since(since_ns))
-
-    def live_now(self, axis: str) -> LivePoint | None:
-        """The axis' newest interval; None before the first."""
-        return self._live[axis].newest
-
-    def channels(self, axis: str) -> tuple[ChannelQuality, ...]:
-        """State of the channels of an axis."""
-        return self._live[axis].channels()
+    def live(self, axis: str) -> LiveFeatures:
+        """Last intervals of an axis, and the state of its channels."""
+        return self._live[axis]
 
     def version(self, topic: str, axis: str) -> int:
         """A number that changes with every payload of a topic."""
@@ -170,14 +154,6 @@ class ServiceState:
                 who = report.axis or "service"
                 reasons.append(f"{who}: part_down: {report.component}: {report.reason}")
         return tuple(reasons)
-
-    def open(self) -> None:
-        """Let live streams begin, also after `close`."""
-        self.readers.open()
-
-    def close(self) -> None:
-        """End all live streams, so that a server can stop."""
-        self.readers.close()
 
     def _mark(self, topic: str, axis: str) -> None:
         self._versions[topic, axis] += 1

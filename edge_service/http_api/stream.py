@@ -90,7 +90,7 @@ class Encoded:
         if topic != FEAT.name:
             answer = self._state.preload if topic == PRELOAD.name else self._state.health
             return _named(topic, answer(axis, now_ns))
-        point = self._state.live_now(axis)
+        point = self._state.live(axis).newest
         if point is None:
             return b""
         members = asdict(point) | {"axis": axis, "time": rfc3339(point.time_ns)}

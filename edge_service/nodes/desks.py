@@ -260,10 +260,10 @@ class Scrape:
         temperature_c = {}
         dropped: Counter[tuple[str, str]] = Counter()
         for axis in state.axes:
-            newest = state.live_now(axis)
+            newest = state.live(axis).newest
             if newest is not None and newest.temperature_c is not None:
                 temperature_c[axis] = newest.temperature_c
-        for report in state.components(at_ns):
+        for report in state.components(at_ns, None):
             if report.component in _READS:
                 dropped[_READS[report.component], "gap"] += report.counters.get("lost_payloads", 0)
         for (topic, _), count in state.refused().items():
@@ -277,7 +277,7 @@ class Scrape:
             state.configuration,
             not state.unready(at_ns),
             [state.answer(axis, at_ns) for axis in state.axes],
-            state.all_components(at_ns),
+            state.components(at_ns),
             temperature_c,
             dropped,
             outboxes,

@@ -154,7 +154,7 @@ class HttpNode:
 
         def tell(kept: list[StoredEvent], _problem: str) -> None:
             for each in kept:
-                self.state.tell(each)
+                self.state.readers.put_event(each)
 
         if self.state.concerns(event):
             self._context.dispatcher.put((event,), tell)
@@ -201,10 +201,9 @@ class HttpNode:
             scheme, shown = "https" if self._tls else "http", f"[{host}]" if ":" in host else host
             self._context.on_http_ready(f"{scheme}://{shown}:{port}/")
 
-        state.open()
-        await serve(
-            app, http.host, http.port, tls=self._tls, on_bound=bound, before_stop=state.close
-        )
+        state.readers.open()
+        end = state.readers.close
+        await serve(app, http.host, http.port, tls=self._tls, on_bound=bound, before_stop=end)
         raise RuntimeError("the server of the page has ended")
 
     def _motions(self, axis: str) -> list[Motion]:

@@ -103,7 +103,8 @@ def _answer(command: str, out: Path, stdout: io.StringIO, case: Case) -> Any:
         return tomllib.loads(out.read_text())
     file = out / f"{'diagnosis' if command == 'diagnose' else command}.json"
     text = file.read_text() if file.exists() else stdout.getvalue()
-    return json.loads(text) if text.startswith("{") else None
+    said = {"said": stdout.getvalue()} if command == "diagnose" else {}
+    return json.loads(text) | said if text.startswith("{") else None
 
 
 def estimates(path: Path, windows: dict[str, Window]) -> dict[str, Any]:
@@ -117,9 +118,8 @@ def _summary(rows: list[dict[str, str]], window: Window) -> dict[str, Any]:
     """Counts and means: `misled` is the share of all rows whose interval leaves the truth out."""
     rows = [row for row in rows if window.from_s < float(row["time_s"]) <= window.to_s]
     estimated = [row for row in rows if row["status"] == "estimated"]
-    numbers = [
-        [float(row[name]) for name in ("low", "preload_percent", "high")] for row in estimated
-    ]
+    names = ("low", "preload_percent", "high")
+    numbers = [[float(row[name]) for name in names] for row in estimated]
     of = max(len(rows), 1)
     answer: dict[str, Any] = {
         "rows": len(rows),
@@ -135,7 +135,7 @@ def _summary(rows: list[dict[str, str]], window: Window) -> dict[str, Any]:
         answer["misled"] = sum(not low <= truth <= high for low, _, high in numbers) / of
     if numbers:
         answer["preload_percent"] = sum(each[1] for each in numbers) / len(numbers)
-        answer["last"] = dict(zip(("low", "preload_percent", "high"), numbers[-1], strict=True))
+        answer["last"] = dict(zip(names, numbers[-1], strict=True))
     return answer
 
 

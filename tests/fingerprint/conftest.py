@@ -1,16 +1,14 @@
-import tomllib
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import MOTIONS, Segment, Setpoints, motion_limits
 
-BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
 GUIDE_FORCE_N = 40.0
 BEARING_DRAG_NM = 0.05
 FRESH = 100.0 * 510.0 / 7450.0
@@ -19,7 +17,7 @@ FRESH = 100.0 * 510.0 / 7450.0
 @pytest.fixture(scope="session")
 def bench() -> Machine:
     """The thesis' test bench with guides and bearings that rub."""
-    machine = Machine.model_validate(tomllib.loads(BENCH.read_text()))
+    machine = load_machine(DEFAULT_MACHINE)
     model = machine.model.model_copy(
         update={
             "guide_force_n": Quantity(value=GUIDE_FORCE_N),

@@ -8,13 +8,14 @@ import pytest
 from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
 from edge_service.health.alarms import SuddenDrop
 from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.consistency import ConsistencyWatch
 from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Statement
-from edge_service.messages.health import AlarmKind
+from edge_service.messages.health import AlarmKind, Consistency, ConsistencyState, Task
 from edge_service.messages.trend import Trend, TrendStatus
 
 from ..messages.examples import estimate_of
@@ -273,6 +274,19 @@ def test_a_model_that_does_not_fit_is_an_alarm():
     axis.hear(7.0, nis=30.0, times=60)
     axis.tick(0.0)
     assert axis.shown() == {"model": True}
+
+
+@pytest.mark.parametrize(("lost", "raised"), [(1.0, False), (0.1, True)])
+def test_a_sure_loss_explains_that_the_axis_is_not_as_learned(lost, raised, monkeypatch):
+    axis = _settled()
+    found = Consistency(state=ConsistencyState.DISAGREES, channel="transmission_m")
+    monkeypatch.setattr(ConsistencyWatch, "shown", lambda _self: found)
+    for _ in range(20):
+        axis.hear(0.5, 1.0, fault_probability={"preload_loss": lost})
+        axis.tick(0.0)
+    assert axis.shown().get("model", False) is raised
+    after_inspection = axis.watch.health(axis.now_ns).advice[1].task
+    assert after_inspection is (Task.DIAGNOSE if raised else Task.REPLACE_NUT)
 
 
 def test_an_axis_at_rest_does_not_count_its_last_error_again_and_again():

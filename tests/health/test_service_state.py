@@ -128,7 +128,7 @@ def test_components_are_the_monitor_s_with_the_newer_own_reports():
     state.on_component(own, START_NS)
     state.on_component(shared, START_NS)
     assert state.health("X", START_NS).components == (own,)
-    assert state.components(START_NS) == (shared,)
+    assert state.components(START_NS, None) == (shared,)
 
 
 async def test_slow_reader_loses_the_oldest_events_and_is_told():
@@ -164,7 +164,7 @@ async def test_close_wakes_waiting_and_future_readers():
     with state.readers.subscribe() as reader:
         waiting = asyncio.create_task(reader.next(60.0))
         await asyncio.sleep(0)
-        state.close()
+        state.readers.close()
         assert (await waiting).events == ()
         assert reader.closed
     with state.readers.subscribe() as late:

@@ -197,6 +197,16 @@ def test_after_running_in_the_later_rate_counts():
     assert crossing.earliest_ns < (40.0 + 280.0) * DAY_S * NS < crossing.latest_ns
 
 
+def test_a_fall_that_has_ended_has_an_end_and_no_rate():
+    for end_s in (600.0, 300.0):
+        time_s = np.arange(0.0, 600.0, 4.0)
+        noise = 0.01 * np.random.default_rng(12).standard_normal(time_s.size)
+        percent = 6.8 - 0.02 * np.minimum(time_s, end_s) + noise
+        trend = preload_trend(time_s, percent, np.full(150, 0.4), np.full(150, np.nan), LIMITS)
+        assert trend.until_time_ns / NS == pytest.approx(end_s, abs=8.0)
+        assert (slowest_loss(trend.rate_percent_per_h) < -36.0) == (end_s == 600.0)
+
+
 def test_wear_that_follows_the_way_is_counted_against_it():
     rng = np.random.default_rng(6)
     days = np.arange(120.0)

@@ -80,7 +80,7 @@ class Scene:
         members = {"kind": "condition_changed", "level": AxisCondition.WARNING}
         event = event_of(message, axis=axis, time_ns=self.now_ns, **members)
         for logged in self.state.events.add((event,), self.now_ns):
-            self.state.tell(logged)
+            self.state.readers.put_event(logged)
         return self.state.events.last_id()
 
     def hear_all(self) -> None:

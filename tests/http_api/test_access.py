@@ -98,7 +98,7 @@ def rows() -> list[tuple[str, str]]:
 async def test_every_route_but_healthz_wants_a_token_and_changes_an_operator(
     guarded: Guarded, box: httpx.AsyncClient, method: str, path: str
 ) -> None:
-    guarded.state.close()  # the live stream ends at once
+    guarded.state.readers.close()  # the live stream ends at once
     nobody = await box.request(method, path)
     assert nobody.status_code == 401
     assert nobody.headers["www-authenticate"].startswith("Basic ")

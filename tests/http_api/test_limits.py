@@ -30,7 +30,7 @@ async def served(scene, **parts) -> AsyncIterator[int]:
             "127.0.0.1",
             0,
             on_bound=lambda _host, port: bound.set_result(port),
-            before_stop=scene.state.close,
+            before_stop=scene.state.readers.close,
         )
     )
     try:
@@ -210,5 +210,5 @@ async def test_head_is_get_without_its_body(scene, client: httpx.AsyncClient) ->
         got, head = await client.get(path), await client.head(path)
         assert (head.status_code, head.content) == (got.status_code, b"")
         assert head.headers["content-type"] == got.headers["content-type"]
-    scene.state.close()
+    scene.state.readers.close()
     assert (await client.head("/api/v1/events")).status_code == 200

@@ -126,7 +126,7 @@ async def test_open_streams_do_not_hold_up_the_end(scene):
     async with _served(scene) as client, client.stream("GET", "/api/v1/events") as response:
         await _until(lambda: len(scene.state.readers) == 1)
         started = loop.time()
-        scene.state.close()
+        scene.state.readers.close()
         async with asyncio.timeout(60.0):
             await response.aread()
     assert loop.time() - started < 2.0

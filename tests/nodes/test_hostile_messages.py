@@ -80,7 +80,7 @@ class Readers:
     def on_event(self, _axis: str, _header: Header, event: Any) -> None:
         if self.state.concerns(event):
             for logged in self.state.events.add((event,), START_NS):
-                self.state.tell(logged)
+                self.state.readers.put_event(logged)
         self.recorder.note(event)
 
     def on_command(self, _axis: str, _header: Header, command: Any) -> None:

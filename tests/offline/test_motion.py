@@ -3,7 +3,6 @@
 import itertools
 import math
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +11,6 @@ import pytest
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
 from edge_service.offline.motion_file import MotionFileSettings, list_motions, write_motion
-
-BENCH = Path(__file__).parents[2] / "deploy" / "machine.toml"
-
-
-@pytest.fixture
-def machine() -> Machine:
-    """The thesis' test bench."""
-    return Machine.model_validate(tomllib.loads(BENCH.read_text()))
 
 
 def changed(machine: Machine, **axis: object) -> Machine:

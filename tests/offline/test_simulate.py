@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.config import DEFAULT_MACHINE
 from edge_service.messages import samples as channels
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
@@ -25,11 +25,6 @@ SHORT = SimulationSettings(duration_s=3.0)
 def read(path: Path) -> dict[str, Floats]:
     frame = read_trace(path)
     return {channels.TIME: frame.time_s, **frame.channels}
-
-
-@pytest.fixture
-def machine() -> Machine:
-    return load_machine(DEFAULT_MACHINE)
 
 
 def test_the_trace_has_every_channel_at_the_rate(machine: Machine, tmp_path: Path) -> None:

@@ -31,6 +31,12 @@ _OPEN = 20.0
 """A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
+_NEWEST = (2.0, 4.0, 8.0)
+"""Parts of a history whose newest one may show that a fall has ended."""
+_STILL = 0.1
+"""Rate, of that before, from which down a fall has ended."""
+_FEWEST_STILL = 8
+_SIGMAS = 3.0
 _OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
 """Age of the newest estimate from which on a trend is told as past: this, and of its length."""
 _SENTENCES = {
@@ -178,14 +184,18 @@ def preload_trend(
         found = _crossing(name, limit, future, now_s, now_s - float(time_s[0]))
         crossings += [] if found is None else [found]
     low, middle, high = _quantiles(future.slope * future.age_per_s * 3600.0)
-    rate = Interval(value=middle, low=low, high=high)
+    worked = distance_m if future.basis == "distance" else time_s
+    rate, until_s = Interval(value=middle, low=low, high=high), now_s
+    ended = end_of_fall(time_s, percent, float(np.median(half_width_percent)), worked)
+    if ended is not None and status is TrendStatus.FALLING:
+        (until_s, rate), crossings = ended, []
     ends = max(round(_ENDS * percent.size), 1)
     change = float(np.mean(percent[-ends:]) - np.mean(percent[:ends]))
     return Trend(
         status=status,
         reason=_SENTENCES[status],
         since_time_ns=since_ns,
-        until_time_ns=round(now_s * NS_PER_S),
+        until_time_ns=round(until_s * NS_PER_S),
         basis=future.basis,
         level=LEVEL,
         rate_percent_per_h=rate,
@@ -193,6 +203,40 @@ def preload_trend(
         change_fresh_percent=100.0 / fresh_percent * change if fresh_percent else None,
         crossings=tuple(crossings),
     )
+
+
+def end_of_fall(
+    time_s: Floats, percent: Floats, error_percent: float, worked: Floats
+) -> tuple[float, Interval] | None:
+    """Time at which a fall ended, s, and the rate since, percent per hour; None while it lasts.
+
+    It has ended where the newest part of the work, for a minute at least, wears beyond doubt by
+    less than a tenth of what the part before did, and an error of the estimator cannot hide the
+    rest; no law of wear slows down so much so soon.
+
+    Args:
+        error_percent: Half the width of an estimate's 95 % interval.
+        worked: what the wear is counted against, time in s or way in m, (n,).
+    """
+    for parts in _NEWEST:
+        newest = worked >= worked[-1] - (worked[-1] - worked[0]) / parts
+        still_s, way = float(np.ptp(time_s[newest])), float(np.ptp(worked[newest]))
+        fewest = min(newest.sum(), (~newest).sum())
+        if fewest < _FEWEST_STILL or still_s * NS_PER_S <= _OVER_NS or way == 0.0:
+            return None
+        before, _ = _line(worked[~newest], percent[~newest])
+        slope, sigma = _line(worked[newest], percent[newest])
+        if -before * way > 2.0 * error_percent and slope - _SIGMAS * sigma > _STILL * before:
+            low, high = slope - _SIGMAS * sigma, slope + _SIGMAS * sigma
+            begun_s = float(time_s[percent <= percent[newest].max()][0])
+            return begun_s, Interval(value=slope, low=low, high=high).times(3600.0 * way / still_s)
+    return None
+
+
+def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
+    """Slope of a line through points, (n,) each, and its standard deviation."""
+    line, covariance = np.polyfit(worked - worked.mean(), percent, 1, cov=True)
+    return float(line[0]), math.sqrt(covariance[0, 0])
 
 
 def is_over(trend: Trend, now_ns: int) -> bool:
@@ -205,11 +249,8 @@ def is_over(trend: Trend, now_ns: int) -> bool:
 
 def as_of(trend: Trend, now_ns: int) -> Trend:
     """Trend as it is told now: a fall that may have ended is told as one that was."""
-    change, since_ns, until_ns = (
-        trend.change_fresh_percent,
-        trend.since_time_ns,
-        trend.until_time_ns,
-    )
+    change = trend.change_fresh_percent
+    since_ns, until_ns = trend.since_time_ns, trend.until_time_ns
     if trend.status is not TrendStatus.FALLING or not is_over(trend, now_ns):
         return trend
     if change is None or change >= 0.0 or since_ns is None or until_ns is None:

@@ -117,11 +117,11 @@ async def live(
     duration: Annotated[float, Query(gt=0.0, le=300.0, description="How far back, s.")] = 60.0,
 ) -> LiveAnswer:
     """Torque, speed, position, transmission difference and temperature of the last minutes."""
-    points = state.live(axis, now_ns - round(duration * 1e9))
+    points = tuple(state.live(axis).since(now_ns - round(duration * 1e9)))
     return LiveAnswer(
         axis=axis,
         time_s=[point.time_ns / 1e9 for point in points],
-        channels=list(state.channels(axis)),
+        channels=list(state.live(axis).channels()),
         **{name: [getattr(point, name) for point in points] for name in _COLUMNS},
     )
 

@@ -172,7 +172,7 @@ def service_answer(state: ServiceState, now_ns: int, outputs: list[OutputAnswer]
         site=state.place.site,
         machine=state.place.machine,
         store=state.kept,
-        components=list(state.all_components(now_ns)),
+        components=list(state.components(now_ns)),
         outputs=outputs,
     )
 
@@ -224,7 +224,7 @@ async def output_items(
     items: list[OutputAnswer] = []
     if outputs is None:
         return items
-    reports = {each.component: each for each in state.components(now_ns)}
+    reports = {each.component: each for each in state.components(now_ns, None)}
     for name in outputs.names:
         counts, report = await outputs.counts(name), reports.get(name)
         status = ComponentStatus.STARTING if report is None else report.status

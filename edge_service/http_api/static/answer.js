@@ -3,7 +3,7 @@
 import { headlineWords, reasonsOf, whatChanged, whatToDo } from "./advice.js";
 import { byId, element, list, refill, svg, symbol, write } from "./dom.js";
 import { clock, lasting, number, printed } from "./format.js";
-import { headlineOf, levelOf, levelWords } from "./level.js";
+import { headlineOf, isHeard, levelOf, levelWords } from "./level.js";
 import { t } from "./strings.js";
 
 let parts = null;
@@ -48,7 +48,7 @@ export function renderAnswer(state, nowMs) {
   const reading = state.connected ? state.preload : null;
   const percent = reading?.preload_percent ?? null;
   root.dataset.level = level;
-  refill(parts.verdict, `${axis}${level}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t("answer.axis", { axis }))]);
+  refill(parts.verdict, `${axis}${level}${levelWords(state)}`, () => [symbol(level), element("span", { class: "badge" }, levelWords(state)), element("span", {}, t("answer.axis", { axis }))]);
   list(parts.headline, [headlineWords(state)].filter(() => state.connected));
   write(parts.since, sinceText(state));
   renderReading(state.limits, reading, health);
@@ -86,7 +86,7 @@ function renderReading(limits, reading, health) {
 function renderFacts(state, reading, nowMs) {
   const drag = reading?.drag_torque_nm ?? null;
   const facts = [
-    [t("fact.condition"), t(`condition.${state.condition}`)],
+    [t("fact.condition"), isHeard(state) ? t(`condition.${state.condition}`) : "–"],
     [t("fact.measured"), ageText(state, nowMs)],
     [t("fact.drag"), drag ? t("fact.drag.value", { value: number(drag.value, 3), low: number(drag.low, 3), high: number(drag.high, 3) }) : "–"],
     [t("fact.force"), reading?.preload_n == null ? "–" : t("unit.n", { n: number(reading.preload_n) })],

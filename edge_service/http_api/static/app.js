@@ -170,7 +170,7 @@ function watchConnection(nowMs) {
 function renderAxes() {
   const all = [...states.values()];
   const isMachine = shown === null && !route().page;
-  const key = JSON.stringify([isMachine, all.map((state) => [state.axis, levelOf(state), state === shown])]);
+  const key = JSON.stringify([isMachine, all.map((state) => [state.axis, levelWords(state), state === shown])]);
   refill(byId("axes"), key, () => (isMachine ? [] : all.map(chip)));
   const [first] = worstFirst(all);
   document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${levelWords(first)}: ${first.axis}`;

@@ -61,8 +61,17 @@ function verdictNode(job) {
   const found = verdicts.get(job.id);
   if (job.state !== "done") return element("p", { class: "job-verdict", lang: "en" }, job.verdict ?? job.lines.at(-1) ?? "");
   if (!found) return element("p", { class: "job-verdict" }, t("job.ready"));
-  const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map((effect) => t("verdict.cause", { name: named("effect", effect.name), n: number(100 * effect.probability) }));
-  return element("p", { class: "job-verdict" }, [named("verdict", found.verdict), ...causes].join(" "));
+  const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map(causeWords);
+  const verdict = found.verdict === "explained" && found.partly ? "partly" : found.verdict;
+  return element("p", { class: "job-verdict" }, [named("verdict", verdict), ...causes].join(" "));
+}
+
+function causeWords({ name, probability, parameters }) {
+  const about = { name: named("effect", name), n: number(100 * probability) };
+  const lost = parameters?.lost_percent;
+  if (!lost) return t("verdict.cause", about);
+  const [value, low, high] = [lost.value, Math.floor(lost.low ?? 0), Math.ceil(lost.high ?? 100)].map((each) => number(each));
+  return t("verdict.cause.lost", { ...about, value, low, high });
 }
 
 function filesNode(job) {

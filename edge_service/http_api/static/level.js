@@ -6,7 +6,9 @@ export const ORDER = ["FAULT", "WARNING", "UNAVAILABLE", "NORMAL"];
 
 export const headlineOf = (state) => (state.connected ? state.health?.headline : null) ?? null;
 export const levelOf = (state) => headlineOf(state)?.level ?? "UNAVAILABLE";
-export const levelWords = (state) => t(`condition.${levelOf(state)}`);
+// Without a connection, or before the first answer, nothing is claimed.
+export const isHeard = (state) => state.connected && state.health !== null;
+export const levelWords = (state) => (isHeard(state) ? t(`condition.${levelOf(state)}`) : t(state.connected ? "connection.waiting" : "connection.lost"));
 export const openAlarms = (state) => state.health?.alarms ?? [];
 export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);
 

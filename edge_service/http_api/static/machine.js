@@ -4,7 +4,7 @@ import { crossing } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
 import { lasting, ofFresh, printed } from "./format.js";
-import { alarmsOfAll, headlineOf, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
+import { alarmsOfAll, headlineOf, isHeard, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
 import { addressOf } from "./route.js";
 import { locale, named, t } from "./strings.js";
 
@@ -45,7 +45,7 @@ function renderHeadline(sorted, isServiceDown) {
   const axes = new Intl.ListFormat(locale).format(own.map((state) => (level === "UNAVAILABLE" ? state.axis : `${state.axis} (${levelWords(state)})`)));
   const key = level === "UNAVAILABLE" ? level : "attention";
   const counts = { n: own.length, all: sorted.length, axes };
-  const text = level === "NORMAL" ? t("machine.NORMAL", counts) : own.length === 0 ? t("machine.service") : t(`machine.${key}.${own.length === 1 ? "one" : "other"}`, counts);
+  const text = !sorted.every(isHeard) ? t(sorted[0].connected ? "todo.wait" : "no_connection") : level === "NORMAL" ? t("machine.NORMAL", counts) : own.length === 0 ? t("machine.service") : t(`machine.${key}.${own.length === 1 ? "one" : "other"}`, counts);
   const root = byId("machine-answer");
   root.dataset.level = level;
   refill(root, text, () => [element("h2", { id: "machine-title", class: "verdict" }, symbol(level), element("span", {}, text))]);
@@ -62,7 +62,7 @@ function rowText(state, shared) {
     share: share ? { value: Math.round(share.value), low: Math.round(share.low), high: Math.round(share.high) } : null,
     shown: share ? printed(share) : null,
     limit: limitText(state),
-    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
+    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : !isHeard(state) ? "" : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
     hasAlarm: alarms.length > 0,
     week: weeks.get(axis) ?? [],
   };

@@ -27,7 +27,6 @@ from ...diagnose.result import (
     withheld,
 )
 from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, rigid_baseline
-from ...messages.interval import printed
 from ...models.effects.effect import Effect
 from ...models.effects.learned import model_effects
 from ...models.effects.registry import effects, fault, get_effect
@@ -35,7 +34,8 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
 from ..recordings import Progress, examine, silent
-from ..report.diagnosis_page import chance, places, render
+from ..report.diagnosis_page import chance, places, points, render, verdict_sentence
+from ..report.quantities import amount
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 from .witnesses import beside_doubts, doubts, preload_reading
 
@@ -204,23 +204,22 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
 
 
 def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
-    is_part = found.partly and found.verdict is Verdict.EXPLAINED
-    lines = [f"verdict: {'partly ' if is_part else ''}{found.verdict.value}"]
+    lines = [verdict_sentence(found)]
     if found.misfit is not None:
         before, after = chance(found.misfit.p_value), chance(found.misfit.p_value_after)
         causes = f", with the causes {after}" if found.effects else ""
         lines.append(f"chance that a healthy axis differs as much: {before}{causes}")
     lines += [
-        f"{name}: {each.before:.3g} {each.unit} before, {each.after:.3g} after, "
-        f"{each.noise_floor:.3g} floor ({each.floor_source}), {each.tolerance:.3g} tolerated"
+        f"{name}: {amount(each.before, each.unit)} before, {amount(each.after, each.unit)} after, "
+        f"{amount(each.floor, each.unit)} floor ({each.floor_source}), "
+        f"{amount(each.tolerance or 0.0, each.unit)} tolerated"
         for name, each in found.gap.items()
     ]
     lines += places(found.where, m_per_rad)
     for each in found.effects:
-        said, s = [f"{x.value:.3g} {x.unit}" for x in each.parameters.values()], each.shrink
+        said = [f"{x.value:.3g} {x.unit}" for x in each.parameters.values()]
         if each.entries:
-            value, low, high = printed(100.0 * s.estimate, 100.0 * s.low, 100.0 * s.high)
-            said = [f"shrinks {each.channel} by {value} % ({low} to {high})"]
+            said = [f"shrinks {each.channel} by {points(each.shrink)}"]
         lines.append(f"{each.name}: probability {each.probability:.3f}, {', '.join(said)}")
     lines += [f"but {each}" for each in found.caveats]
     kept = (*found.augmented, *found.withheld, VIBRATION)

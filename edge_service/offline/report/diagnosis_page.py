@@ -1,44 +1,29 @@
 """The page of a diagnosis: plain words first, then numbers and pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import matplotlib as mpl
 
-from ...diagnose.result import Diagnosis, NamedEffect, Place, Shrink, Verdict
+from ...diagnose.result import Diagnosis, NamedEffect, ParameterValue, Place, Shrink, Verdict
 from ...diagnose.session.session import Session
+from ...messages.interval import printed
 from ...models.effects.registry import get_effect
 from ...models.machine import Machine
 from .diagnosis_figures import LABELS, draw_gap, draw_replay, draw_waterfall
 from .page import STYLE, rendered
 from .quantities import amount, interval, percent, words
 
-VERDICTS = {
-    "no_gap": "Machine and model agree. Nothing was found that matters.",
-    "explained": "The difference between machine and model has a clear cause.",
-    "partly": "Part of the difference between machine and model has a clear cause.",
-    "ambiguous": "This recording alone cannot decide what causes the difference.",
-    "unknown": "There is a difference that no known effect explains.",
-    "bad_data": "The recording cannot be diagnosed.",
-}
-BLIND = "This recording cannot answer the question: its noise would hide any difference."
 CHANNELS = {"torque_nm": "torque", "transmission_m": "position between motor and table"}
-FLOORS = {
-    "recording": "what neither this motion nor a repeat of it can predict, in this recording",
-    "reference": "the difference that remains between healthy recordings",
-}
 
 
 def render(
     machine: Machine, names: Sequence[str], found: Diagnosis, session: Session | None = None
 ) -> str:
     """The page as HTML; nothing in it is loaded from elsewhere."""
-    claimed = {each.channel for each in found.effects}
+    claimed = sorted({each.channel for each in found.effects})
     telling = [name for name, gap in found.gap.items() if name in claimed or gap.matters]
-    shown = sorted(name for name in claimed if found.gap[name].replayed)
+    shown = [name for name in claimed if found.gap[name].replayed]
     accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
-    by_reason: dict[str, list[str]] = {}
-    for name, reason in found.not_judged_reasons.items():
-        by_reason.setdefault(reason, []).append(name)
     with mpl.rc_context(STYLE):
         waterfalls = {
             name: draw_waterfall(name, found.gap[name], found.waterfall.get(name, ()))
@@ -55,8 +40,7 @@ def render(
         machine=machine,
         names=names,
         found=found,
-        lead=BLIND if found.is_blind else VERDICTS["partly" if found.partly else found.verdict],
-        unobservable=by_reason,
+        lead=verdict_sentence(found),
         quiet=[CHANNELS[name] for name in found.gap if name not in telling],
         named=sorted(found.effects, key=_weight) if accepted else found.effects[:1],
         shown=shown,
@@ -66,9 +50,15 @@ def render(
         gaps=gaps,
         channels=CHANNELS,
         labels=LABELS,
-        floors=FLOORS,
         describe=lambda name: get_effect(name).description,
     )
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """Verdict in one sentence, the same in the report and on the terminal."""
+    named = sorted(found.effects, key=_weight)
+    used: Mapping[str, Callable[..., object]] = {"words": words, "lost": _lost}
+    return rendered("verdict.txt", used, found=found, named=named, channels=CHANNELS).strip()
 
 
 def _weight(each: NamedEffect) -> tuple[bool, float, float]:
@@ -84,6 +74,12 @@ def sure(probability: float) -> str:
     ('more than 99 % sure', '75 % sure')
     """
     return "more than 99 % sure" if probability > 0.99 else f"{percent(probability)} sure"
+
+
+def _lost(share: ParameterValue) -> str:
+    """A loss in percent; what is not bounded lies between none and all."""
+    value, low, high = printed(share.value, share.low or 0.0, share.high or 100.0)
+    return f"{value} % lost, {low} to {high}"
 
 
 def chance(p_value: float) -> str:
@@ -105,10 +101,10 @@ def points(value: Shrink) -> str:
     """A shrink with its interval.
 
     >>> points(Shrink(estimate=0.802, low=0.67, high=0.904))
-    '80 % (67 to 90)'
+    '80 % (67 to 91)'
     """
-    low, high = round(100.0 * value.low), round(100.0 * value.high)
-    return f"{percent(value.estimate)} ({low} to {high})"
+    shrink, low, high = printed(100.0 * value.estimate, 100.0 * value.low, 100.0 * value.high)
+    return f"{shrink} % ({low} to {high})"
 
 
 def places(found: Sequence[Place], m_per_rad: float) -> list[str]:
@@ -140,7 +136,10 @@ def _over(variable: str, mine: Sequence[Place], m_per_rad: float) -> str:
     if variable == "direction":
         ways = {(0.0, 1.0): ", most of it forwards", (-1.0, 0.0): ", most of it backwards"}
         return name + ways.get((mine[0].low, mine[0].high), "")
-    ends = (f"{_plain(factor * each.low)} to {_plain(factor * each.high)}" for each in mine)
+    ends = (
+        f"{_plain(factor * each.low)} to {_plain(factor * each.high)}"
+        for each in sorted(mine, key=lambda place: place.low)
+    )
     return f"{name}, {', '.join(ends)} {unit}"
 
 

@@ -3,12 +3,12 @@
 import math
 import pkgutil
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import signal
 
+from edge_service.config import DEFAULT_MACHINE
 from edge_service.messages.samples import SETPOINT, TABLE_POSITION, TEMPERATURE, Floats
 from edge_service.models.effects import library
 from edge_service.models.effects.baseline import Baseline, Motion
@@ -29,7 +29,6 @@ from edge_service.models.machine import Machine, Quantity
 from edge_service.models.motions.registry import Dwell, Move, Setpoints
 
 SPRING = "compliance:level_m_per_n=1e-8,friction_share=0.5"
-BENCH = Path(__file__).parents[3] / "deploy" / "machine.toml"
 REQUIRED = {
     *("inertia_error", "viscous_error", "drag_error", "torque_gain_error", "stribeck"),
     *("load_offset", "presliding", "position_friction", "compliance", "backlash", "lead_error"),
@@ -46,7 +45,7 @@ SIGNATURES = (torque_signature, transmission_signature)
 
 @pytest.fixture(scope="module")
 def baseline() -> Baseline:
-    content = tomllib.loads(BENCH.read_text())
+    content = tomllib.loads(DEFAULT_MACHINE.read_text())
     content["model"]["guide_force_n"] = 60.0
     return Baseline.of_machine(Machine.model_validate(content))
 
@@ -262,7 +261,7 @@ def test_what_is_not_given_is_typical() -> None:
 
 
 def test_effects_of_a_machine_file_are_the_same_entries() -> None:
-    content = tomllib.loads(BENCH.read_text())
+    content = tomllib.loads(DEFAULT_MACHINE.read_text())
     content["effects"] = [
         {"name": "backlash", "parameters": {"width_m": {"value": 4.1e-6, "tolerance": 0.1}}}
     ]
