@@ -127,7 +127,7 @@ def separations(
             added = {c: session.signature(c, effect, full) for c in session.channels}
             if any(np.any(gap) for gap in added.values()):
                 break
-        problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {}, {})
+        problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {})
         alone = problem.fit(())
         fits: dict[str | None, Fit] = {None: alone}
         for rival in (each for each in names if each != name):

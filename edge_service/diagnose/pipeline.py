@@ -8,6 +8,7 @@ from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
+from .candidates.regressors import UNKNOWN
 from .localisation import where
 from .residual.noise import steps_nm
 from .residual.vibration import Vibration, strongest_vibration
@@ -169,7 +170,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     torque_rms_nm, floor = session.torque_rms_nm, dict(noise.floor)
     if TORQUE_GAP in floor:  # a reference may tell nothing; then the torque itself is unknown
         floor[TORQUE_GAP] = min(floor[TORQUE_GAP], torque_rms_nm)
-    blind = TORQUE_GAP in floor and is_blind(floor[TORQUE_GAP], torque_rms_nm)
+    blind = TORQUE_GAP in floor and floor[TORQUE_GAP] > BLIND_SHARE * torque_rms_nm
     coarse = 0.0 < floor.get(TORQUE_GAP, 0.0) <= steps_nm(session)
     known = {} if loss is None else {loss.effect.name: TORQUE_GAP}
     channel_of = {**known, **contributions.channel_of}
@@ -196,15 +197,14 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         )
     is_unknown = blind or assessment.is_unknown
     is_unknown |= not found and any(_exceeds(each, left_rms[name]) for name, each in gap.items())
-    nearest = next(iter([*(each.name for each in found), *assessment.material]), None)
+    suspected = [*(each.name for each in found), *sorted(posterior.best.material - {UNKNOWN})]
     doubted = assessment.misattributed
     partly = is_unknown and any(e.is_known and e.channel not in doubted for e in found)
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
-    without = problem.fit(()).rms
-    misfit = Misfit(
-        p_value=min(noise.chance(name, without[name]) for name in gap),
-        p_value_after=min(noise.chance(n, (left_rms if found else without)[n]) for n in gap),
-    )
+    bare = problem.fit(())
+    chances = assessment.chance_of_stretch(bare), *(noise.chance(n, bare.rms[n]) for n in gap)
+    after = (noise.chance(name, left_rms[name]) for name in gap)
+    misfit = Misfit(p_value=min(chances), p_value_after=min(after if found else chances))
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
@@ -216,7 +216,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         effects=tuple(found),
         unexplained=Unexplained(
             share=max(posterior.unexplained.values(), default=0.0),
-            nearest=nearest if verdict is Verdict.UNKNOWN else None,
+            nearest=next(iter(suspected), None) if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall={
@@ -248,11 +248,6 @@ def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
     return Verdict.EXPLAINED
 
 
-def is_blind(floor_nm: float, torque_nm: float) -> bool:
-    """Flag of a floor that is so much of the torque that it hides whatever matters."""
-    return floor_nm > BLIND_SHARE * torque_nm
-
-
 def caveats_of(
     gap: Mapping[str, ChannelGap], left: Mapping[str, float], torque_nm: float, verdict: Verdict
 ) -> tuple[str, ...]:
@@ -263,15 +258,14 @@ def caveats_of(
         torque_nm: root mean square of the torque in motion.
     """
     found = []
-    if TORQUE_GAP in gap and is_blind(gap[TORQUE_GAP].floor, torque_nm):
+    if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > BLIND_SHARE * torque_nm:
         found.append(
             f"{gap[TORQUE_GAP].floor:.3g} of {torque_nm:.3g} N m of torque cannot be predicted "
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
         tolerance, unit = each.tolerance or 0.0, each.unit
-        named = verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS)
-        if named and _exceeds(each, left[name]):
+        if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS) and _exceeds(each, left[name]):
             beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
                 f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "

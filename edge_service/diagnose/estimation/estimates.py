@@ -61,12 +61,10 @@ class Estimates:
         )
         return sum(mine, np.zeros(len(self.fitted.system.session.channels[channel].gap)))
 
-    def shown(self, name: str) -> set[str]:
-        """Channels that an effect shows in."""
-        return set().union(*(self._shown(k) for k in self.of_effect(name)))
-
-    def _shown(self, k: int) -> set[str]:
-        return {name for name, column in self.fitted.columns[k].items() if np.any(column)}
+    def shown(self, *entries: int) -> set[str]:
+        """Channels that some entries show in."""
+        columns = [pair for k in entries for pair in self.fitted.columns[k].items()]
+        return {channel for channel, each in columns if np.any(each)}
 
     def coefficients(self, k: int) -> Floats:
         """Coefficients of one entry, bounded as the library bounds its amount."""
@@ -136,7 +134,7 @@ class Estimates:
         regressor = self.fitted.regressors[k]
         trace = self.traces.get((regressor.name, regressor.form), (0.0, 0.0))
         mean, spread = self.healthy.get(regressor.name, trace)
-        gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self._shown(k) else 0.0
+        gain = self.healthy.get(_GAIN, (0.0, 0.0))[1] if TORQUE_GAP in self.shown(k) else 0.0
         reach = Z_90 * math.hypot(sigma, spread, gain * value, spread if gain else 0.0)
         low, high = value - max(mean, 0.0) - reach, value - min(mean, 0.0) + reach
         named = self.of_effect(_GAIN) if gain and regressor.name != _GAIN else []

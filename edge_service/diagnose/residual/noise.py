@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from ...messages.samples import Floats, Integers
 from ...models.machine import Machine
 from ...regression.linear import effective_size
-from ..session.recordings import STEPS
+from ..session.recordings import STEPS, STRETCH
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
 from .structure import predicted_structure, structure_of_gap
 
@@ -179,9 +179,16 @@ def noise_floor(
         rest, rows = each - structure[name], session.channels[name]
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, session.fold[name])
         least = steps_nm(session) if name == TORQUE_GAP else 0.0
-        levels[name] = max(min(ordinary_rms(rest), _REPEATS_MAY_MISS * again), least)
+        most = math.inf if name == TORQUE_GAP else _encoders_rms(session)
+        levels[name] = max(min(ordinary_rms(rest), _REPEATS_MAY_MISS * again, most), least)
         noise[name] = rest
     return levels, noise
+
+
+def _encoders_rms(session: Session) -> float:
+    """Most that two encoders read apart by chance, m: what is smooth between samples is not."""
+    noise_m = max(r.noise.get(STRETCH, 0.0) * math.hypot(*r.low_pass.taps) for r in session.runs)
+    return math.hypot(_REPEATS_MAY_MISS * noise_m, INTERPOLATION_M)
 
 
 def ordinary_rms(values: Floats) -> float:
@@ -189,8 +196,6 @@ def ordinary_rms(values: Floats) -> float:
 
     The pieces' own root mean squares are taken for log-normal.
     """
-    if not len(values):
-        return 0.0
     whole = rms(values)
     count = len(values) // _PIECE_ROWS
     if count < 4:
@@ -211,8 +216,6 @@ def _repeated_rms(rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Inte
     place = known["table_position_m"] / ratio_m_per_rad / _SAME_RAD
     state = np.column_stack((place, speed / _SAME_SPEED, acceleration / _SAME_ACCELERATION))
     even, odd = np.flatnonzero(fold % 2 == 0), np.flatnonzero(fold % 2 == 1)
-    if min(len(even), len(odd)) < _LEAST_REPEATS:
-        return math.inf
     apart, nearest = KDTree(state[odd]).query(state[even], distance_upper_bound=1.0)
     order = np.argsort(apart)[:_MOST_REPEATS]
     order = order[np.isfinite(apart[order])]

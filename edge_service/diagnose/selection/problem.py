@@ -25,7 +25,7 @@ from ..candidates.regressors import (
     null_shapes,
 )
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session, parameter_tolerances
+from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Session
 
 NAME_COST = 4.0
 """Each effect is there with odds of 1 to 55 before anything is measured."""
@@ -83,7 +83,6 @@ class SelectionProblem:
 
     Attributes:
         priors: effect -> healthy mean and tolerance of its amount, for parameters of the model.
-        tolerances: parameter effect -> what the machine file says of its amount.
         pinned: coefficients of the nuisances, (p,), where they must not follow; otherwise None.
     """
 
@@ -92,7 +91,6 @@ class SelectionProblem:
     design: DesignMatrix
     noise: Noise
     priors: Mapping[str, tuple[float, float]]
-    tolerances: Mapping[str, float]
     pinned: Floats | None = None
 
     @classmethod
@@ -101,16 +99,16 @@ class SelectionProblem:
         names = {each.name for each in library}
         entries = candidates_of(session, [each for each in library if each.name != FORCE])
         more: list[CandidateRegressor] = list(null_shapes(session, names))
-        noise, tolerances = Noise.of_gap(session, machine), parameter_tolerances(machine)
+        noise = Noise.of_gap(session, machine)
         prior = healthy_priors(machine, session.runs[0].period_s, session.baseline.coulomb_nm)
         if TORQUE_GAP in session.channels and FORCE in names:
             bare = DesignMatrix.of_session(session, prior)
-            healthy = cls(session, machine, bare, noise, {}, tolerances)
+            healthy = cls(session, machine, bare, noise, {})
             more += force_pulses(session, healthy.residuals(healthy.fit(()))[TORQUE_GAP])
         design = DesignMatrix.of_session(session, prior, entries, more)
         alone = (p for p in prior if len(p.regressor.effect.parameters) == 1)
         priors = {p.regressor.name: (p.mean, p.sigma) for p in alone if not p.regressor.shape}
-        return cls(session, machine, design, noise, priors, tolerances)
+        return cls(session, machine, design, noise, priors)
 
     def pinned_to(self, whole: Fit) -> Self:
         """Pin the nuisances to those of a fit: they must not stretch to hide a cause."""
@@ -183,6 +181,13 @@ class SelectionProblem:
             )
             for k, chosen in enumerate(sets)
         ]
+
+    def stretch(self, whole: Fit) -> dict[str, float]:
+        """Tolerances by which each parameter of a healthy axis is off in a fit."""
+        design, places = self.design, self.design.first[: self.design.nuisances]
+        off = np.abs(whole.coefficients[places] - design.mean[places])
+        names = (each.name for each in design.regressors)
+        return dict(zip(names, (off * design.precision[places] ** 0.5).tolist(), strict=False))
 
     def without(self, whole: Fit, name: str) -> Fit:
         """Fit the set without one of its effects."""

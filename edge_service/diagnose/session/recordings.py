@@ -48,6 +48,7 @@ _AT_LIMIT = 0.999
 """Of the drive's limit: as exactly as drives state their torque."""
 TEMPERATURE_MEAN_S = 5.0
 """A housing warms up slowly: its sensor's noise and steps are no warmth."""
+STRETCH = "stretch_m"
 STEPS, _NO_STEP = "torque_steps", 1e-6  # of the greatest torque
 EDGE_S = 0.1
 LEAST_RUN_S = 1.0
@@ -152,6 +153,8 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     stretch = None
     if TABLE_POSITION in raw:
         stretch = (raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE])[inside]
+        table, motor = (max(noise[n], _steps_rms(raw[n])) for n in (TABLE_POSITION, ANGLE))
+        noise[STRETCH] = math.hypot(table, baseline.ratio_m_per_rad * motor)
     return Run(
         motion=motion,
         moving=moving,

@@ -126,16 +126,14 @@ class Session:
             channel, lambda motion: _signature(channel, effect, values, motion, self.baseline)
         )
 
-    @property
-    def block_s(self) -> float:
-        """Length of the blocks that are held out in turn, s; an eighth of what is shorter."""
-        times = [rows.variables["time_s"] for rows in self.channels.values()]
-        span_s = max(float(np.ptp(each)) for each in times)
-        return min(BLOCK_S, max(span_s, 1e-9) / _LEAST_BLOCKS)
-
     def folds(self, time_s: Floats) -> Integers:
-        """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on."""
-        found: Integers = np.floor(time_s / self.block_s).astype(np.int64) % FOLDS
+        """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on.
+
+        Blocks are as long as an eighth of the session, or `BLOCK_S`.
+        """
+        spans_s = [np.ptp(rows.variables["time_s"]) for rows in self.channels.values()]
+        block_s = min(BLOCK_S, max(*spans_s, 1e-9) / _LEAST_BLOCKS)
+        found: Integers = np.floor(time_s / block_s).astype(np.int64) % FOLDS
         return found
 
     @property

@@ -7,6 +7,7 @@ channel may be none, by how much it leaves and what it had to bend for it.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..estimation.estimates import Contributions
 from ..residual.structure import predicted_structure
 from ..result import NamedEffect
 from ..selection.posterior import Posterior
+from ..selection.problem import Fit
 from ..session.session import TORQUE_GAP, rms
 from .cross_validation import CrossValidation
 
@@ -162,14 +164,9 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
         is_unknown |= name in claimed and by_entries[name] > UNKNOWN_ENTRY_SHARE
         found[name] = 0.5 * (1.0 - left[name]) if is_unknown else 1.0
     if TORQUE_GAP in posterior.exceeding:
-        design, best = problem.design, posterior.best.fit
-        for k in range(design.nuisances):
-            name = design.regressors[k].name
-            if problem.tolerances.get(name, 0.0) > 0.0 and name not in contributions.named:
-                place = int(design.first[k])
-                off = float(best.coefficients[place] - design.mean[place])
-                if off**2 * float(design.precision[place]) > MOST_STRETCH**2:
-                    found[TORQUE_GAP] = 0.5
+        off = problem.stretch(posterior.best.fit)
+        if any(off[name] > MOST_STRETCH for name in off.keys() - contributions.named):
+            found[TORQUE_GAP] = 0.5
     return found
 
 
@@ -205,8 +202,7 @@ class Assessment:
             trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
             trust = trust * attribution.trust * (AT_BOUND if estimates.is_at_bound(name) else 1.0)
             # the least of all channels that it shows in: it must be right in each of them
-            shown = estimates.shown(name)
-            sure = min((confidence[each] for each in shown), default=1.0)
+            shown = {confidence[each] for each in estimates.shown(*estimates.of_effect(name))}
             shrink = validation.shrink(name, channel)
             tolerated = posterior.problem.noise.tolerance[channel]
             rms = math.sqrt(np.mean(posterior.problem.session.channels[channel].gap ** 2))
@@ -222,7 +218,9 @@ class Assessment:
                 NamedEffect(
                     name=name,
                     channel=channel,
-                    probability=min(posterior.probability[name], SUREST) * trust * sure,
+                    probability=min(posterior.probability[name], SUREST)
+                    * trust
+                    * min(shown, default=1.0),
                     tied=posterior.classes[name],
                     shrink=shrink,
                     parameters=estimates.parameters(name),
@@ -235,11 +233,6 @@ class Assessment:
         )
 
     @property
-    def material(self) -> list[str]:
-        """Effects of the best set that matter, causes or not, by name."""
-        return sorted(self.posterior.best.material - {UNKNOWN})
-
-    @property
     def misattributed(self) -> set[str]:
         """Channels whose greatest cause is more likely a misattribution than not."""
         by_gain = sorted(self.attributions.items(), key=lambda item: item[1].gain)
@@ -249,13 +242,19 @@ class Assessment:
     @property
     def is_unknown(self) -> bool:
         """Flag of a cause whose better part the library lacks."""
-        posterior, contributions = self.posterior, self.contributions
+        material, named = self.posterior.best.material, self.contributions.named
         return (
-            UNKNOWN in posterior.best.material
+            UNKNOWN in material
             or bool(self.misattributed)
             or any(each < 1.0 for each in self.confidence.values())
-            or (bool(self.material) and not contributions.named and bool(posterior.exceeding))
+            or bool(material and not named and self.posterior.exceeding)
         )
+
+    def chance_of_stretch(self, fit: Fit) -> float:
+        """Chance that a healthy axis stretches a parameter as far; 1 within what is tolerated."""
+        off = self.posterior.problem.stretch(fit).values()
+        chance = 2.0 * len(off) * NormalDist().cdf(-max(off, default=0.0))
+        return chance if max(off, default=0.0) > MOST_STRETCH else 1.0
 
     def idlest(self) -> str:
         """Named effect that is least of a cause, as one not told from zero; empty without any."""

@@ -34,11 +34,10 @@ class CrossValidation:
     @classmethod
     def of_estimates(cls, values: Estimates) -> "CrossValidation":
         """Fit the values once more without each fold."""
-        number, folds = values.fitted.system.session.fold, []
-        for k in range(FOLDS):
-            kept = {name: each != k for name, each in number.items()}
-            folds.append(replace(values, beta=values.fitted.solve(rows=kept).beta))
-        return cls(values, tuple(folds))
+        number = values.fitted.system.session.fold
+        kept = ({name: each != k for name, each in number.items()} for k in range(FOLDS))
+        betas = (values.fitted.solve(rows=rows).beta for rows in kept)
+        return cls(values, tuple(replace(values, beta=beta) for beta in betas))
 
     def held_out(self, name: str, channel: str) -> Floats:
         """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""

@@ -51,7 +51,7 @@ def posed(seed: int) -> SelectionProblem:
         alternatives=(1,) * len(regressors),
     )
     session = machine = None  # what is scored is the design and its noise
-    return SelectionProblem(session, machine, design, NOISE, {}, {})
+    return SelectionProblem(session, machine, design, NOISE, {})
 
 
 @pytest.mark.parametrize("seed", range(5))
