@@ -30,7 +30,7 @@ class PreloadEstimate(Frozen):
         drag_torque_nm: the Coulomb drag torque of the axis at the motor shaft, N m.
         stiffness_n_per_m: of all that lies in series between motor and table, N/m; None from an
             estimator that does not know it.
-        mode_probability: probability of each preload level of the filter bank.
+        mode_probability: probability of each preload level by the estimator that `method` names.
         fault_probability: probability of each change since commissioning: `preload_loss` of 10 %,
             `lubrication` (friction at the same preload up by 20 % of the whole), `payload` of 10 %
             of the table, `looseness` (coupling, bearings or screw yield more, by 10 % of the whole

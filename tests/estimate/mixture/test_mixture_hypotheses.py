@@ -178,8 +178,8 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank = hypotheses.initial_bank(START, SETTINGS)
-    bank.log_weight[:LOSS] = -9.0
-    bank.log_weight[[*CHALLENGERS]] = (-1.0, -0.5, -9.0, -9.0, -9.0)
+    bank.log_weight[:] = -9.0
+    bank.log_weight[[LOSS, TOTAL_LOSS]] = -1.0, -0.5
     almost = TICK._replace(steady_s=SETTINGS.learn_s - 0.1)
     hypotheses.adapt_hypotheses(bank, PROCESS, almost, 0.1, True)
     assert bank.moments[LEARNING] == 1.0
