@@ -169,7 +169,7 @@ MOST_LINES = {
     "recordings": 3334,
     "regression": 1008,
     "beside the rooms": 720,
-    "tests": 46267,
+    "tests": 46258,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 380

@@ -57,14 +57,10 @@ from .conftest import (
 )
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
+MACHINE = load_machine(COMMISSIONED)
 PERCENT = 6.0
 NS = 10**9
 NODE = ("estimate",)
-
-
-@cache
-def machine() -> Machine:
-    return load_machine(COMMISSIONED)
 
 
 @cache
@@ -82,7 +78,7 @@ def config_in(folder: Path) -> EdgeConfig:
 
 def one_piece(given: Sequence[FeatureBlock]) -> list[str]:
     """Estimates of an estimator that was never stopped."""
-    estimator = MixturePreloadEstimator(machine())
+    estimator = MixturePreloadEstimator(MACHINE)
     told = []
     for block in given:
         estimator.update(block)
@@ -233,11 +229,11 @@ async def test_a_replay_neither_reads_nor_leaves_a_state(trace_path: Path, tmp_p
 
 
 def identity(of: Machine | None = None) -> str:
-    return identity_of(of or machine(), EstimatorConfig())
+    return identity_of(of or MACHINE, EstimatorConfig())
 
 
 def kept_at(end_ns: int) -> Kept:
-    axis = estimated(lambda: MixturePreloadEstimator(machine()))
+    axis = estimated(lambda: MixturePreloadEstimator(MACHINE))
     for number, block in enumerate(blocks()[:50]):
         axis.take(Header(number, 1, end_ns - (49 - number) * NS // 10, 0), block)
     kept = axis.to_keep()
@@ -307,8 +303,8 @@ def test_a_state_that_is_too_old_is_refused(
 def test_a_state_of_another_machine_file_is_refused(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    heavier = machine().model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
-    other = machine().model_copy(update={"model": heavier})
+    heavier = MACHINE.model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
+    other = MACHINE.model_copy(update={"model": heavier})
     document = kept_at(time.time_ns()).document("X", identity(other))
     fresh_and_warned(tmp_path, document, caplog, "another machine file")
 
@@ -332,7 +328,7 @@ def test_a_state_of_a_part_that_was_replaced_is_refused() -> None:
 
 @pytest.mark.parametrize("step_s", [74 * 365 * 86400.0, -7200.0])
 def test_a_step_of_the_clock_changes_no_estimate(step_s: float) -> None:
-    axis, told = estimated(lambda: MixturePreloadEstimator(machine())), []
+    axis, told = estimated(lambda: MixturePreloadEstimator(MACHINE)), []
     for number, block in enumerate(blocks()):
         if number == 50:
             axis.move(round(step_s * NS))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,15 +114,10 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
 
 
 @pytest.mark.parametrize(
-    "challenger",
-    [
-        Challenger(age_s=7.9),
-        Challenger(directions=1),
-        Challenger(ahead=1.9),
-        Challenger(calm=False),
-    ],
+    "less", [{"age_s": 7.9}, {"directions": 1}, {"ahead": 1.9}, {"calm": False}]
 )
-def test_a_challenger_does_not_take_over_too_soon(challenger: Challenger) -> None:
+def test_a_challenger_does_not_take_over_too_soon(less: dict[str, Any]) -> None:
+    challenger = Challenger(**less)
     bank = challenger.bank()
     before = bank.mean[STEADY].copy()
     hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
