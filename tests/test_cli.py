@@ -161,9 +161,9 @@ def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> Non
     out = tmp_path / "out.csv"
     assert main(["estimate", trace, "--out", str(out)]) == 0
     header, *body = out.read_text().splitlines()
-    assert header == "time_s,preload_percent,low,high,status,drag_torque_nm,reasons"
+    assert header == "time_s,preload_percent,low,high,status,drag_torque_nm,reasons,method"
     assert [line.split(",")[0] for line in body] == ["0.1", "0.2", "0.3", "0.4"]
-    assert {line.split(",")[-1] for line in body} == {"no_motion torque_stuck"}
+    assert {tuple(line.split(",")[-2:]) for line in body} == {("no_motion torque_stuck", "kf-imm")}
 
 
 def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[str]) -> None:
