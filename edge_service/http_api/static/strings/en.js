@@ -177,10 +177,10 @@ export const en = {
 
   "belief": "What the estimator believes",
   "belief.text": "Probability of each level of preload, percent of the fresh screw.",
-  "belief.method": "By the method {method}.",
-  "second": "Second opinion, by five levels and the friction alone: {value} % ({from} to {to} %).",
+  "belief.method": "Method: {method}.",
+  "second": "Second opinion, from the friction alone, with five levels: {value} % ({from} to {to} %).",
   "second.none": "Second opinion: none now.",
-  "second.parted": "The two part: the friction does not fit what else is seen. Look at what may have changed: grease, warmth, load.",
+  "second.parted": "The two disagree: the friction does not fit what else is seen. Look at what may have changed: grease, warmth, load.",
   "belief.none": "nothing: there is no estimate now",
   "belief.level": "level {level}",
   "changes": "What has changed since commissioning, and how probable that is",
