@@ -98,8 +98,6 @@ class ReplayDriver:
                 yield frame
 
     async def probe(self) -> Probe:
-        """Channels and rate of the first rows; raises DriverMisconfiguredError as `open` does."""
-
         def first_rows() -> tuple[TraceReader, SampleFrame]:
             with self._rows.open_now(self._config.path) as reader:
                 return reader, next(reader)

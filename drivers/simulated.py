@@ -242,7 +242,6 @@ class SimulatedDriver:
                 yield frame
 
     async def probe(self) -> Probe:
-        """Channels and rate; raises DriverMisconfiguredError as `open` does."""
         _SimulatedAxis(self._config, self._context)
         words = f"simulated feed drive, scenario {self._config.scenario}"
         return Probe(words, tuple(CHANNELS), self._config.rate_hz)

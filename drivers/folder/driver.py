@@ -266,7 +266,6 @@ class FolderDriver:
         return Probe(f"traces in {self._config.folder}", found, None)
 
     async def close(self) -> None:
-        """End `frames`; safe twice."""
         self._arrivals = None
         await self._rows.close()
 

@@ -133,7 +133,6 @@ class ModbusDriver:
         return Probe(f"Modbus device {config.address}", self._channels, 1.0 / config.fastest_s)
 
     async def close(self) -> None:
-        """End `frames` and let go of the connection; safe twice."""
         link, self._link = self._link, None
         if link is not None:
             link.close()

@@ -38,7 +38,6 @@ class ModbusStub:
         }
 
     async def start(self) -> str:
-        """Listen; returns the address. Raises DriverMisconfiguredError."""
         await self._following.start()
         units = sorted({axis.config.endpoint[2] for axis in self._axes})
         host, port, _ = self._config.endpoint
@@ -50,7 +49,6 @@ class ModbusStub:
         return f"{host}:{port}"
 
     async def close(self) -> None:
-        """Hang up on everybody; safe twice."""
         self._released.set()
         await self._following.close()
         server, self._server = self._server, None

@@ -70,11 +70,9 @@ class MqttDriver:
 
     @property
     def readings(self) -> dict[str, float]:
-        """Time from one sample to the next, and percent of the samples that were lost."""
         return self._stream.readings
 
     async def open(self) -> None:
-        """Connect and subscribe. Raises DriverUnavailableError or DriverMisconfiguredError."""
         if self._link is not None and self._link.connected:
             return
         await self._leave()

@@ -61,7 +61,6 @@ class MqttStub:
         return ", ".join(str(axis.config.address) for axis in self._axes)
 
     async def close(self) -> None:
-        """Leave; safe twice."""
         senders, self._senders = self._senders, []
         for sender in senders:
             sender.cancel()

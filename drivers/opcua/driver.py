@@ -162,7 +162,6 @@ class OpcuaDriver:
         return {"publishing_s": session.publishing_s, "sampling_s": session.sampling_s}
 
     async def open(self) -> None:
-        """Connect and subscribe. Raises DriverUnavailableError or DriverMisconfiguredError."""
         if self._session is not None and self._session.connected:
             return
         await self.close()
@@ -210,7 +209,6 @@ class OpcuaDriver:
         return Probe(words, self._channels, rate_hz)
 
     async def close(self) -> None:
-        """End `frames` and leave; safe twice."""
         session, self._session = self._session, None
         if session is not None:
             await session.close()

@@ -44,7 +44,6 @@ class OpcuaStub:
         self.fault = Fault()
 
     async def start(self) -> str:
-        """Listen; returns the address. Raises DriverMisconfiguredError."""
         await self._following.start()
         users: Any = _Users(self._config.user, self._config.plain_password)
         iserver = InternalServer(users)
@@ -72,7 +71,6 @@ class OpcuaStub:
         return self._config.url
 
     async def close(self) -> None:
-        """Hang up on everybody; safe twice."""
         await self._following.close()
         task, self._task = self._task, None
         server, self._server = self._server, None

@@ -50,8 +50,6 @@ GONE: dict[str, str] = {
 
 
 class _Grouped(click.Group):
-    """Commands listed in groups, each with its whole summary."""
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a section for each group."""
         del ctx

@@ -132,7 +132,6 @@ def _placed_config(config: EdgeConfig, path: Path) -> EdgeConfig:
 
 
 def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
-    """Short digest of a configuration and the machine files of its axes."""
     machines = {}
     for axis in axes:
         try:

@@ -165,7 +165,6 @@ def asked_by_torque(
 
 
 def _fitted(columns: Sequence[Floats], gap: Floats) -> LinearFit:
-    """Fit some columns, (n,) each, to a gap."""
     return least_squares([str(k) for k in range(len(columns))], np.column_stack(columns), gap)
 
 

@@ -112,7 +112,6 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
 
 
 def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
-    """Contents of all recordings together."""
     return tuple(itertools.chain.from_iterable(parts.values()))
 
 

@@ -170,7 +170,6 @@ class AlarmLatch:
         return (self._event("cleared", words, now_ns),)
 
     def _over(self) -> Statement:
-        """From when to when it was active."""
         assert self._alarm is not None
         since_ns, until_ns = self._alarm.raised_time_ns, self._alarm.cleared_time_ns or 0
         words = span(since_ns, until_ns)

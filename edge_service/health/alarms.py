@@ -244,7 +244,6 @@ class AxisAlarms:
         }
 
     def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
-        """Loss of preload, percent of the fresh screw's per 1000 h."""
         is_falling = trend is not None and trend.status is TrendStatus.FALLING
         if trend is not None and is_falling:
             self._falling_ns = trend.until_time_ns or now_ns

@@ -111,7 +111,6 @@ def as_of_now(health: AxisHealth) -> tuple[Alarm, ...]:
 
 
 def _unavailable(health: AxisHealth) -> Statement:
-    """Statement on a number that is missing, by the first reason."""
     reasons = [each.partition(": ") for each in health.reasons or ("no_input: ",)]
     own = [each for each in reasons if each[0] != "no_number"] or reasons
     reason, _, sentence = own[0]

@@ -246,7 +246,6 @@ class Jobs:
             del self._running[number], self._following[number]
 
     async def _put(self, number: int | None, job: Job) -> int:
-        """Write a row; returns its number."""
         row = (number, job.model_dump_json())
 
         def work(file: sqlite3.Connection) -> int:
@@ -255,7 +254,6 @@ class Jobs:
         return await self._store.run(self._store.write, work)
 
     async def _forget_old(self) -> None:
-        """Remove all but the newest jobs, with their folders."""
         old = "DELETE FROM jobs WHERE id <= (SELECT MAX(id) FROM jobs) - ? RETURNING id"
 
         def work(file: sqlite3.Connection) -> list[tuple[int]]:
@@ -285,7 +283,6 @@ def _say(folder: Path, words: str) -> None:
 
 
 def _last_lines(path: Path) -> list[str]:
-    """The last lines of a log."""
     try:
         with path.open("rb") as file:
             file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))

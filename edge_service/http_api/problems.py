@@ -129,13 +129,11 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
 
 
 async def _on_store_failed(request: Request, error: Exception) -> ProblemResponse:
-    """A store that cannot be read or written now."""
     status = 503 if request.method in ("GET", "HEAD") else 507
     return problem_response(request.url.path, status, str(error))
 
 
 async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:
-    """An answer that nobody waits for."""
     return problem_response(request.url.path, 400, "the client left before the end of its request")
 
 

@@ -106,12 +106,10 @@ class JsonTopic(Topic[_Payload]):
     encoding = JSON_ENCODING
 
     def encode(self, axis: str | None, header: Header, payload: _Payload) -> bytes:
-        """Bytes of a payload with its axis and header."""
         members = self.members(axis, header) | payload.model_dump(mode="json")
         return json.dumps(members, allow_nan=False).encode()
 
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
-        """Axis (empty if none), header and payload. Raises CodecError."""
         try:
             members = parse_bounded(payload)
             axis, header = self.taken(members)
@@ -125,7 +123,6 @@ class JsonTopic(Topic[_Payload]):
             raise CodecError(f"no {self.schema} message: {error}") from error
 
     def description(self) -> dict[str, Any]:
-        """JSON schema of a message."""
         schema, own = self.model.model_json_schema(), self.described()
         schema["properties"] = own | schema["properties"]
         schema["required"] = [*dict.fromkeys([*own, *schema.get("required", [])])]

@@ -66,7 +66,6 @@ class BlockTopic(Topic[T]):
         """Payload of columns. Raises CodecError."""
 
     def encode(self, axis: str | None, header: Header, payload: T) -> bytes:
-        """Bytes of a payload with its axis and header."""
         columns, units = self.to_columns(payload)
         members = self.members(axis, header)
         members["rows"] = len(next(iter(columns.values())))
@@ -76,7 +75,6 @@ class BlockTopic(Topic[T]):
         return b"".join([_PREFIX.pack(MAGIC, len(text)), text, body.tobytes()])
 
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
-        """Axis, header and payload. Raises CodecError."""
         try:
             magic, length = _PREFIX.unpack_from(payload)
             if magic != MAGIC:
@@ -95,7 +93,6 @@ class BlockTopic(Topic[T]):
         return axis, header, self.from_columns(dict(zip(units, table, strict=True)), units)
 
     def description(self) -> dict[str, Any]:
-        """Header and columns of a block."""
         return {
             "title": self.schema,
             "encoding": MAGIC.decode(),
@@ -133,7 +130,6 @@ class SampleTopic(BlockTopic[SampleFrame]):
     """Samples: columns `time_s` and the frame's channels."""
 
     def to_columns(self, payload: SampleFrame) -> tuple[dict[str, Floats], dict[str, str]]:
-        """Columns and units of a frame."""
         columns = {TIME: payload.time_s, **payload.channels}
         for name, codes in payload.quality.items():
             if codes.any():
@@ -142,7 +138,6 @@ class SampleTopic(BlockTopic[SampleFrame]):
         return columns, units | {TIME: "s"}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> SampleFrame:
-        """Frame of columns. Raises CodecError."""
         time_s, quality = _time_of(columns, 1), {}
         for name in [name for name in columns if name.endswith(_QUALITY)]:
             codes = columns.pop(name)
@@ -159,12 +154,10 @@ class WaveformTopic(BlockTopic[Waveform]):
     """A piece of a fast sensor's signal: columns `time_s` and the sensor."""
 
     def to_columns(self, payload: Waveform) -> tuple[dict[str, Floats], dict[str, str]]:
-        """Columns and units of a signal."""
         columns = {TIME: payload.time_s, payload.sensor: payload.values}
         return columns, {TIME: "s", payload.sensor: payload.unit}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> Waveform:
-        """Signal of columns. Raises CodecError."""
         time_s = _time_of(columns, 2)
         if len(columns) != 1:
             raise CodecError("a waveform without one sensor")
@@ -192,7 +185,6 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
     }
 
     def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
-        """Columns and units of an interval."""
         row = {name: getattr(payload, name) for name in FEATURE_FIELDS}
         for phase in PHASES:
             part = getattr(payload, phase)
@@ -202,7 +194,6 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
         return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
-        """Interval of columns. Raises CodecError."""
         if self.units.keys() - columns.keys() or len(columns[TIME]) != 1:
             raise CodecError("a block of features without its columns, or without one row")
         row: dict[str, Any] = {

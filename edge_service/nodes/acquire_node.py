@@ -96,7 +96,6 @@ class Acquisition:
         component.problems = self._silence
 
     def _silence(self) -> list[str]:
-        """Line on a source that has said nothing for too long."""
         silent_s = time.monotonic() - self._waits_since_s
         is_silent = silent_s > getattr(self._driver, "quiet_s", QUIET_S)
         return [f"no data for {silent_s:.0f} s"] if is_silent else []

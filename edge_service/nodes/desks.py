@@ -137,7 +137,6 @@ def _check_place(axis: AxisConfig) -> None:
 
 
 def _content(machine: Machine) -> dict[str, Any]:
-    """Content of a machine file."""
     return machine.model_dump(mode="json", exclude_none=True)
 
 

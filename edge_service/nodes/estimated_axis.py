@@ -193,7 +193,6 @@ class EstimatedAxis:
             return None
 
     def _begin(self, kept: Kept | None) -> None:
-        """Begin with another estimator, from a state if there is one."""
         self._estimator = self._make()
         self._heard, self._since_sound = None, 0
         self._is_restored, self._is_changed = kept is not None, False

@@ -234,7 +234,6 @@ class HttpNode:
         await self._send_command(axis, Command(action="recorded", user="edge-service", note=name))
 
     def _note_change(self, caller: Caller, action: str) -> None:
-        """Tell of a change that was made by a request."""
         who = caller.name or ""
         self.take(
             Event(

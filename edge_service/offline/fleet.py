@@ -87,7 +87,6 @@ def _row(address: str, place: Place, found: dict[Place, AxisHealth | None]) -> F
 
 
 def _unavailable(address: str, reason: str, axis: str = "", **place: str) -> FleetRow:
-    """A row without any number."""
     condition, status = AxisCondition.UNAVAILABLE, EstimateStatus.UNESTIMATED
     members = {"axis": axis, "condition": condition, "status": status, "address": address}
     return FleetRow.model_validate(members | {"reason": reason} | place)
@@ -108,7 +107,6 @@ def _login(address: str) -> dict[str, str]:
 
 
 def _service(address: str, login: dict[str, str]) -> list[FleetRow]:
-    """Rows of one service."""
     parts = urlsplit(address)
     kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
     connection = kind(parts.hostname or "", parts.port, timeout=ANSWER_S)
@@ -154,7 +152,6 @@ def _percent(row: FleetRow) -> str:
 
 
 def _limit(row: FleetRow) -> str:
-    """The next limit with its dates, UTC to the minute."""
     limit = row.next_limit
     if limit is None or limit.earliest_ns is None:
         return ""

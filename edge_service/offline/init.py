@@ -124,7 +124,6 @@ def _drafted(
 
 
 def _configuration_text(request: Request, machine: str) -> str:
-    """The configuration: who we are, where the history is kept, and the driver's whole example."""
     source = request.source
     head = tomlkit.document()
     head["service"] = {"site": "shop", "machine": "machine"}

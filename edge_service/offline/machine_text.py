@@ -203,7 +203,6 @@ def _column(choice: ColumnMap) -> str:
 
 
 def _text(text: str) -> str:
-    """A TOML string."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 

@@ -132,7 +132,6 @@ def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -
 
 
 def _parse(text: str) -> tuple[str, tuple[Quantity, str]]:
-    """Column, with its quantity and unit. Raises TraceError."""
     word, equals, rest = text.partition("=")
     name, colon, unit = rest.rpartition(":")
     if not colon:

@@ -116,8 +116,6 @@ class MetricsOutput(Output):
 
 
 class _Families(Collector):
-    """All families of one moment."""
-
     def __init__(self) -> None:
         self._families: dict[str, GaugeMetricFamily | CounterMetricFamily] = {}
         for name, (text, *labels) in _GAUGES.items():

@@ -137,7 +137,6 @@ class MqttOutput(Output):
                 await self._publish(topic, {"schema": EVENT.schema} | members)
 
     async def close(self) -> None:
-        """Say that we are gone, and disconnect."""
         if self._client is not None and not self.context.is_test:
             with suppress(OutputUnavailableError, TimeoutError):
                 async with asyncio.timeout(ANSWER_S):
@@ -150,7 +149,6 @@ class MqttOutput(Output):
             await self._publish(topic, payload, qos=0)
 
     def _death(self) -> tuple[str, str | bytes]:
-        """Topic and payload that say that we are gone."""
         return (f"{self._root}/status", OFFLINE) if self._node is None else self._node.death()
 
     def _new_client(self) -> aiomqtt.Client:

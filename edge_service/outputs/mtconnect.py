@@ -79,7 +79,6 @@ class MtconnectOutput(Output):
 
     @property
     def readings(self) -> dict[str, float]:
-        """Agents that are connected."""
         return {"clients": float(len(self.clients))}
 
     @property
@@ -114,7 +113,6 @@ class MtconnectOutput(Output):
             client.tell(news)
 
     async def close(self) -> None:
-        """End all connections."""
         server, self._server = self._server, None
         if server is not None:
             server.close()
@@ -123,8 +121,6 @@ class MtconnectOutput(Output):
 
 
 class _Client(asyncio.Protocol):
-    """Connection of one agent."""
-
     transport: asyncio.Transport
 
     def __init__(self, output: MtconnectOutput) -> None:

@@ -104,7 +104,6 @@ class NotifyOutput(Output):
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Kinds of the events that it takes."""
         return frozenset(self.config.events)
 
     async def open(self) -> None:

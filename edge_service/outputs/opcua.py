@@ -101,7 +101,6 @@ class OpcuaOutput(Output):
 
     @property
     def readings(self) -> dict[str, float]:
-        """Clients that are let in now."""
         server = self._server
         count = 0 if server is None else len(server.iserver._external_sessions)
         return {"sessions": float(count)}
@@ -133,7 +132,6 @@ class OpcuaOutput(Output):
                 await write(node, AttributeIds.Value, value)
 
     async def close(self) -> None:
-        """End all sessions."""
         server, self._server = self._server, None
         self._limited.clear()
         if server is None:

@@ -67,7 +67,6 @@ class MatlabSource(Source):
             self.notes.append(f"of another length: {', '.join(others[:12])}")
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end."""
         start = self._rows_seen
         rows = min(BLOCK_ROWS, self._length - start)
         if rows <= 0:

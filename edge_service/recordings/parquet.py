@@ -64,7 +64,6 @@ class ParquetSource(Source):
             raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
 
     def holds_numbers(self, name: str) -> bool:
-        """Return whether a column is of a type that may hold numbers."""
         from pyarrow import types
 
         cell_type = self._schema.field(name).type
@@ -73,7 +72,6 @@ class ParquetSource(Source):
         return any(kind(cell_type) for kind in (*kinds, *others))
 
     def want(self, names: list[str]) -> None:
-        """Read these columns only. Raises TraceError for one that cannot hold numbers."""
         for name in names:
             if not self.holds_numbers(name):
                 cell_type = self._schema.field(name).type
@@ -87,7 +85,6 @@ class ParquetSource(Source):
         self._batches = self._parquet.iter_batches(rows, columns=names, use_threads=False)
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises TraceError."""
         import pyarrow as pa
 
         try:

@@ -38,7 +38,6 @@ class TextSource(Source):
             raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises TraceError and OSError."""
         raw = self._read_lines()
         if raw is None:
             return None
@@ -221,7 +220,6 @@ def _decoded(raw: bytes) -> str:
 
 
 def _lines(head: bytes, terminator: bytes) -> list[_Line]:
-    """The lines of `head` with their positions."""
     start = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0
     lines = []
     for raw in head[start:].split(terminator):

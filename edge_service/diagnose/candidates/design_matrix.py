@@ -180,7 +180,6 @@ class DesignMatrix:
 
 
 def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel: str) -> Columns:
-    """Columns of all regressors, (n, p)."""
     first = np.cumsum([0, *(regressor.size for regressor in regressors)])
     found = np.zeros((int(first[-1]), len(session.channels[channel].gap)), np.float32).T
     families: dict[tuple[str, str], list[int]] = {}

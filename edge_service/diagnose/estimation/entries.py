@@ -234,7 +234,6 @@ def _started(entries: Entries, entry: EntryRegressor) -> EntryRegressor:
 
 
 def _moved(entries: Entries, k: int, parameter: Parameter) -> tuple[Entries, float]:
-    """Entries with one shape of one of them moved, and the weighted square left."""
     entry = entries.regressors[k]
     shape = dict(entry.shape)
     value = shape[parameter.name]

@@ -154,7 +154,6 @@ class PrescribedMotionAxis:
 def _command(
     motion: Motion, shaft_nm: Floats, variants: Sequence[Forward], number: Integers
 ) -> Floats:
-    """Torque command behind a torque at the shaft."""
     lag_s = _of(number, variants, "plant.torque_lag_s")
     command = shaft_nm + lag_s * np.gradient(shaft_nm, motion.time_s)
     command = command * _of(number, variants, "command_per_torque")
@@ -179,7 +178,6 @@ _TURN = np.linspace(0.0, 2.0 * math.pi, 4097)
 
 
 def _extended(series: Floats) -> Floats:
-    """A series (n,) one sample longer."""
     return np.append(series, 2.0 * series[-1] - series[-2])
 
 

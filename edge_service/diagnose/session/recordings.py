@@ -283,7 +283,6 @@ def _pieces(run: Run) -> Iterator[Run]:
 
 
 def _cut(run: Run, span: slice) -> Run:
-    """Copy of a part: the rest can be forgotten."""
     given = [each.name for each in fields(Motion) if each.init]
     motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
     series = {each.name: getattr(run, each.name) for each in fields(Run)}

@@ -195,7 +195,6 @@ def _mean_level(ways: Mapping[bool, Sequence[FrictionPoint]]) -> IntervalEstimat
 
 
 def _mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
-    """Mean magnitude of the friction of points at one speed, N m."""
     errors_nm = [point.standard_error_nm for point in points]
     return mean_of([abs(point.torque_nm) for point in points], errors_nm, "N m")
 

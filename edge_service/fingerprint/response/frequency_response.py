@@ -151,7 +151,6 @@ class _Spectra:
                 self._add(r, u, y, angle[where])
 
     def _add(self, r: Complexes, u: Complexes, y: Complexes, angle: Floats) -> None:
-        """Add the transforms (n,) of one segment with its angles (m,)."""
         power = np.abs(r) ** 2
         number = int(np.mean(angle) // (2.0 * math.pi))
         place = self.places.setdefault(number, _Place(np.zeros((7, len(r)), np.complex128)))

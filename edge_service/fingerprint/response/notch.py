@@ -123,7 +123,6 @@ def _as_sampled(measured: FrequencyResponse) -> FrequencyResponse:
 
 
 def _check(measured: FrequencyResponse, fit: TwoMassFit, notch_hz: float) -> None:
-    """Require a response that two masses explain around their antiresonance. Raises ValueError."""
     near = measured.within(notch_hz / NEAR, notch_hz * NEAR)
     coherence = float(np.sum(near.coherence)) / (notch_hz * (NEAR - 1.0 / NEAR))
     if coherence < LEAST_COHERENCE:

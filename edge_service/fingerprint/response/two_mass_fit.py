@@ -300,7 +300,6 @@ def _misfit(places: Sequence[FrequencyResponse], centre_rad: float) -> Residual:
 
 
 def _error(places: Sequence[FrequencyResponse]) -> Floats:
-    """Standard deviations of the misfit, by coherence."""
     return np.tile(np.concatenate([place.relative_error for place in places]), 2)
 
 

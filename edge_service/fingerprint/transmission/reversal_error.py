@@ -37,7 +37,6 @@ def measure_reversal_error(runs: Iterable[PreparedRun]) -> Contents:
 
 
 def _mean(values: Sequence[float], lacking: str) -> IntervalEstimate:
-    """Mean of reversals; `lacking` says which channels would have shown them."""
     if len(values) > 1:
         return mean_of(values, [0.0] * len(values), "m")
     return undetermined("m", _ONE if values else lacking, len(values))

@@ -295,7 +295,6 @@ def stored_event(number: int, body: str, digest: int) -> StoredEvent | None:
 
 
 def _prune(file: sqlite3.Connection, room: str, axis: str) -> None:
-    """Remove the oldest events of a room that has become too full."""
     most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
     gone = [number for (number,) in file.execute(_SURPLUS, (room, axis, most))]
     if gone:

@@ -310,7 +310,6 @@ def _code(error: BaseException) -> int:
 
 
 def _parts(path: Path) -> tuple[Path, ...]:
-    """All files of one database."""
     return tuple(path.with_name(f"{path.name}{end}") for end in ("", "-wal", "-shm"))
 
 

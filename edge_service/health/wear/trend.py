@@ -234,7 +234,6 @@ def end_of_fall(
 
 
 def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
-    """Slope of a line through points, (n,) each, and its standard deviation."""
     line, covariance = np.polyfit(worked - worked.mean(), percent, 1, cov=True)
     return float(line[0]), math.sqrt(covariance[0, 0])
 

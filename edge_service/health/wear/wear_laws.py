@@ -188,7 +188,6 @@ class _Fits:
 
 
 def _fits(time_s: Floats, percent: Floats, shape: Floats, sigma: float) -> _Fits:
-    """Fit every law with every kind of error."""
     target, centred = percent - percent.mean(), shape - shape.mean(axis=0)
     explained = (centred.T @ target) ** 2 / np.sum(centred**2, axis=0)
     rest = max(float(target @ target - explained.max()), 0.0)

@@ -86,7 +86,6 @@ def _friction_runs(curves: Sequence[Curve]) -> Figure:
 
 
 def _stem(curve: Curve) -> str:
-    """Name of a recording without its suffix."""
     return curve.name.rpartition(".")[0] or curve.name
 
 

@@ -71,7 +71,6 @@ def drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
 
 
 def _right_share(probability: Floats, truth_percent: Floats) -> float:
-    """Share of the steps in which the nearest level is the likeliest."""
     nearest = np.abs(truth_percent[:, None] - LEVELS).argmin(axis=1)
     return float((probability.argmax(axis=1) == nearest).mean())
 

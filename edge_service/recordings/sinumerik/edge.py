@@ -305,12 +305,10 @@ class EdgeSource(Source):
 
     @property
     def fraction_read(self) -> float:
-        """Fraction of the file that has been read, 0 to 1."""
         return self._inner.fraction_read
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on the time, one line each; complete at the end."""
         time: list[str] = []
         if self.sets_time and TIME in self.wanted and self._counted:
             first, *more = self.clock.remarks()
@@ -321,11 +319,9 @@ class EdgeSource(Source):
         return (*self._inner.remarks, *time, *self.context.remarks)
 
     def holds_numbers(self, name: str) -> bool:
-        """Return whether a column may hold numbers."""
         return name not in self._inner.names or self._inner.holds_numbers(name)
 
     def want(self, names: list[str]) -> None:
-        """Read these columns only."""
         self.wanted = names
         inner = [name for name in names if name in self._inner.names]
         if self._counted and set(names) & set(self._own) and EDGE_CYCLE not in inner:
@@ -333,7 +329,6 @@ class EdgeSource(Source):
         self._inner.want(inner)
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises TraceError and OSError."""
         block = self._inner.read_block()
         self.ragged_rows = self._inner.ragged_rows
         derived = set(self.wanted) & set(self._own)
@@ -348,7 +343,6 @@ class EdgeSource(Source):
         return Block(block.values | kept, block.row_number, block.text)
 
     def close(self) -> None:
-        """Close the file; safe twice."""
         self._inner.close()
 
 

@@ -125,7 +125,6 @@ class EdgeJsonSource(Source):
         self.names = self._rows.names
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises TraceError and OSError."""
         self._fill(BLOCK_ROWS)
         if not self._waiting:
             return None

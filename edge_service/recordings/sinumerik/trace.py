@@ -93,7 +93,6 @@ class SinumerikSource(Source):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on what was done to the clocks, one line each."""
         wanted = [signal for signal in self._signals if signal.name in self.wanted]
         fastest_s = min((signal.interval_s for signal in wanted), default=0.0)
         slower = [signal.name for signal in wanted if signal.interval_s > fastest_s]
@@ -109,11 +108,9 @@ class SinumerikSource(Source):
         return tuple(remarks)
 
     def read_block(self) -> Block | None:
-        """The next rows, or None at the end. Raises TraceError and OSError."""
         return next(self._blocks, None)
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        """Take in an element."""
         if not self._has_root and name != ROOT:
             raise TraceError(
                 f"{self.path}: no trace but an HTML or XML document <{name[:40]}>; "
