@@ -1,14 +1,13 @@
 """The last word on one axis: what may be read of it now, and nothing else."""
 
 from ..messages.answer import AxisAnswer, of_fresh
-from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from ..messages.event import AxisCondition
 from ..messages.health import AxisHealth, Limits
 from ..messages.topics import HEALTH, IMM, PRELOAD
 from .advice import consistent
 from .components import ComponentWatch
-from .inputs import InputWatch
+from .inputs import Heard
 
 
 class AxisState:
@@ -17,39 +16,24 @@ class AxisState:
     def __init__(self, axis: str, limits: Limits | None, components: ComponentWatch) -> None:
         self.axis, self.limits = axis, limits
         self._components = components
-        self.preload_input = InputWatch(PRELOAD.stale_after_s)
-        self.health_input = InputWatch(HEALTH.stale_after_s)
-        self._opinion_input, self._opinion = InputWatch(IMM.stale_after_s), ImmEstimate(axis=axis)
-        self.estimate: PreloadEstimate | None = None
-        self.health: AxisHealth | None = None
-
-    def hear_estimate(self, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
-        """Take an estimate in."""
-        self.preload_input.hear(header, now_ns)
-        self.estimate = estimate
-
-    def hear_opinion(self, header: Header, opinion: ImmEstimate, now_ns: int) -> None:
-        """Take a second opinion in."""
-        self._opinion_input.hear(header, now_ns)
-        self._opinion = opinion
-
-    def hear_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
-        """Take a condition in."""
-        self.health_input.hear(header, now_ns)
-        self.health = health
+        self.preload = Heard[PreloadEstimate](PRELOAD.stale_after_s)
+        self.health = Heard[AxisHealth](HEALTH.stale_after_s)
+        self.imm = Heard[ImmEstimate](IMM.stale_after_s)
 
     def missing(self, now_ns: int) -> tuple[str, ...]:
         """Reasons why nothing current can be said; empty if it can."""
-        heard, health = self.health_input, None
+        heard, health = self.health, None
         if heard.header is None:
             health = "no_health: the condition was not heard yet"
         elif heard.is_stale(now_ns):
             health = f"stale_health: condition not renewed for more than {heard.stale_after_s:g} s"
-        return tuple(filter(None, (self._missing_preload(now_ns), health)))
+        preload = self._components.missing(self.preload, self.axis, now_ns)
+        return tuple(filter(None, (preload, health)))
 
     def readable(self, now_ns: int) -> PreloadEstimate:
         """The estimate without what must not be read now."""
-        estimate, missing = self.estimate, self._missing_preload(now_ns)
+        estimate = self.preload.payload
+        missing = self._components.missing(self.preload, self.axis, now_ns)
         if estimate is None or missing is not None:
             return PreloadEstimate(
                 time_s=0.0 if estimate is None else estimate.time_s,
@@ -63,8 +47,8 @@ class AxisState:
 
     def opinion(self, now_ns: int) -> ImmEstimate:
         """The second opinion; without numbers where none may be read now."""
-        last = self._opinion
-        if not self._opinion_input.is_stale(now_ns):
+        last = self.imm.payload or ImmEstimate(axis=self.axis)
+        if not self.imm.is_stale(now_ns):
             return last
         measured_ns = last.measured_time_ns
         return ImmEstimate(axis=self.axis, engine=last.engine, measured_time_ns=measured_ns)
@@ -74,24 +58,24 @@ class AxisState:
         return AxisAnswer(
             axis=self.axis,
             estimate=self.readable(now_ns),
-            measured_ns=self.preload_input.measured_ns,
+            measured_ns=self.preload.measured_ns,
             health=self.told(started_ns, now_ns),
             is_heard=not self.missing(now_ns),
-            header=self.preload_input.header,
+            header=self.preload.header,
             opinion=self.opinion(now_ns),
         )
 
     def told(self, started_ns: int, now_ns: int) -> AxisHealth:
         """Condition of the axis now; UNAVAILABLE as soon as it rests on something stale."""
         unavailable = AxisCondition.UNAVAILABLE
-        last = self.health or AxisHealth(
+        last = self.health.payload or AxisHealth(
             axis=self.axis, condition=unavailable, since_time_ns=started_ns
         )
         estimate, limits = self.readable(now_ns), self.limits or last.limits
         changes: dict[str, object] = {
             "status": estimate.status,
             "method": estimate.method,
-            "measured_time_ns": self.preload_input.measured_ns,
+            "measured_time_ns": self.preload.measured_ns,
             "limits": limits,
             "components": self._components.reports(now_ns, self.axis) or last.components,
         }
@@ -103,19 +87,8 @@ class AxisState:
             own = last.reasons if last.condition is unavailable else ()
             changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
         if missing and last.condition is not unavailable:
-            inputs = (self.preload_input, self.health_input)
+            inputs = (self.preload, self.health)
             since_ns = min(each.stale_since_ns for each in inputs if each.is_stale(now_ns))
             changes["condition"] = unavailable
             changes["since_time_ns"] = max(since_ns, started_ns)
         return consistent(last.model_copy(update=changes), estimate)
-
-    def _missing_preload(self, now_ns: int) -> str | None:
-        heard = self.preload_input
-        if not heard.is_stale(now_ns):
-            return None
-        preparing = self._components.preparing(self.axis, now_ns)
-        if preparing is not None:
-            return preparing
-        if heard.header is None:
-            return "no_input: no preload estimate heard yet"
-        return f"stale_input: no new preload estimate for more than {heard.stale_after_s:g} s"

@@ -1,9 +1,10 @@
 """Status of the parts of the service, and who has fallen silent."""
 
+from ..messages.estimate import PreloadEstimate
 from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.health import ComponentHealth, ComponentStatus
 from .axis_events import noted
-from .inputs import NS_PER_S
+from .inputs import NS_PER_S, Heard
 
 DOWN = "tasks_down"
 """Reading of a component: how many of its tasks do not work."""
@@ -43,13 +44,17 @@ class ComponentWatch:
         """Forget the components of an axis."""
         self._reports = {key: each for key, each in self._reports.items() if key[1] != axis}
 
-    def preparing(self, axis: str, now_ns: int) -> str | None:
-        """Reason why the estimator of an axis cannot answer yet; None once it could."""
-        for report in self.reports(now_ns):
-            if (report.component, report.axis) == ("estimate", axis):
-                starting = report.status is ComponentStatus.STARTING and report.reason
-                return f"preparing: {report.reason}" if starting else None
-        return None
+    def missing(self, preload: Heard[PreloadEstimate], axis: str, now_ns: int) -> str | None:
+        """Reason why there is no current estimate of an axis; None if there is one."""
+        if not preload.is_stale(now_ns):
+            return None
+        for report in self.reports(now_ns, axis):
+            is_starting = report.status is ComponentStatus.STARTING and bool(report.reason)
+            if report.component == "estimate" and is_starting:
+                return f"preparing: {report.reason}"
+        if preload.header is None:
+            return "no_input: no preload estimate heard yet"
+        return f"stale_input: no new preload estimate for more than {preload.stale_after_s:g} s"
 
     def tick(self, now_ns: int) -> tuple[Event, ...]:
         """Events of what changed up to now."""

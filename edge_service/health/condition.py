@@ -9,7 +9,7 @@ from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_events import noted
 from .components import ComponentWatch
-from .inputs import DataFaults, InputWatch
+from .inputs import DataFaults, Heard
 from .limits import GRACE_NS, LimitTracker
 
 _NO_NUMBER = {
@@ -33,21 +33,25 @@ class ConditionMonitor:
     def __init__(self, axis: str, limits: Limits | None, now_ns: int) -> None:
         self.axis, self._limits = axis, limits
         self._tracker = None if limits is None else LimitTracker(limits)
-        self._preload_input = InputWatch(PRELOAD.stale_after_s)
-        self._feature_input = InputWatch(FEAT.stale_after_s)
+        self._preload = Heard[PreloadEstimate](PRELOAD.stale_after_s)
+        self._features = Heard[FeatureBlock](FEAT.stale_after_s)
         self._components = ComponentWatch(HEALTH.stale_after_s)
         self._data_faults = DataFaults(axis)
-        self.estimate: PreloadEstimate | None = None
         self._estimated_ns: int | None = None
         self._condition = AxisCondition.UNAVAILABLE
         self._since_ns = now_ns
+
+    @property
+    def estimate(self) -> PreloadEstimate | None:
+        """The newest estimate."""
+        return self._preload.payload
 
     def on_preload(
         self, header: Header, estimate: PreloadEstimate, now_ns: int
     ) -> tuple[Event, ...]:
         """Take an estimate in."""
-        self._preload_input.hear(header, now_ns)
-        before, self.estimate = self.estimate, estimate
+        before = self.estimate
+        self._preload.hear(header, estimate, now_ns)
         if estimate.status is EstimateStatus.ESTIMATED:
             self._estimated_ns = now_ns
         if self._tracker is not None:
@@ -65,7 +69,7 @@ class ConditionMonitor:
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
         """Count the data faults of an interval."""
-        self._feature_input.hear(header, now_ns)
+        self._features.hear(header, block, now_ns)
         return self._data_faults.count(block.fault, now_ns)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> tuple[Event, ...]:
@@ -96,7 +100,7 @@ class ConditionMonitor:
     def health(self, now_ns: int) -> AxisHealth:
         """Condition of the axis as of now, with its number."""
         condition, reasons = self._verdict(now_ns)
-        heard, limits = self._preload_input, self._limits
+        heard, limits = self._preload, self._limits
         estimate = None if heard.is_stale(now_ns) else self.estimate
         number = None
         if estimate is not None and condition is not AxisCondition.UNAVAILABLE:
@@ -116,8 +120,12 @@ class ConditionMonitor:
         )
 
     def _verdict(self, now_ns: int) -> _Verdict:
-        if self.estimate is None or self._preload_input.is_stale(now_ns):
-            return AxisCondition.UNAVAILABLE, self._missing_input(now_ns)
+        missing = self._components.missing(self._preload, self.axis, now_ns)
+        if missing is not None or self.estimate is None:
+            reasons: tuple[str, ...] = (missing or "",)
+            if self._features.is_stale(now_ns) and not reasons[0].startswith("preparing"):
+                reasons = (*reasons, "no_data: no measured data of the axis either")
+            return AxisCondition.UNAVAILABLE, reasons
         estimated = self.estimate.status is EstimateStatus.ESTIMATED
         reason = ""
         if estimated and self.estimate.preload_percent is None:
@@ -136,15 +144,3 @@ class ConditionMonitor:
             first = "confirming: the first numbers must last for a moment"
             return AxisCondition.UNAVAILABLE, held or (first,)
         return condition, (*self._tracker.reasons, *held)
-
-    def _missing_input(self, now_ns: int) -> tuple[str, ...]:
-        preparing = self._components.preparing(self.axis, now_ns)
-        if preparing is not None:
-            return (preparing,)
-        reason = "no_input: no preload estimate heard yet"
-        if self.estimate is not None:
-            limit_s = PRELOAD.stale_after_s
-            reason = f"stale_input: no new preload estimate for more than {limit_s:g} s"
-        if self._feature_input.is_stale(now_ns):
-            return reason, "no_data: no measured data of the axis either"
-        return (reason,)

@@ -1,6 +1,8 @@
 """Age of the last message, and the faults of the data in it."""
 
-from ..messages.codec import Header
+from typing import Generic
+
+from ..messages.codec import Header, T
 from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.features import FAULT_WORDS, UNUSABLE, Fault
 
@@ -9,8 +11,8 @@ _FAULT_CLEAR_NS = 5 * NS_PER_S
 """A data fault is over when it was not seen for this long."""
 
 
-class InputWatch:
-    """Freshness of one topic of one axis; the bus has judged order and publisher.
+class Heard(Generic[T]):
+    """Last payload of one topic of one axis, and its freshness; the bus has judged the order.
 
     Two times count, and the older one decides: the newest sample's (`source_time_ns`), so that old
     data that arrive late are old, and the arrival's, so that a source whose clock runs ahead goes
@@ -22,10 +24,11 @@ class InputWatch:
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._arrival_ns = 0
         self.header: Header | None = None
+        self.payload: T | None = None
 
-    def hear(self, header: Header, now_ns: int) -> None:
+    def hear(self, header: Header, payload: T, now_ns: int) -> None:
         """Take a payload in."""
-        self.header, self._arrival_ns = header, now_ns
+        self.header, self.payload, self._arrival_ns = header, payload, now_ns
 
     def age_s(self, now_ns: int) -> float | None:
         """Time since the newest sample, s; None if nothing was heard."""

@@ -73,7 +73,7 @@ class ServiceState:
     def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
         """Take an estimate in."""
         if self._knows(axis):
-            self._axes[axis].hear_estimate(header, estimate, now_ns)
+            self._axes[axis].preload.hear(header, estimate, now_ns)
             if now_ns - header.source_time_ns < _LATEST_NS:
                 temperature_c = self._live[axis].temperature_c
                 self.history.append(axis, header.source_time_ns, estimate, temperature_c)
@@ -82,7 +82,7 @@ class ServiceState:
     def on_opinion(self, axis: str, header: Header, opinion: ImmEstimate, now_ns: int) -> None:
         """Take a second opinion in."""
         if self._knows(axis):
-            self._axes[axis].hear_opinion(header, opinion, now_ns)
+            self._axes[axis].imm.hear(header, opinion, now_ns)
 
     def on_feature(self, axis: str, header: Header, block: FeatureBlock) -> None:
         """Take an interval in, for the live traces."""
@@ -93,7 +93,7 @@ class ServiceState:
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
         """Take the condition of an axis in."""
         if self._knows(health.axis):
-            self._axes[health.axis].hear_health(header, health, now_ns)
+            self._axes[health.axis].health.hear(header, health, now_ns)
             self._mark(HEALTH.name, health.axis)
 
     def concerns(self, event: Event) -> bool:
@@ -111,7 +111,7 @@ class ServiceState:
 
     def preload(self, axis: str, now_ns: int) -> PreloadAnswer:
         """Preload of an axis as it may be shown now; KeyError for an unknown axis."""
-        age_s = self._axes[axis].preload_input.age_s(now_ns)
+        age_s = self._axes[axis].preload.age_s(now_ns)
         return self.answer(axis, now_ns).preload(age_s)
 
     def health(self, axis: str, now_ns: int) -> AxisHealth:

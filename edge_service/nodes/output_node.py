@@ -87,11 +87,11 @@ async def run(context: NodeContext, name: str) -> None:
 
     def take_estimate(axis: str, header: Header, estimate: PreloadEstimate) -> None:
         if axis in states:
-            states[axis].hear_estimate(header, estimate, now_ns())
+            states[axis].preload.hear(header, estimate, now_ns())
 
     def take_health(axis: str, header: Header, health: AxisHealth) -> None:
         if axis in states:
-            states[axis].hear_health(header, health, now_ns())
+            states[axis].health.hear(header, health, now_ns())
 
     async def show() -> None:
         """Hand over what is known now of all axes, again and again."""
