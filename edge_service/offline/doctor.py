@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import Driver, DriverMisconfiguredError, DriverUnavailableError
+from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 
 from ..checks.examination import check_plausibility
 from ..checks.finding import Finding, Verdict
@@ -64,7 +64,13 @@ async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
     driver, machine = make_driver(axis), load_machine(axis.machine)
     try:
         probe = await driver.probe()
-        frames = await _listen(driver, duration_s)
+        frames: list[SampleFrame] = []
+        await driver.open()
+        async with aclosing(driver.frames()) as source:
+            async for frame in source:
+                frames.append(frame)
+                if frame.time_s[-1] - frames[0].time_s[0] >= duration_s:
+                    break
     except DriverUnavailableError as error:
         lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
         return _answer(axis.name, axis.driver, [lost], machine)
@@ -72,7 +78,13 @@ async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
         raise ConfigError(f"{axis.place}.settings.{error}") from None
     finally:
         await driver.close()
-    return _answer(axis.name, probe.description, _findings(machine, driver, frames), machine)
+    found = [Finding("connection", Verdict.DOUBTFUL, "no samples came")]
+    if frames:
+        readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
+        said = f"{sum(map(len, frames))} samples{f'; {readings}' if readings else ''}"
+        fine = Finding("connection", Verdict.FITS, said)
+        found = [fine, _quality(frames), *check_plausibility(machine, [joined(frames)])]
+    return _answer(axis.name, probe.description, found, machine)
 
 
 def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machine) -> Answer:
@@ -106,30 +118,6 @@ def _method(machine: Machine) -> str | None:
             make_estimator(EstimatorConfig(method=name), machine)
             return name
     return None
-
-
-async def _listen(driver: Driver, duration_s: float) -> list[SampleFrame]:
-    """Frames of that much axis time, or of all there are."""
-    frames: list[SampleFrame] = []
-    await driver.open()
-    async with aclosing(driver.frames()) as source:
-        async for frame in source:
-            frames.append(frame)
-            if frame.time_s[-1] - frames[0].time_s[0] >= duration_s:
-                break
-    return frames
-
-
-def _findings(
-    machine: Machine, driver: Driver, frames: Sequence[SampleFrame]
-) -> tuple[Finding, ...]:
-    if not frames:
-        return (Finding("connection", Verdict.DOUBTFUL, "no samples came"),)
-    rows = sum(map(len, frames))
-    readings = ", ".join(f"{name} {value:g}" for name, value in driver.readings.items())
-    said = f"{rows} samples; {readings}" if readings else f"{rows} samples"
-    fine = Finding("connection", Verdict.FITS, said)
-    return (fine, _quality(frames), *check_plausibility(machine, [joined(frames)]))
 
 
 def _quality(frames: Sequence[SampleFrame]) -> Finding:

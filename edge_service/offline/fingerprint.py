@@ -97,7 +97,20 @@ def fingerprint(
         modes,
     )
     progress("pictures")
-    page = _rendered(document, baseline, changes or (), days)
+    page = rendered(
+        "fingerprint.html",
+        {"shown": estimate, "brief": brief, "plain": plain},
+        found=document,
+        changes=sorted(changes or (), key=lambda each: (not each.changed, -abs(each.sigmas))),
+        wording=WORDING,
+        headlines={name: headline(name, section) for name, section in found.sections.items()},
+        pictures={
+            name: as_svg(figure, name) for name, figure in draw_sections(found, baseline).items()
+        },
+        determined=Status.DETERMINED,
+        days=days,
+        moves=None if days is None else as_svg(draw_drift(days), "drift"),
+    )
     content = TypeAdapter(FingerprintDocument).dump_python(document, mode="json")
     kept = {name: each for name, each in content.items() if each is not None}
     with replaced_file(out_dir / "fingerprint.json") as file:
@@ -135,27 +148,6 @@ def _tested(
             if by:
                 raise
     return found, None
-
-
-def _rendered(
-    found: FingerprintDocument,
-    baseline: AxisFingerprint | None,
-    changes: Sequence[FigureChange],
-    days: DriftReport | None,
-) -> str:
-    figures = draw_sections(found, baseline)
-    return rendered(
-        "fingerprint.html",
-        {"shown": estimate, "brief": brief, "plain": plain},
-        found=found,
-        changes=sorted(changes, key=lambda change: (not change.changed, -abs(change.sigmas))),
-        wording=WORDING,
-        headlines={name: headline(name, section) for name, section in found.sections.items()},
-        pictures={name: as_svg(figure, name) for name, figure in figures.items()},
-        determined=Status.DETERMINED,
-        days=days,
-        moves=None if days is None else as_svg(draw_drift(days), "drift"),
-    )
 
 
 def _is_servo_tuning(source: Path) -> bool:

@@ -60,64 +60,56 @@ def diagnose(
     try:
         machine = load_machine(machine_file, axis_number)
         library = library_without(without)
-        return _diagnosed(machine, machine_file, traces, out, progress, reference, library)
+        text, healthy = machine_file.read_text("utf-8"), None
+        if reference:
+            machine, healthy = _healthy(machine, reference, progress)
+        runs = read_runs(machine, traces, progress)
+        names = [path.name for path in traces]
+        check = _checked(machine, traces, runs)
+        if check.faults:
+            refused = _bad_data(machine, runs, check.faults, check.remarks)
+            _write(out, refused, text, render(machine, names, refused))
+            raise BadDataError(
+                f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})"
+            )
+        session = session_of(machine, runs)
+        if healthy is not None:
+            session = healthy.beside(session)
+        doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
+        reading, mismatches = preload_reading(machine, traces)
+        may_lose = fault() in library
+        if may_lose and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
+            course = known_loss(session, fresh)
+            lost = diagnose_beside_loss(session, machine, course, reading, progress, library)
+        found = lost or diagnose_session(session, machine, library, progress)
+        found = _with_motion(beside_doubts(found, doubted, library), machine)
+        found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
+        verdict = (
+            Verdict.UNKNOWN if mismatches and found.verdict is Verdict.NO_GAP else found.verdict
+        )
+        found = found.with_effects(found.effects, verdict, *mismatches)
+        unseen = unobservable(session)
+        stated = {
+            "not_judged": tuple(unseen),
+            "not_judged_reasons": unseen,
+            "augmented": tuple(each.name for each in learnable(found)),
+            "withheld": withheld(found),
+            "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
+            "reference": tuple(path.name for path in reference),
+        }
+        found = found.model_copy(update=stated)
+        try:
+            augmented = augmented_toml(text, learnable(found))
+        except ValueError as error:
+            raise ConfigError(f"{machine_file}: {error}") from error
+        _write(out, found, augmented, render(machine, names, found, session))
+        return Answer(_summary(found, out, machine.transmission_ratio_m_per_rad), found)
     except BadDataError:
         raise
     except BaseException:
         for name in _FILES:
             (out / name).unlink(missing_ok=True)
         raise
-
-
-def _diagnosed(
-    machine: Machine,
-    machine_file: Path,
-    traces: Sequence[Path],
-    out: Path,
-    progress: Progress,
-    reference: Sequence[Path],
-    library: Sequence[Effect],
-) -> Answer:
-    text, healthy = machine_file.read_text("utf-8"), None
-    if reference:
-        machine, healthy = _healthy(machine, reference, progress)
-    runs = read_runs(machine, traces, progress)
-    names = [path.name for path in traces]
-    check = _checked(machine, traces, runs)
-    if check.faults:
-        refused = _bad_data(machine, runs, check.faults, check.remarks)
-        _write(out, refused, text, render(machine, names, refused))
-        raise BadDataError(f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})")
-    session = session_of(machine, runs)
-    if healthy is not None:
-        session = healthy.beside(session)
-    doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
-    reading, mismatches = preload_reading(machine, traces)
-    may_lose = fault() in library
-    if may_lose and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
-        course = known_loss(session, fresh)
-        lost = diagnose_beside_loss(session, machine, course, reading, progress, library)
-    found = lost or diagnose_session(session, machine, library, progress)
-    found = _with_motion(beside_doubts(found, doubted, library), machine)
-    found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
-    verdict = Verdict.UNKNOWN if mismatches and found.verdict is Verdict.NO_GAP else found.verdict
-    found = found.with_effects(found.effects, verdict, *mismatches)
-    unseen = unobservable(session)
-    stated = {
-        "not_judged": tuple(unseen),
-        "not_judged_reasons": unseen,
-        "augmented": tuple(each.name for each in learnable(found)),
-        "withheld": withheld(found),
-        "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
-        "reference": tuple(path.name for path in reference),
-    }
-    found = found.model_copy(update=stated)
-    try:
-        augmented = augmented_toml(text, learnable(found))
-    except ValueError as error:
-        raise ConfigError(f"{machine_file}: {error}") from error
-    _write(out, found, augmented, render(machine, names, found, session))
-    return Answer(_summary(found, out, machine.transmission_ratio_m_per_rad), found)
 
 
 def library_without(names: Sequence[str]) -> tuple[Effect, ...]:

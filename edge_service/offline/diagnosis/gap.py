@@ -98,16 +98,14 @@ def gap(
                 values = channel_gap(name, run, baseline, modelled)
                 if len(values):
                     parts[name].append((len(values), values.mean(), values.var()))
-    means = {TORQUE_GAP: 0.0, TRANSMISSION_GAP: None}
-    known = {name: _deviation(each, means[name]) for name, each in parts.items() if each}
+    known = {}
+    for name, each in parts.items():
+        if each:
+            count, mean, variance = np.array(each).T
+            centre = 0.0 if name == TORQUE_GAP else np.average(mean, weights=count)
+            square = np.average(variance + (mean - centre) ** 2, weights=count)
+            known[name] = float(np.sqrt(square))
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
     words = "\n".join(f"{name}: {rms:.4g}" for name, rms in known.items())
     return Answer(words, known)
-
-
-def _deviation(parts: Sequence[tuple[int, float, float]], mean: float | None = None) -> float:
-    """Root mean square about a mean, their own unless given, of parts: count, mean and variance."""
-    count, means, variance = np.array(parts).T
-    centre = np.average(means, weights=count) if mean is None else mean
-    return float(np.sqrt(np.average(variance + (means - centre) ** 2, weights=count)))
