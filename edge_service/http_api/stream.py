@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from dataclasses import asdict
 from typing import Annotated
 
@@ -14,12 +14,12 @@ from starlette.exceptions import HTTPException
 
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
-from ..health.store.readers import Batch, Subscription, concerns
+from ..health.store.readers import Subscription, concerns
 from ..messages.addresses import is_loopback
 from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .access import Authenticator, AuthenticatorDep
-from .context import QUESTIONS, AxisFilterDep, Clock, ClockDep, StateDep, part
+from .access import AuthenticatorDep
+from .context import QUESTIONS, AxisFilterDep, ClockDep, StateDep, part
 from .problems import RefusedError
 from .routes.service import OutputAnswer, Outputs, output_items, service_answer
 
@@ -127,57 +127,44 @@ async def events(
     Events can be resumed after `Last-Event-ID`, or after `last_event_id` (0: all that are kept).
     """
     resume_id = last_event_id if header is None else header  # that of a reconnection wins
-    parts = _stream(request, state, encoded, clock, authenticator, subscription, resume_id)
+
+    async def messages() -> AsyncIterator[bytes]:
+        seen_id = 0 if resume_id is None else resume_id
+        first_id = await QUESTIONS.run(state.events.last_id) if resume_id is None else resume_id
+        yield format_sse_event(id=str(first_id), retry=RETRY_MS)
+        if resume_id and not await QUESTIONS.run(state.events.holds_all_after, resume_id):
+            yield _lost(None, "older events are no longer kept")
+        while resume_id is not None and (
+            missed := await QUESTIONS.run(state.events.after, seen_id, _PAGE)
+        ):
+            seen_id = missed[-1].id
+            for logged in missed:
+                if concerns(logged.event, subscription.axis):
+                    yield _event(logged)
+        refreshed_ns: int | None = None
+        while not subscription.closed:
+            now_ns = clock()
+            if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
+                if authenticator.caller(request) is None:  # its token was revoked
+                    return
+                refreshed_ns = now_ns
+                yield format_sse_event(comment="keep-alive")
+                yield await encoded.service(now_ns)
+                for each in state.axes if subscription.axis is None else (subscription.axis,):
+                    yield encoded.value(PRELOAD.name, each, now_ns)
+                    yield encoded.value(HEALTH.name, each, now_ns)
+            batch = await subscription.next(REFRESH_S)
+            if batch.lost:
+                yield _lost(batch.lost, "this reader is too slow")
+            for logged in batch.events:
+                if logged.id > seen_id:
+                    yield _event(logged)
+            now_ns = clock()
+            for topic, each in batch.changed:
+                yield encoded.value(topic, each, now_ns)
+
     headers = {"cache-control": "no-cache", "x-accel-buffering": "no"}
-    return StreamingResponse(parts, media_type="text/event-stream", headers=headers)
-
-
-async def _stream(
-    request: Request,
-    state: ServiceState,
-    encoded: Encoded,
-    clock: Clock,
-    authenticator: Authenticator,
-    subscription: Subscription,
-    resume_id: int | None,
-) -> AsyncIterator[bytes]:
-    seen_id = 0 if resume_id is None else resume_id
-    first_id = await QUESTIONS.run(state.events.last_id) if resume_id is None else resume_id
-    yield format_sse_event(id=str(first_id), retry=RETRY_MS)
-    if resume_id and not await QUESTIONS.run(state.events.holds_all_after, resume_id):
-        yield _lost(None, "older events are no longer kept")
-    while resume_id is not None and (
-        missed := await QUESTIONS.run(state.events.after, seen_id, _PAGE)
-    ):
-        seen_id = missed[-1].id
-        for logged in missed:
-            if concerns(logged.event, subscription.axis):
-                yield _event(logged)
-    refreshed_ns: int | None = None
-    while not subscription.closed:
-        now_ns = clock()
-        if refreshed_ns is None or abs(now_ns - refreshed_ns) >= REFRESH_S * 1e9:
-            if authenticator.caller(request) is None:  # its token was revoked
-                return
-            refreshed_ns = now_ns
-            yield format_sse_event(comment="keep-alive")
-            yield await encoded.service(now_ns)
-            for each in state.axes if subscription.axis is None else (subscription.axis,):
-                yield encoded.value(PRELOAD.name, each, now_ns)
-                yield encoded.value(HEALTH.name, each, now_ns)
-        batch = await subscription.next(REFRESH_S)
-        for message in _news(encoded, batch, seen_id, clock()):
-            yield message
-
-
-def _news(encoded: Encoded, batch: Batch, seen_id: int, now_ns: int) -> Iterator[bytes]:
-    if batch.lost:
-        yield _lost(batch.lost, "this reader is too slow")
-    for logged in batch.events:
-        if logged.id > seen_id:
-            yield _event(logged)
-    for topic, axis in batch.changed:
-        yield encoded.value(topic, axis, now_ns)
+    return StreamingResponse(messages(), media_type="text/event-stream", headers=headers)
 
 
 def _event(logged: StoredEvent) -> bytes:

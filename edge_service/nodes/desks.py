@@ -4,21 +4,19 @@ import asyncio
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from ..atomic import PRIVATE, replaced_file
 from ..clock import now_ns
 from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, load_machine, read_axis
 from ..health.service_state import ServiceState
-from ..health.store.outbox import Counts, Outbox
-from ..health.store.store import StoreFailedError
 from ..http_api.problems import RefusedError
 from ..http_api.routes.config import AxisConfiguration
-from ..messages.codec import T
+from ..http_api.routes.service import Outputs
 from ..messages.keys import check_part
 from ..messages.topics import FEAT, PRELOAD
 from ..models.machine import Machine
@@ -26,7 +24,6 @@ from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load
 from ..threads import Threads
 from .acquire_node import check_source
 from .context import NodeContext
-from .output_node import send_test
 from .stages import make_estimator
 
 HIDDEN = "***"
@@ -199,54 +196,13 @@ def _line_of(axis: AxisConfig) -> str:
 
 _READS = {"http": PRELOAD.name, "estimate": FEAT.name}
 """Topic whose payloads a component counts."""
-Action = Literal["test", "requeue", "drop"]
-
-
-class StoreOutputDesk:
-    """The outputs as configured, by their names `outputs`."""
-
-    def __init__(self, context: NodeContext) -> None:
-        self._config, self._store = context.config, context.store
-        self._outboxes: dict[str, list[Outbox]] = {}
-        for name, output in context.outputs.items():
-            queues = map(output.queue, output.receivers)
-            self._outboxes[name] = [Outbox(context.store, each, output.kinds) for each in queues]
-        self.outputs = tuple(self._outboxes)
-
-    async def counts(self, output: str) -> Counts:
-        """Events of an output that wait, and its dead letters. Raises RefusedError."""
-        counts = [await self._ask(outbox.counts) for outbox in self._outboxes[output]]
-        oldest_ns = [each.oldest_ns for each in counts if each.oldest_ns is not None]
-        waiting, dead = sum(each.waiting for each in counts), sum(each.dead for each in counts)
-        return Counts(waiting, dead, min(oldest_ns, default=None))
-
-    async def act(self, output: str, action: Action) -> None:
-        """Send a test message, try dead letters again, or drop them. Raises RefusedError."""
-        if output not in self._outboxes:
-            there = ", ".join(self._outboxes) or "none"
-            raise RefusedError(404, f"no output {output!r}; there are {there}")
-        if not self._outboxes[output]:
-            raise RefusedError(409, f"{output} takes no events, so there is nothing to {action}")
-        if action == "test":
-            problems = await send_test(self._config, output)
-            if any(problems.values()):
-                raise RefusedError(502, "; ".join(each for each in problems.values() if each))
-            return
-        for outbox in self._outboxes[output]:
-            await self._ask(outbox.requeue if action == "requeue" else outbox.drop)
-
-    async def _ask(self, work: Callable[[], T]) -> T:
-        try:
-            return await self._store.run(work)
-        except StoreFailedError as error:
-            raise RefusedError(503, f"the store cannot be read now ({error})") from None
 
 
 class Scrape:
     """Answers a scrape by Prometheus with what holds now; `output` is None where it is missing."""
 
-    def __init__(self, context: NodeContext, state: ServiceState, desk: StoreOutputDesk) -> None:
-        self._context, self._state, self._desk = context, state, desk
+    def __init__(self, context: NodeContext, state: ServiceState, outputs: Outputs) -> None:
+        self._state, self._outputs = state, outputs
         self.output: Any = None
         with suppress(UnknownOutputError):
             place = context.config.service
@@ -269,9 +225,9 @@ class Scrape:
             dropped[topic, "refused"] += count
         dropped["", "unknown"] += state.ignored_payloads
         outboxes = {}
-        for name in self._desk.outputs:
+        for name in self._outputs.names:
             with suppress(RefusedError):
-                outboxes[name] = await self._desk.counts(name)
+                outboxes[name] = await self._outputs.counts(name)
         text = self.output.text(
             state.configuration,
             not state.unready(at_ns),

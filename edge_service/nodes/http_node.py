@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from ..clock import CLOCK, now_ns
@@ -12,6 +13,7 @@ from ..health.axis_events import clock_changed
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..health.store.history import MEMORY_MB, History
+from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
 from ..health.store.tokens import Tokens
 from ..http_api.access import Authenticator, Caller
@@ -28,7 +30,7 @@ from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
 from ..messages.command import Command, Outcome
 from ..messages.event import AxisCondition, Event
-from ..messages.health import AxisHealth, ComponentHealth, ComponentStatus
+from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, IMM, OUTCOME, PRELOAD, RAW, STATUS
 from ..messages.trend import Stroke
@@ -37,9 +39,10 @@ from ..models.screw.stroke_profile import stroke_profile
 from ..recordings.extent import extent_of
 from .component import Component
 from .context import NodeContext, header
-from .desks import AxisDesk, Scrape, StoreOutputDesk
+from .desks import AxisDesk, Scrape
 from .health_node import alarm_settings
 from .http_rights import server_files
+from .output_node import send_test
 from .record_node import DisagreementRecorder
 
 MOST_TEMPORARY_MB = 500.0  # of recordings without a state folder: that may be memory
@@ -75,7 +78,15 @@ class HttpNode:
             refused=context.bus.refused,
             configuration=config.digest,
         )
-        self._outputs = StoreOutputDesk(context)
+        store, there = context.store, context.outputs.items()
+        self._outputs = Outputs(
+            store,
+            {
+                name: [Outbox(store, output.queue(to), output.kinds) for to in output.receivers]
+                for name, output in there
+            },
+            partial(send_test, config),
+        )
         self._scrape = Scrape(context, self.state, self._outputs)
         self._machine_files: dict[str, Path] = {}
         for axis in context.machines:
@@ -100,12 +111,6 @@ class HttpNode:
         )
         component.problems = lambda: [context.store.problem] if context.store.problem else []
 
-        def take_health(_axis: str, header: Header, health: AxisHealth) -> None:
-            state.on_health(header, health, now_ns())
-
-        def take_report(_axis: str, _header: Header, report: ComponentHealth) -> None:
-            state.on_component(report, now_ns())
-
         def take_event_of_service(_axis: str, _header: Header, event: Event) -> None:
             if event.kind in OWN_EVENTS:  # nothing else is theirs to tell
                 self.take(event)
@@ -113,9 +118,6 @@ class HttpNode:
         def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
             self._recorder.follow(axis, frame)
             samples.rest(axis, SAMPLES_PERIOD_S)
-
-        def tell_step(step_ns: int) -> None:
-            self.take(clock_changed(step_ns, now_ns()))
 
         try:
             async with component.running():
@@ -128,9 +130,15 @@ class HttpNode:
                     context.subscribe(IMM),
                     lambda axis, header, each: state.on_opinion(axis, header, each, now_ns()),
                 )
-                component.follow(context.subscribe(HEALTH), take_health)
+                component.follow(
+                    context.subscribe(HEALTH),
+                    lambda _axis, header, each: state.on_health(header, each, now_ns()),
+                )
                 component.follow(context.subscribe(FEAT), state.on_feature)
-                component.follow(context.subscribe_to_components(STATUS), take_report)
+                component.follow(
+                    context.subscribe_to_components(STATUS),
+                    lambda _axis, _header, each: state.on_component(each, now_ns()),
+                )
                 component.follow(
                     context.subscribe(EVENT), lambda _axis, _header, event: self.take(event)
                 )
@@ -140,7 +148,7 @@ class HttpNode:
                 component.start(context.dispatcher.watch(self.take))
                 component.start(self._recorder.run())
                 self._answer_history()
-                with CLOCK.telling(tell_step):
+                with CLOCK.telling(lambda step_ns: self.take(clock_changed(step_ns, now_ns()))):
                     await context.forever()
         finally:
             await self._jobs.close()
@@ -174,7 +182,7 @@ class HttpNode:
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
-        desk, outputs = AxisDesk(self._context), self._outputs
+        desk = AxisDesk(self._context)
 
         def read_stroke(axis: str, preload: PreloadAnswer) -> Stroke | None:
             profile = stroke_profile(self._context.machines[axis])
@@ -188,7 +196,7 @@ class HttpNode:
             jobs=self._jobs,
             recordings=self._recordings,
             motions=self._motions,
-            outputs=Outputs(outputs.outputs, outputs.counts, outputs.act),
+            outputs=self._outputs,
             metrics=self._scrape.text if self._scrape.output else None,
             authenticator=self._authenticator,
             note_change=self._note_change,

@@ -1,7 +1,6 @@
 """Routes of the service as a whole: alive, ready, metrics, parts, axes, log, outputs, tokens."""
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -11,9 +10,11 @@ from starlette.exceptions import HTTPException
 
 from ... import __version__
 from ...health.service_state import ServiceState
-from ...health.store.outbox import Counts
+from ...health.store.outbox import Counts, Outbox
+from ...health.store.store import Store, StoreFailedError
 from ...health.store.tokens import MOST_LETTERS, NAME, Role, TokenError
 from ...messages.answer import AxesAnswer, axis_row
+from ...messages.codec import T
 from ...messages.event import Event
 from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.interval import Frozen, TimeNs
@@ -30,7 +31,7 @@ from ..context import (
     moment_query,
     part,
 )
-from ..problems import problem_response
+from ..problems import RefusedError, problem_response
 
 STALE_S = 3.0
 """Age from which on an output is `degraded`."""
@@ -63,15 +64,49 @@ class OutputAction(Frozen):
     action: Literal["test", "requeue", "drop"]
 
 
-@dataclass(frozen=True, slots=True)
 class Outputs:
-    """The outputs by name; `counts` and `act` raise RefusedError."""
+    """The outputs by name, each with the outboxes of its receivers.
 
-    names: tuple[str, ...]
-    # events of an output that wait, and its dead letters
-    counts: Callable[[str], Awaitable[Counts]]
-    # does what is asked of an output
-    act: Callable[[str, Literal["test", "requeue", "drop"]], Awaitable[None]]
+    Args:
+        send_test: sends a test message by an output; returns the problem of each receiver.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        outboxes: Mapping[str, Sequence[Outbox]],
+        send_test: Callable[[str], Awaitable[dict[str, str]]],
+    ) -> None:
+        self._store, self._outboxes, self._send_test = store, outboxes, send_test
+        self.names = tuple(outboxes)
+
+    async def counts(self, output: str) -> Counts:
+        """Events of an output that wait, and its dead letters. Raises RefusedError."""
+        counts = [await self._ask(outbox.counts) for outbox in self._outboxes[output]]
+        oldest_ns = [each.oldest_ns for each in counts if each.oldest_ns is not None]
+        waiting, dead = sum(each.waiting for each in counts), sum(each.dead for each in counts)
+        return Counts(waiting, dead, min(oldest_ns, default=None))
+
+    async def act(self, output: str, action: Literal["test", "requeue", "drop"]) -> None:
+        """Send a test message, try dead letters again, or drop them. Raises RefusedError."""
+        if output not in self._outboxes:
+            there = ", ".join(self._outboxes) or "none"
+            raise RefusedError(404, f"no output {output!r}; there are {there}")
+        if not self._outboxes[output]:
+            raise RefusedError(409, f"{output} takes no events, so there is nothing to {action}")
+        if action == "test":
+            problems = await self._send_test(output)
+            if any(problems.values()):
+                raise RefusedError(502, "; ".join(each for each in problems.values() if each))
+            return
+        for outbox in self._outboxes[output]:
+            await self._ask(outbox.requeue if action == "requeue" else outbox.drop)
+
+    async def _ask(self, work: Callable[[], T]) -> T:
+        try:
+            return await self._store.run(work)
+        except StoreFailedError as error:
+            raise RefusedError(503, f"the store cannot be read now ({error})") from None
 
 
 class ServiceAnswer(Frozen):
