@@ -79,10 +79,10 @@ def is_database(source: Path) -> bool:
 
 def convert_history(source: Path, out: Path, progress: Progress = silent) -> Answer:
     """Write the history of all axes, also of a running service. Raises TraceError, one line."""
-    try:
-        form = HistoryForm(out.suffix.removeprefix("."))
-    except ValueError:
-        raise TraceError(f"{out}: history goes into .csv or .parquet") from None
+    forms: dict[str, HistoryForm] = {CSV_SUFFIX: "csv", ".parquet": "parquet"}
+    form = forms.get(out.suffix)
+    if form is None:
+        raise TraceError(f"{out}: history goes into .csv or .parquet")
     progress(f"converting {source.name}")
     try:
         with closing(Store(source, mends=False)) as store, replaced_bytes(out) as file:

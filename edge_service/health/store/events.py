@@ -5,14 +5,13 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from zlib import crc32
 
 from pydantic import ValidationError
 
 from ...messages.event import Event
 from ...messages.interval import EXACT
 from .store import SCHEMA as STATES
-from .store import State, Store, StoreFailedError, put_state
+from .store import State, Store, StoreFailedError, digest, put_state
 
 log = logging.getLogger(__name__)
 SCHEMA = """
@@ -279,14 +278,14 @@ def append_events(file: sqlite3.Connection, events: Iterable[StoredEvent]) -> di
             last = max(last + 1, each.id)
             place = (last, event.time_ns, event.axis, room_of(event.kind))
             insert = "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?)"
-            file.execute(insert, (*place, body, _digest(last, body)))
+            file.execute(insert, (*place, body, digest(last, body)))
         numbers[each.id] = last if there is None else int(there[0])
     return numbers
 
 
-def stored_event(number: int, body: str, digest: int) -> StoredEvent | None:
+def stored_event(number: int, body: str, checksum: int) -> StoredEvent | None:
     """Event of a row; None if the row is not what was written."""
-    if digest != _digest(number, body):
+    if checksum != digest(number, body):
         return None
     try:
         return StoredEvent(number, Event.model_validate_json(body))
@@ -300,7 +299,3 @@ def _prune(file: sqlite3.Connection, room: str, axis: str) -> None:
     if gone:
         file.execute("DELETE FROM dropped_events WHERE id <= ?", (max(gone),))
         file.execute("INSERT OR IGNORE INTO dropped_events VALUES (?)", (max(gone),))
-
-
-def _digest(number: int, body: str) -> int:
-    return crc32(f"{number} {body}".encode())

@@ -12,8 +12,7 @@ import threading
 import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator
-from enum import StrEnum
-from typing import IO, Any
+from typing import IO, Any, Literal
 from zlib import crc32
 
 import numpy as np
@@ -277,11 +276,8 @@ def _digest(content: bytes, *place: object) -> int:
     return crc32(content, crc32(" ".join(map(str, place)).encode()))
 
 
-class HistoryForm(StrEnum):
-    """Form of a file."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
+HistoryForm = Literal["csv", "parquet"]
+"""Form of a file."""
 
 
 def write_history(
@@ -302,7 +298,7 @@ def write_history(
     count, empty = 0, _table("", NO_ROWS, form)
     writer: Any = (
         parquet.ParquetWriter(sink, empty.schema, compression="zstd")
-        if form is HistoryForm.PARQUET
+        if form == "parquet"
         else csv.CSVWriter(sink, empty.schema)
     )
     with writer:
@@ -320,7 +316,7 @@ def _table(axis: str, rows: Rows, form: HistoryForm) -> Any:
 
     names = np.array([each.value for each in STATUSES], object)
     time = pa.array(rows["time_us"], pa.timestamp("us", "UTC"))
-    if form is HistoryForm.CSV:
+    if form == "csv":
         time = compute.strftime(time, "%Y-%m-%dT%H:%M:%SZ")
     columns = {
         "axis": pa.array([axis] * rows.size, pa.string()),

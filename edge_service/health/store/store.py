@@ -368,7 +368,8 @@ def put_state(file: sqlite3.Connection, state: State) -> None:
         gone = "DELETE FROM states WHERE name = ? AND axis = ?"
         file.execute(gone, (state.name, state.axis))
         return
-    row = (state.name, state.axis, state.body, _digest(state))
+    key = (state.name, state.axis, state.body)
+    row = (*key, digest(*key))
     file.execute("INSERT OR REPLACE INTO states VALUES (?, ?, ?, ?)", row)
 
 
@@ -379,7 +380,7 @@ def load_state(store: Store, name: str, axis: str) -> Any:
     row = store.read(lambda file: file.execute(wanted, (name, axis)).fetchone())
     if row is None:
         return None
-    if row[1] != _digest(State(name, axis, row[0])):
+    if row[1] != digest(name, axis, row[0]):
         raise DamagedStateError("its checksum is wrong")
     try:
         return json.loads(row[0])
@@ -395,5 +396,6 @@ def set_state_aside(store: Store, name: str, axis: str) -> str:
     return aside
 
 
-def _digest(state: State) -> int:
-    return crc32(f"{state.name} {state.axis} {state.body}".encode())
+def digest(*parts: object) -> int:
+    """Checksum of a row, by which damage in it is seen."""
+    return crc32(" ".join(map(str, parts)).encode())

@@ -30,9 +30,9 @@ from ..context import (
 DEFAULT_SPAN_S = 3600.0
 MOST_BUCKETS = 5000
 _DEFAULT_BUCKETS = 300
-_TYPES = {
-    HistoryForm.CSV: "text/csv; charset=utf-8",
-    HistoryForm.PARQUET: "application/vnd.apache.parquet",
+_TYPES: dict[HistoryForm, str] = {
+    "csv": "text/csv; charset=utf-8",
+    "parquet": "application/vnd.apache.parquet",
 }
 _CHUNK_BYTES = 1 << 16
 _PARAMETERS = ("from", "to", "step")
@@ -76,11 +76,10 @@ async def history(
         return await from_history(buckets_answer, state, axis, now_ns, start_s, end_s, step_s)
     if step_s is not None:
         raise parameter_error("step", f"has no meaning for {form}: it has every row")
-    written = HistoryForm(form)
-    file = await from_history(_file, state, axis, written, *_span(now_ns, start_s, end_s))
+    file = await from_history(_file, state, axis, form, *_span(now_ns, start_s, end_s))
     name = f"preload_{axis}.{form}"
     headers = {"content-disposition": f'attachment; filename="{name}"'}
-    return StreamingResponse(_chunks(file), media_type=_TYPES[written], headers=headers)
+    return StreamingResponse(_chunks(file), media_type=_TYPES[form], headers=headers)
 
 
 def buckets_answer(

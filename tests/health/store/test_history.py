@@ -14,7 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from edge_service.health.store.history import HOUR_S, History, HistoryForm, write_history
+from edge_service.health.store.history import HOUR_S, History, write_history
 from edge_service.health.store.store import Store, StoreFailedError
 from edge_service.messages.estimate import EstimateStatus
 from tests.messages.examples import estimate_of
@@ -179,7 +179,7 @@ def test_a_file_has_every_row_of_every_axis(store: Store) -> None:
     times_s, other_s = fill(history, 1.5), fill(history, 1.0, 60.0, "Y")
     assert history.axes() == ["X", "Y"]
     sink = io.BytesIO()
-    written = write_history(sink, HistoryForm.PARQUET, history, history.axes())
+    written = write_history(sink, "parquet", history, history.axes())
     table = pyarrow.parquet.read_table(io.BytesIO(sink.getvalue()))
     assert written == table.num_rows == len(times_s) + len(other_s)
     assert table["axis"].to_pylist() == ["X"] * len(times_s) + ["Y"] * len(other_s)
@@ -187,7 +187,7 @@ def test_a_file_has_every_row_of_every_axis(store: Store) -> None:
     assert [each.timestamp() for each in table["time"].to_pylist()[:3]] == times_s[:3].tolist()
     text = io.BytesIO()
     start_s = START_S + HOUR_S
-    write_history(text, HistoryForm.CSV, history, ["X"], start_s, start_s + 60.0)
+    write_history(text, "csv", history, ["X"], start_s, start_s + 60.0)
     read = pyarrow.csv.read_csv(io.BytesIO(text.getvalue()))
     assert read["samples"].to_pylist() == [1, 1]
     assert read["status"].to_pylist() == ["estimated"] * 2
