@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ..config_tables import AlarmsConfig
 from ..messages.command import Command
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
@@ -23,7 +24,6 @@ from .components import is_down
 from .consistency import CHANNEL_WORDS
 from .headline import clock, condition_words, is_in_doubt, limit_words
 from .inputs import NS_PER_S
-from .limits import AlarmSettings
 from .wear.trend import is_over
 
 _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
@@ -109,7 +109,7 @@ class AxisAlarms:
     """
 
     def __init__(
-        self, axis: str, fresh_percent: float | None, settings: AlarmSettings, now_ns: int
+        self, axis: str, fresh_percent: float | None, settings: AlarmsConfig, now_ns: int
     ) -> None:
         self._rate_limit = settings.rate_percent_per_1000_h
         self._patient_until_ns = now_ns + _START_S * NS_PER_S

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
+from ..config_tables import AlarmsConfig
 from ..messages.codec import Header
 from ..messages.command import Command, Outcome
 from ..messages.estimate import EstimateStatus, PreloadEstimate
@@ -24,7 +25,6 @@ from .axis_events import consistency_changed, log_entry, preload_rose, recording
 from .condition import ConditionMonitor
 from .consistency import ConsistencyWatch, LearnedChannel
 from .inputs import NS_PER_S
-from .limits import AlarmSettings
 from .wear.friction import FrictionClasses, FrictionWatch
 from .wear.trend import PreloadHistory, PreloadSteps, as_of, preload_trend
 from .wear.usage import ScrewGeometry, UsageCounter
@@ -78,7 +78,7 @@ class AxisMonitor:
         axis: str,
         fresh_percent: float | None,
         geometry: ScrewGeometry,
-        settings: AlarmSettings,
+        settings: AlarmsConfig,
         now_ns: int,
     ) -> None:
         self.axis = axis

@@ -1,7 +1,6 @@
-"""Limits of the preload: settings of the alarms, and the condition that estimates support."""
+"""Limits of the preload: the condition that estimates support."""
 
 import math
-from dataclasses import dataclass
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition
@@ -16,29 +15,6 @@ _DELAY_NS = round(0.3 * NS_PER_S)
 """So long the whole interval must lie beyond a limit."""
 _DOUBT_DELAY_NS = 10 * NS_PER_S
 """So long the value must lie beyond a limit that its interval still straddles."""
-
-
-@dataclass(frozen=True, slots=True)
-class AlarmSettings:
-    """Limits that the owner may change, percent of the fresh screw's preload."""
-
-    # warning_percent, fault_percent: WARNING and FAULT below
-    warning_percent: float = 60.0
-    fault_percent: float = 30.0
-    rate_percent_per_1000_h: float = 20.0  # loss per 1000 h that is too fast
-    sudden_drop_percent: float = 15.0  # loss within 10 s that is sudden
-    data_lost_after_s: float = 5.0  # how long data may be missing
-
-    def limits(self, fresh_percent: float | None) -> Limits | None:
-        """Limits of an axis, percent of the load rating; None if the fresh preload is not known."""
-        if fresh_percent is None:
-            return None
-        point = fresh_percent / 100.0
-        return Limits(
-            fresh_percent=fresh_percent,
-            warning_percent=self.warning_percent * point,
-            fault_percent=self.fault_percent * point,
-        )
 
 
 class LimitLatch:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from ..bus.questions import Answering
 from ..clock import CLOCK, now_ns
 from ..config import EdgeConfig
+from ..config_tables import AlarmsConfig
 from ..health.axis_events import refused_command
 from ..health.axis_monitor import AxisMonitor
-from ..health.limits import AlarmSettings
 from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..health.wear.usage import ScrewGeometry
@@ -30,11 +30,11 @@ HEALTH_PERIOD_S = 1.0
 SAVE_PERIOD_S = 10.0
 
 
-def alarm_settings(config: EdgeConfig, axis: str) -> AlarmSettings:
+def alarm_settings(config: EdgeConfig, axis: str) -> AlarmsConfig:
     """Limits of an axis from the configuration."""
     warning, fault = config.limits_percent(axis)
     own = {"warning_percent": warning, "fault_percent": fault}
-    return AlarmSettings(**(config.alarms.model_dump() | own))
+    return config.alarms.model_copy(update=own)
 
 
 class Monitors:

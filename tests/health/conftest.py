@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.condition import ConditionMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Event
@@ -23,7 +23,7 @@ STEP_S = 0.1
 class Scene:
     """One axis: with a fresh preload of 10 %, WARNING is below 6 % and FAULT below 3 %."""
 
-    settings: AlarmSettings = field(default_factory=AlarmSettings)
+    settings: AlarmsConfig = field(default_factory=AlarmsConfig)
     fresh_percent: float | None = FRESH_PERCENT
     now_ns: int = START_NS
     boot_epoch: int = START_NS

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.alarm_latch import AlarmLatch, AlarmRule
 from edge_service.health.alarms import SuddenDrop
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.consistency import ConsistencyWatch
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
@@ -103,7 +103,7 @@ class Axis:
     def __init__(self, **alarms: float) -> None:
         self.now_ns = START_NS
         self.sequence = 0
-        settings = AlarmSettings(**alarms)
+        settings = AlarmsConfig(**alarms)
         self.watch = AxisMonitor(*FACTS, settings, self.now_ns)
         self.events: list[str] = []
         self.used_s = 30.0
@@ -353,7 +353,7 @@ def test_everything_outlives_a_restart():
     axis.hear(1.0)
     axis.ask("shelve", "rate", "known")
     text = json.dumps(axis.watch.snapshot(), allow_nan=False)
-    other = AxisMonitor(*FACTS, AlarmSettings(), axis.now_ns)
+    other = AxisMonitor(*FACTS, AlarmsConfig(), axis.now_ns)
     other.restore(json.loads(text))
     assert other.snapshot() == axis.watch.snapshot() | {"saved_ns": axis.now_ns}
     assert [alarm.kind.value for alarm in other.health(axis.now_ns).alarms] == ["sudden_drop"]

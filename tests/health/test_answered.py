@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import MOST_ANSWERED, AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.command import Command, Outcome
 
@@ -13,7 +13,7 @@ NOW_NS = 1_795_000_000 * 10**9
 
 
 def monitor() -> AxisMonitor:
-    return AxisMonitor("X", 7.0, ScrewGeometry(0.01 / math.pi, 0.8), AlarmSettings(), NOW_NS)
+    return AxisMonitor("X", 7.0, ScrewGeometry(0.01 / math.pi, 0.8), AlarmsConfig(), NOW_NS)
 
 
 def note(key: str, **members: object) -> Command:

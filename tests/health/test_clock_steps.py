@@ -2,8 +2,8 @@
 
 import pytest
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.command import Command
@@ -27,7 +27,7 @@ def percent_at(number: int) -> float:
 
 def run(step_ns: int = 0) -> tuple[AxisMonitor, int]:
     """A monitor after 100 s, and the time then; the clock is set after 30 s, and nobody says so."""
-    monitor, now_ns = AxisMonitor(*FACTS, AlarmSettings(), START_NS), START_NS
+    monitor, now_ns = AxisMonitor(*FACTS, AlarmsConfig(), START_NS), START_NS
     for number in range(STEPS):
         now_ns += PERIOD_NS + (step_ns if number == 150 else 0)
         header = Header(number, START_NS, now_ns, 0)
@@ -56,7 +56,7 @@ def test_even_a_step_that_nobody_tells_freezes_no_trend(step_ns: int) -> None:
 def test_a_kept_state_of_another_clock_goes_on(step_ns: int, is_told: bool) -> None:
     """At a start nobody tells the step: times after now are moved before it."""
     monitor, now_ns = run()
-    again = AxisMonitor(*FACTS, AlarmSettings(), now_ns + step_ns)
+    again = AxisMonitor(*FACTS, AlarmsConfig(), now_ns + step_ns)
     again.restore(monitor.snapshot(), step_ns if is_told else 0)
     moved_ns = step_ns if is_told or step_ns < 0 else 0
     old_s, old_percent, *_ = monitor.trend_work().args

@@ -2,8 +2,8 @@
 
 import pytest
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
@@ -27,7 +27,7 @@ def report(axis: str | None, status: ComponentStatus, reason: str, down: int) ->
 
 
 def monitor(axis: str) -> AxisMonitor:
-    return AxisMonitor(axis, 7.0, ScrewGeometry(0.003, 0.8), AlarmSettings(), START_NS)
+    return AxisMonitor(axis, 7.0, ScrewGeometry(0.003, 0.8), AlarmsConfig(), START_NS)
 
 
 @pytest.mark.parametrize(("axis", "concerns"), [(None, "XY"), ("X", "X"), ("Y", "Y")])

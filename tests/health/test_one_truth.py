@@ -5,8 +5,8 @@ import re
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
@@ -32,7 +32,7 @@ class Axis:
     def __init__(self) -> None:
         self.now_ns = START_NS
         self.sequence = 0
-        self.monitor = AxisMonitor(*FACTS, AlarmSettings(), START_NS)
+        self.monitor = AxisMonitor(*FACTS, AlarmsConfig(), START_NS)
 
     def hear(self, estimate: PreloadEstimate, seconds: int) -> None:
         for _ in range(seconds * 5):
@@ -196,7 +196,7 @@ def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it
     fall = axis.answer().fall
     assert fall is not None
     assert (round(fall.from_percent), round(fall.to_percent)) == (100, 17)
-    again = AxisMonitor(*FACTS, AlarmSettings(), axis.now_ns)
+    again = AxisMonitor(*FACTS, AlarmsConfig(), axis.now_ns)
     again.restore(axis.monitor.snapshot())
     assert again.health(axis.now_ns).fall == fall
     _do(axis, ("part_replaced",))

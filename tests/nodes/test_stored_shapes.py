@@ -14,10 +14,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from edge_service.config import EstimatorConfig
-from edge_service.config_tables import StoreConfig
+from edge_service.config_tables import AlarmsConfig, StoreConfig
 from edge_service.estimate.interface import make_estimator
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.store.store import State
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
@@ -41,7 +40,7 @@ MIXTURE = json.loads((ROOT / "tests/estimate/states/mixture.json").read_text("ut
 def monitor() -> AxisMonitor:
     geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
     facts = ("X", 6.85, geometry)
-    return AxisMonitor(*facts, AlarmSettings(), NOW_NS)
+    return AxisMonitor(*facts, AlarmsConfig(), NOW_NS)
 
 
 def places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

@@ -8,8 +8,8 @@ from statistics import median
 import numpy as np
 from scipy.stats import gaussian_kde, norm
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.health.alarms import slowest_loss
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.trend import PreloadHistory, preload_trend, sure_points
 from edge_service.health.wear.wear_laws import project_wear
 from edge_service.messages.samples import Floats, Integers
@@ -212,7 +212,7 @@ def answer(life: Life, name: str, until_s: float, row: str) -> Asked:
     fresh = life.limits[name] / {**LIMITS, **DRAG_LIMITS}[name]
     trend = preload_trend(*points, life.limits, fresh)
     rate = trend.rate_percent_per_h
-    limit_per_h = AlarmSettings().rate_percent_per_1000_h / 1000.0 * fresh / 100.0
+    limit_per_h = AlarmsConfig().rate_percent_per_1000_h / 1000.0 * fresh / 100.0
     alarmed = rate is not None and slowest_loss(rate) < -limit_per_h
     found = next((each for each in trend.crossings if each.limit == name), None)
     said = Asked(row, found is not None, trend.status == "falling", alarmed)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from scipy.stats import chi2
 
+from edge_service.config_tables import AlarmsConfig
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import AlarmSettings
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import PreloadEstimate
@@ -51,7 +51,7 @@ class Watched:
         self._estimator = estimator
         geometry = ScrewGeometry(machine.transmission_ratio_m_per_rad, machine.axis.stroke_m)
         facts = (machine.axis.name, machine.fresh_preload_percent, geometry)
-        self._watch = AxisMonitor(*facts, AlarmSettings(), START_NS)
+        self._watch = AxisMonitor(*facts, AlarmsConfig(), START_NS)
         self._sequence, self._now_ns = 0, START_NS
         self.conditions: Counter[str] = Counter()
         self.alarms: Counter[str] = Counter()
