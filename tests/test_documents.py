@@ -5,6 +5,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 
 import click
@@ -15,10 +16,9 @@ from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import cli
 from edge_service.messages.features import Fault
 from edge_service.messages.health import AlarmKind
-from edge_service.messages.samples import Quality
+from edge_service.messages.samples import ColumnMap, Quality
 from edge_service.models.machine import (
     AxisConfig,
-    ColumnConfig,
     EffectConfig,
     Machine,
     ModelConfig,
@@ -163,9 +163,10 @@ def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
     text = guide()
     example = Machine.model_validate(tomllib.loads(block("deploy/README.md", "toml", "lead_m")))
     assert example.columns["torque_command_nm"].column == "u_V"
-    for table in (AxisConfig, ModelConfig, ToleranceConfig, ColumnConfig, EffectConfig, Machine):
-        for key in table.model_fields:
-            assert re.search(rf"\b{key}\b", text), key
+    tables = (AxisConfig, ModelConfig, ToleranceConfig, EffectConfig, Machine)
+    keys = {key for table in tables for key in table.model_fields}
+    for key in keys | {each.name for each in fields(ColumnMap)}:
+        assert re.search(rf"\b{key}\b", text), key
 
 
 def test_every_metric_stands_in_the_operators_guide() -> None:

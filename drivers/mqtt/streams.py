@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.samples import TIME, Booleans, Floats, Quality, SampleFrame
-from edge_service.recordings.columns import AxisError, ColumnLike, TraceError
+from edge_service.messages.samples import TIME, Booleans, ColumnMap, Floats, Quality, SampleFrame
+from edge_service.recordings.columns import AxisError, TraceError
 from edge_service.recordings.reader import read_source
 from edge_service.recordings.sinumerik.edge import (
     HEADER,
@@ -166,7 +166,7 @@ class LiveRows(Source):
         path: Path,
         header: Any,
         first: list[Any],
-        columns: Mapping[str, ColumnLike],
+        columns: Mapping[str, ColumnMap],
         axis: ControllerAxis,
     ) -> None:
         super().__init__(path, io.BytesIO())
@@ -208,7 +208,7 @@ class EdgeStream:
         channels: of the axis; none before a message said them.
     """
 
-    def __init__(self, path: Path, columns: Mapping[str, ColumnLike], axis: ControllerAxis) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, ColumnMap], axis: ControllerAxis) -> None:
         self._path, self._axis = path, axis
         self._columns = {
             name: column

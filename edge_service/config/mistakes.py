@@ -57,7 +57,7 @@ def explain(error: ValidationError, model: type[BaseModel], content: Any = None)
 
 def _explained(mistake: ErrorDetails, model: type[BaseModel], content: Any) -> str:
     location = key_path(mistake["loc"], content)
-    if mistake["type"] == "extra_forbidden":
+    if mistake["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         problem = "unknown key" + _closest(mistake["loc"], model)
     elif mistake["type"] == "missing":
         problem = "missing"

@@ -1,15 +1,18 @@
 """Samples of one axis at the native rate of its drive: channels, units, quality, waveforms."""
 
 import math
+import operator
 import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from importlib.resources import files
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ConfigDict, Field
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +22,28 @@ class Channel:
     name: str
     unit: str
     description: str
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMap:
+    """One column of a recording: SI value = `scale` * (column - `minus`) + `offset`.
+
+    With a `direction` the column has no sign of its own, such as a supply current, and takes that
+    of the direction in which the other column changes, or changed last.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    column: str
+    scale: float = 1.0
+    offset: float = 0.0
+    minus: Annotated[str, Field(exclude_if=operator.not_)] = ""
+    direction: Annotated[str, Field(exclude_if=operator.not_)] = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every column that it needs."""
+        return tuple(filter(None, (self.column, self.minus, self.direction)))
 
 
 TIME = "time_s"

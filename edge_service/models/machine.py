@@ -1,12 +1,11 @@
 """The machine file's content: what the baseline model of one axis contains."""
 
 import math
-import operator
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..messages.samples import CHANNELS, TIME
+from ..messages.samples import CHANNELS, TIME, ColumnMap
 from .commissioned import CommissionedConfig
 from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_ratio
 
@@ -103,20 +102,6 @@ class ModelConfig(_Table):
         return self
 
 
-class ColumnConfig(_Table):
-    """One foreign column: SI value = `scale` * (column - `minus`) + `offset`.
-
-    With a `direction` the column has no sign of its own, such as a supply current, and takes that
-    of the direction in which the column of that name changes.
-    """
-
-    column: str
-    scale: float = 1.0
-    offset: float = 0.0
-    minus: str = Field("", exclude_if=operator.not_)
-    direction: str = Field("", exclude_if=operator.not_)
-
-
 def _as_column(raw: Any) -> Any:
     return {"column": raw} if isinstance(raw, str) else raw
 
@@ -140,7 +125,7 @@ class Machine(_Table):
 
     axis: AxisConfig
     model: ModelConfig
-    columns: dict[str, Annotated[ColumnConfig, BeforeValidator(_as_column)]] = {}
+    columns: dict[str, Annotated[ColumnMap, BeforeValidator(_as_column)]] = {}
     effects: tuple[EffectConfig, ...] = ()
     tolerance: ToleranceConfig = ToleranceConfig()
     commissioned: CommissionedConfig | None = None

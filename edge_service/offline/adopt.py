@@ -23,9 +23,9 @@ from ..checks.finding import Finding
 from ..checks.sampling import clock_of
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, SampleFrame
+from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, ColumnMap, SampleFrame
 from ..models.screw.ball_screw import transmission_ratio
-from ..recordings.columns import ColumnMap, TraceError
+from ..recordings.columns import TraceError
 from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 from .machine_text import Ask, asked, machine_text

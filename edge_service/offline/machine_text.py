@@ -12,9 +12,8 @@ from pydantic import BaseModel
 from ..checks.columns.guess import Guess, Question, Understanding
 from ..checks.columns.mechanics import Mechanics
 from ..config import ConfigError
-from ..messages.samples import SI
+from ..messages.samples import SI, ColumnMap
 from ..models.machine import AxisConfig, ModelConfig, ToleranceConfig
-from ..recordings.columns import ColumnMap
 from ..regression.interval_estimate import IntervalEstimate
 
 Sheet = dict[str, float | str]

@@ -2,12 +2,10 @@
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from ..exit_status import BadInputError
-from ..messages.samples import CHANNELS, POSITION_CHANNELS, TIME, TORQUE
+from ..messages.samples import CHANNELS, POSITION_CHANNELS, TIME, TORQUE, ColumnMap
 
 ROW_NUMBER = "#row"
 """Stands for a column with the number of the row, from 0: the clock of a file without times."""
@@ -23,41 +21,6 @@ class TraceError(BadInputError):
 
 class AxisError(TraceError):
     """The axis that is wanted is not there, or none is named and there are several."""
-
-
-class ColumnLike(Protocol):
-    """Anything that names a foreign column, as `ColumnMap` does."""
-
-    @property
-    def column(self) -> str: ...
-    @property
-    def scale(self) -> float: ...
-    @property
-    def offset(self) -> float: ...
-    @property
-    def minus(self) -> str: ...
-    @property
-    def direction(self) -> str: ...
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnMap:
-    """One column of a file: SI value = `scale` * (column - `minus`) + `offset`.
-
-    With a `direction` the column has no sign of its own, and takes that of the direction in which
-    the other column changes, or changed last.
-    """
-
-    column: str
-    scale: float = 1.0
-    offset: float = 0.0
-    minus: str = ""
-    direction: str = ""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Every column that it needs."""
-        return tuple(filter(None, (self.column, self.minus, self.direction)))
 
 
 def choose_columns(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..messages.samples import CHANNELS, TIME, Floats, SampleFrame
-from .columns import ROW_NUMBER, ColumnLike, ColumnMap, TraceError, choose_columns
+from ..messages.samples import CHANNELS, TIME, ColumnMap, Floats, SampleFrame
+from .columns import ROW_NUMBER, TraceError, choose_columns
 from .forms import open_source
 from .sinumerik.edge import EdgeSource, edge_recording
 from .sinumerik.signals import (
@@ -179,7 +179,7 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
 
 def open_trace(
     path: Path,
-    columns: Mapping[str, ColumnLike] | None = None,
+    columns: Mapping[str, ColumnMap] | None = None,
     axis: ControllerAxis | None = None,
     *,
     keep_all: bool = False,
@@ -209,7 +209,7 @@ def open_trace(
 def read_source(
     path: Path,
     source: Source,
-    columns: Mapping[str, ColumnLike],
+    columns: Mapping[str, ColumnMap],
     axis: ControllerAxis,
     *,
     keep_all: bool = False,
@@ -240,7 +240,7 @@ def read_source(
 
 def read_trace(
     path: Path,
-    columns: Mapping[str, ColumnLike] | None = None,
+    columns: Mapping[str, ColumnMap] | None = None,
     axis: ControllerAxis | None = None,
     *,
     keep_all: bool = False,

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.messages.samples import SampleFrame
-from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.messages.samples import ColumnMap, SampleFrame
+from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import DirectionSign, open_trace, read_trace
 from edge_service.recordings.text import BLOCK_BYTES
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.messages.samples import ColumnMap
 from edge_service.recordings import reader
-from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace, read_trace
 
 VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
-from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.messages.samples import ANGLE, TORQUE, ColumnMap, SampleFrame
+from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace, read_trace
 from edge_service.recordings.writer import TraceWriter
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_service.recordings.columns import ColumnMap, TraceError
+from edge_service.messages.samples import ColumnMap
+from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import TraceReader, joined, open_trace, read_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ...messages.samples import SI, TIME, Floats
-from ...recordings.columns import ROW_NUMBER, ColumnMap
+from ...messages.samples import SI, TIME, ColumnMap, Floats
+from ...recordings.columns import ROW_NUMBER
 from ..sampling import clock_of
 from .guess import Known, Understanding
 from .names import ColumnName, Quantity

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from ...recordings.columns import ColumnMap
+from ...messages.samples import ColumnMap
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
-from ...recordings.columns import ColumnMap
+from ...messages.samples import ANGLE, TABLE_POSITION, TORQUE, ColumnMap, SampleFrame
 from ...regression.interval_estimate import IntervalEstimate, around, undetermined
 from ...regression.inverse_dynamics import identify_inverse_dynamics
 from ...regression.prepared_run import PreparationSettings, prepare

@@ -12,9 +12,9 @@ from ...messages.samples import (
     SI,
     TABLE_POSITION,
     TABLE_SPEED,
+    ColumnMap,
     Floats,
 )
-from ...recordings.columns import ColumnMap
 from .guess import Known, Understanding
 from .names import ColumnName, Quantity
 from .relations import (

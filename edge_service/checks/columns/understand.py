@@ -12,9 +12,9 @@ from ...messages.samples import (
     TABLE_POSITION,
     TEMPERATURE,
     TORQUE,
+    ColumnMap,
     Floats,
 )
-from ...recordings.columns import ColumnMap
 from ..sampling import wrap_of
 from .clock import find_clock
 from .guess import Known, Understanding

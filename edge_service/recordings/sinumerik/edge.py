@@ -24,8 +24,8 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from ...messages.samples import TIME, Booleans, Floats
-from ..columns import ColumnLike, TraceError
+from ...messages.samples import TIME, Booleans, ColumnMap, Floats
+from ..columns import TraceError
 from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text
 from .signals import EDGE_CYCLE, edge_signals
 
@@ -346,7 +346,7 @@ class EdgeSource(Source):
         self._inner.close()
 
 
-def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnLike]) -> Source:
+def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnMap]) -> Source:
     """The source with what Industrial Edge means by its columns; any other as it is.
 
     The time is the file's or the machine file's where they have one, and that of the count if not.

@@ -22,9 +22,10 @@ from ...messages.samples import (
     CHANNELS,
     SI,
     TABLE_POSITION,
+    ColumnMap,
     factor_to,
 )
-from ..columns import AxisError, ColumnLike, ColumnMap
+from ..columns import AxisError
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,7 @@ class ControllerColumns:
     used: dict[str, str] = field(default_factory=dict)
     lacking: dict[str, str] = field(default_factory=dict)
 
-    def resolve(self, columns: Mapping[str, ColumnLike]) -> dict[str, ColumnMap]:
+    def resolve(self, columns: Mapping[str, ColumnMap]) -> dict[str, ColumnMap]:
         """A machine file's columns with short names written out."""
         found = {}
         for channel, each in columns.items():
@@ -155,7 +156,7 @@ def map_signals(
     signals: Sequence[ControllerSignal],
     meanings: Mapping[str, Sequence[str]],
     axis: ControllerAxis,
-    columns: Mapping[str, ColumnLike],
+    columns: Mapping[str, ColumnMap],
     axis_names: Mapping[int, str] | None = None,
 ) -> ControllerColumns:
     """Columns of one axis.
