@@ -16,7 +16,6 @@ def documents() -> dict[str, str]:
 
 
 def document(path: str) -> str:
-    """Text of one document."""
     return (ROOT / path).read_text("utf-8")
 
 

@@ -58,7 +58,6 @@ NAMES = {"user", "recording"} | TIMES
 
 
 def names(text: str) -> set[str]:
-    """Names of the values in a text."""
     return {name for _, name, _, _ in Formatter().parse(text) if name}
 
 

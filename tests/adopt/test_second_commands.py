@@ -58,7 +58,6 @@ def plain_inertia(
 
 
 def column(path: Path, name: str) -> Floats:
-    """Numbers of one column."""
     with path.open() as file:
         return np.array([float(row[name]) for row in csv.DictReader(file)])
 

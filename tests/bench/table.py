@@ -23,8 +23,6 @@ class BenchError(BadInputError):
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """One table."""
-
     heads: tuple[str, ...]  # of the columns
     # cells of each row, as many as heads; numbers are flush right
     rows: tuple[tuple[object, ...], ...]
@@ -113,7 +111,6 @@ class Figure:
 
 
 def figures_table(figures: Sequence[Figure], notes: Sequence[str] = ()) -> Table:
-    """A row for each figure."""
     heads = ("figure", "value", "unit", "theirs", "of", "ratio", "aim", "met")
     rows = []
     for each in figures:

@@ -38,7 +38,6 @@ def every_key() -> set[str]:
 
 @contextmanager
 def session_of(mode: str, router: Bus) -> Iterator[zenoh.Session]:
-    """A foreign session in some mode."""
     config = zenoh_config(BusSettings(router.endpoint, "client"))
     config.insert_json5("mode", json.dumps(mode))
     session = zenoh.open(config)

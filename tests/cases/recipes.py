@@ -134,12 +134,10 @@ def simulation(arguments: str) -> Maker:
 
 
 def second_plant(recipe: Foreign) -> Maker:
-    """Maker of what the foreign plant records."""
     return lambda path: written(path, foreign_plant.simulate(foreign_case(recipe)).columns)
 
 
 def foreign_case(recipe: Foreign) -> Any:
-    """Case of the foreign plant."""
     arguments = dict(recipe.arguments)
     if recipe.events:
         arguments["events"] = tuple(_event(each) for each in recipe.events)
@@ -180,7 +178,6 @@ def _setpoint(parts: Sequence[tuple[str, float]], seed: int) -> Any:
 
 
 def real(recipe: Real) -> Columns:
-    """Columns of a real recording."""
     needs(DATA / recipe.file)
     with (DATA / recipe.file).open() as file:
         rows = csv.reader(file)

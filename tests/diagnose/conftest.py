@@ -24,7 +24,6 @@ DURATION_S = 40.0
 
 @cache
 def recorded(causes: tuple[str, ...], seed: int, strength: float = 1.0) -> Any:
-    """A recording of production."""
     effects = tuple((name, strength) for name in causes)
     return foreign_plant.simulate(
         foreign_plant.case(effects, "production", seed=seed, duration_s=DURATION_S)

@@ -50,7 +50,6 @@ def on_a_day(axis: Axis, random: np.random.Generator) -> Axis:
 
 
 def notch_of_day(axis: Axis, seed: int, rate_hz: float) -> Notch | None:
-    """Notch of one test."""
     return notch_of(shaken(axis, seed, rate_hz))
 
 

@@ -36,7 +36,6 @@ class Day:
 
 
 def moves_of(day: Day, seed: int, axis_seed: int = 0) -> list[Move]:
-    """Moves of a recording of that day."""
     machine = plant.Machine()
     route = Route(0.2)
     for _ in range(REPEATS):

@@ -34,7 +34,6 @@ class Scene:
         self.monitor = ConditionMonitor("X", self.settings.limits(self.fresh_percent), self.now_ns)
 
     def header(self) -> Header:
-        """The next header."""
         header = Header(self.sequence, self.boot_epoch, self.now_ns, self.now_ns)
         self.sequence += 1
         return header
@@ -66,7 +65,6 @@ class Scene:
 
     @property
     def condition(self) -> AxisCondition:
-        """Present condition."""
         return self.monitor.health(self.now_ns).condition
 
     @property

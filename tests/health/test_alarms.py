@@ -127,7 +127,6 @@ class Axis:
         self.note(self.watch.tick(self.now_ns))
 
     def ask(self, action: str, alarm: str | None = None, note: str = "") -> None:
-        """A person asks."""
         command = Command(action=action, alarm=alarm, user="Kim", note=note)
         self.note(self.watch.on_command(command, self.now_ns))
 

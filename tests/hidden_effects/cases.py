@@ -46,7 +46,6 @@ class HiddenCase:
 
     @property
     def names(self) -> set[str]:
-        """Names of the effects."""
         return {each.partition(":")[0] for each in self.causes}
 
 

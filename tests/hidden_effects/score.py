@@ -55,12 +55,10 @@ class CheckedCase:
 
     @property
     def likely(self) -> set[str]:
-        """Names that are likely."""
         return {name for name, p in self.named.items() if p > LIKELY}
 
     @property
     def kind(self) -> str:
-        """Sort of the case."""
         if not self.there:
             return "no entry" if self.case.causes else "healthy"
         return {1: "single", 2: "pair", 3: "triple"}.get(len(self.case.names), "more")

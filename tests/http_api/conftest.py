@@ -53,7 +53,6 @@ class Scene:
         self.now_ns += round(seconds * NS)
 
     def header(self) -> Header:
-        """The next header."""
         self.sequence += 1
         return Header(self.sequence, START_NS, self.now_ns, self.now_ns)
 
@@ -65,13 +64,11 @@ class Scene:
     def hear_health(
         self, axis: str = "X", condition: AxisCondition = AxisCondition.NORMAL, **more: object
     ) -> None:
-        """A condition comes."""
         members = {"axis": axis, "condition": condition, "since_time_ns": START_NS} | more
         health = AxisHealth.model_validate(members)
         self.state.on_health(self.header(), health, self.now_ns)
 
     def hear_component(self, component: str = "http", **more: object) -> None:
-        """A component reports."""
         members = {"component": component, "status": ComponentStatus.OK} | more
         self.state.on_component(ComponentHealth.model_validate(members), self.now_ns)
 
@@ -109,6 +106,5 @@ def client_of(app: FastAPI, url: str = "http://127.0.0.1", **how: Any) -> httpx.
 
 @pytest.fixture
 async def client(scene: Scene) -> AsyncIterator[httpx.AsyncClient]:
-    """A client of the scene's application."""
     async with client_of(scene.app, raise_app_exceptions=False) as client:
         yield client

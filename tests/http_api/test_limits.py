@@ -48,7 +48,6 @@ class RawClient:
         self._reader, self._writer = reader, writer
 
     def send(self, raw: bytes) -> None:
-        """Send bytes as they are."""
         self._writer.write(raw)
 
     async def answer(self) -> bytes:
@@ -63,7 +62,6 @@ class RawClient:
         return await asyncio.wait_for(self._reader.read(4096), 10.0)
 
     async def close(self) -> None:
-        """Leave."""
         self._writer.close()
         with suppress(ConnectionError):
             await self._writer.wait_closed()
@@ -71,7 +69,6 @@ class RawClient:
 
 @asynccontextmanager
 async def connected(port: int) -> AsyncIterator[RawClient]:
-    """A connection."""
     client = RawClient(*await asyncio.open_connection("127.0.0.1", port))
     try:
         yield client

@@ -18,7 +18,6 @@ BASE = "/api/v1/axes/X"
 
 @pytest.fixture
 def sent(scene) -> list[tuple[str, Command]]:
-    """Commands that were passed on."""
     taken: list[tuple[str, Command]] = []
 
     async def send(axis: str, command: Command) -> Outcome:

@@ -99,7 +99,6 @@ class Readers:
             EVENT.decode(EVENT.encode("X", HEADER, event))
 
     def shown(self, axis: str) -> list[str]:
-        """All that is answered on an axis."""
         answers = [answer(self.state, axis, START_NS) for answer in ANSWERS]
         return [answer and answer.model_dump_json() for answer in answers]
 

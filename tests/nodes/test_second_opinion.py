@@ -23,7 +23,6 @@ FRAME = production(MACHINE, 5.0, 20_000)
 
 
 async def opinions(service: Running, blocks: list[FeatureBlock]) -> list[ImmEstimate]:
-    """Second opinions, one after each block."""
     keys, bus, heard = service.context.config.keys, service.bus, []
     answers = bus.subscribe(keys.key("X", IMM), IMM, depth=4096)
     send = bus.publisher(keys.key("X", FEAT), FEAT, "X")

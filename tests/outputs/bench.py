@@ -32,14 +32,12 @@ class OutputBench:
 
 
 def output(name: str, table: dict[str, Any], folder: Path | None = None, **facts: Any) -> Output:
-    """An output of a table."""
     kind = load_output(name)
     context = OutputContext(name, "hall", "mill", ("X", "Y"), folder, **facts)
     return kind(kind.config_model.model_validate(table), context)
 
 
 def event(message: str = "preload at 47 %", kind: str = "alarm_raised", axis: str = "X") -> Event:
-    """An event of an axis."""
     return Event(
         axis=axis, kind=kind, level=AxisCondition.WARNING, text=message, time_ns=MEASURED_NS
     )

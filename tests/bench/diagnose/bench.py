@@ -14,7 +14,6 @@ from .seeded_errors import run_seeded_errors
 def run_diagnose_bench(
     parts: Collection[str], quick: bool, seed: int, progress: Progress
 ) -> list[Table]:
-    """Run some parts. Raises BenchError."""
     tables = []
     if "foreign" in parts:
         tables.append(run_foreign(20 if quick else 500, seed, progress))

@@ -22,5 +22,4 @@ def value(name: str, aim: str, reached: float, count: int, unit: str = "") -> Ro
 
 
 def figures_table(rows: Sequence[Row], notes: Sequence[str] = ()) -> Table:
-    """The table of all figures."""
     return Table(("figure", "aim", "reached"), tuple(rows), tuple(notes))

@@ -132,7 +132,6 @@ def _paused(
 def downsampled(
     frames: Iterable[SampleFrame], machine: Machine, interval_s: float = 0.1
 ) -> list[FeatureBlock]:
-    """Blocks of all frames."""
     downsampler = make_downsampler(machine, interval_s=interval_s)
     return [block for frame in frames for block in downsampler.push(frame)]
 
@@ -149,7 +148,6 @@ def _nut_stiffness(machine: Machine) -> float:
 
 @cache
 def true_machine(seed: int) -> Machine:
-    """The axis as it is."""
     machine, random = _default(), np.random.default_rng((seed, 3))
 
     def drawn(value: float, share: float) -> Quantity:

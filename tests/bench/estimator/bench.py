@@ -54,7 +54,6 @@ class Task:
     run: Callable[[], Iterable[object]]
 
     def __call__(self) -> list[object]:
-        """All its results."""
         return list(self.run())
 
 

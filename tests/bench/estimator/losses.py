@@ -47,7 +47,6 @@ class LossPart:
 
 
 def lost(plant: str, axis_seed: int, shift_s: float) -> Iterator[LossPart]:
-    """All cases on one axis."""
     for case in CASES:
         course = drawn_course(case, axis_seed, shift_s)
         machine, recorded = produced(plant, axis_seed, shift_s, course)

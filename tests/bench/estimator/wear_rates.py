@@ -27,8 +27,6 @@ END_S = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RatePart:
-    """One session with one rate."""
-
     row: str  # rate and state of the axis, as printed
     axis_seed: int
     score: Score  # `detection_s` from half a point of loss until it was seen; 0 if sooner
@@ -67,7 +65,6 @@ def loss_seen(track: Track, fresh_percent: float) -> tuple[float, bool]:
 
 
 def rate_session(axis_seed: int, warming: bool, quick: bool) -> Iterator[RatePart]:
-    """All rates on one axis."""
     fresh = float(plant.Machine().preload_percent)
     duration_s = QUICK_SESSION_S if quick else SESSION_S
     for number, rate in enumerate(QUICK_RATES_PER_MIN if quick else RATES_PER_MIN):

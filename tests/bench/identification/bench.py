@@ -30,7 +30,6 @@ class Recovery:
 
     @classmethod
     def of(cls, name: str, each: Sequence[Recovered]) -> "Recovery":
-        """Summed up."""
         known = [one for one in each if one.found.determined and math.isfinite(one.found.value)]
         error = mean_of([one.found.value - one.truth for one in known])
         return cls(

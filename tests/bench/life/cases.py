@@ -51,7 +51,6 @@ class Session:
 
     @property
     def duration_s(self) -> float:
-        """Length of the session."""
         return self.time_s[-1]
 
     @property

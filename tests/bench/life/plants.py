@@ -95,7 +95,6 @@ class OwnLife:
 
 
 def plant_of(name: str, axis_seed: int) -> OwnLife | ForeignLife:
-    """An axis of the plant `foreign` or `own`."""
     return OwnLife(axis_seed) if name == OwnLife.name else ForeignLife(axis_seed)
 
 

@@ -80,7 +80,6 @@ class LifeScore:
 
 
 def life_score(life: Life, tracks: Sequence[Track]) -> LifeScore:
-    """Of one track for each session."""
     day, truth, percent = session_ends(life, tracks)
     answered = np.isfinite(percent)
     level = LIMIT_SHARE * life.fresh_percent

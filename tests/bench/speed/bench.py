@@ -61,7 +61,6 @@ class SpeedBench:
 
     @contextmanager
     def _service(self, axes: int) -> Iterator[ServiceProcess]:
-        """A service that has served its page for a while."""
         with service(self._folder, self._kernels, self._recording, axes) as process:
             process.wait_for_address()
             time.sleep(self._warm_up_s)

@@ -53,7 +53,6 @@ class Estimating:
         self._rows = [0] * axes
 
     def take(self, _client: Client, _data: object, message: MQTTMessage) -> None:
-        """A sample."""
         sample: dict[str, Any] = json.loads(message.payload)
         axis = int(sample["axis"])
         self._sums[axis] += sample["torque_command_nm"], sample["motor_speed_rad_s"]

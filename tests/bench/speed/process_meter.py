@@ -155,7 +155,6 @@ class ServiceProcess:
         return self._output.read_text("utf-8", "replace")
 
     def since_start_s(self) -> float:
-        """Time since it was started, s."""
         return time.monotonic() - self.started_s
 
     def wait_for_address(self, patience_s: float = PATIENCE_S) -> tuple[str, int]:

@@ -32,7 +32,6 @@ FRESH = {"fresh_drag_nm": 0.146, "fresh_percent": 6.85, "fresh_nut_m_per_n": 8.9
 
 @cache
 def axis() -> Machine:
-    """The demo's axis."""
     return load_machine(DEFAULT_MACHINE.with_name("commissioned.toml"))
 
 

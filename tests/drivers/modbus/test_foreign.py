@@ -50,8 +50,6 @@ def server_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Device:
-    """The device in C as a process of its own."""
-
     def __init__(self, program: Path) -> None:
         self.port = free_port()
         self._program = program

@@ -34,7 +34,6 @@ def recorded(rows: int = ROWS, first: int = 5000) -> np.ndarray:
 
 
 def messages(rows: np.ndarray, block: int = BLOCK, **more: Any) -> list[dict[str, Any]]:
-    """A message for each block, each with the header."""
     recording = json.loads(edge_json(rows.tolist(), block=block, events=(), **more))
     blocks = [each for each in recording["Payload"] if "HFData" in each]
     return [{"Header": recording["Header"], "Payload": [each]} for each in blocks]

@@ -31,7 +31,6 @@ def burst_force(bursts: Bursts, ripple_share: float = 0.4) -> tuple[plant.Proces
 
 
 def nothing(case: plant.Case, force_n: float) -> tuple[plant.ProcessForce, ...]:
-    """Air."""
     return ()
 
 

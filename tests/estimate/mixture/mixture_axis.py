@@ -34,7 +34,6 @@ TORQUE_NOISE_NM, STRETCH_NOISE_M = math.sqrt(5e-7 / 0.1), math.sqrt(3e-18 / 0.1)
 
 @cache
 def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
-    """Its machine file."""
     transmission = TransmissionConfig(
         reference_m=REFERENCE_M,
         stretch_per_acceleration_s2=TABLE_KG * COMPLIANCE,
@@ -76,7 +75,6 @@ def machine(one_encoder: bool = False, edge_rad2_s2: float = 0.0) -> Machine:
 
 @cache
 def parts(one_encoder: bool = False) -> tuple[AxisModel, Start, Process]:
-    """Model, start and process of the axis."""
     model = axis_model(machine(one_encoder))
     start = start_of(machine(one_encoder), model, SETTINGS)
     return model, start, process_of(machine(one_encoder), model, start, SETTINGS)

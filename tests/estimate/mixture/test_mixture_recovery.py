@@ -28,7 +28,6 @@ class Axis:
         self.limits = fault_limits(machine(one_encoder), self.model, SETTINGS)
 
     def moved(self, seed: int, seconds: float, truth: Truth, stop_s: float = 0.1) -> "Axis":
-        """In motion, after a stop."""
         for k, r in enumerate(production(seed, seconds, truth, self.one_encoder)):
             step(self.bank, self.model, self.process, r, stop_s if k == 0 else 0.1)
         return self

@@ -109,7 +109,6 @@ class HomeAssistant:
         return {each["device"]["name"]: self._states(each) for each in self.descriptions.values()}
 
     def attributes(self, device: str, component: str) -> dict[str, Any]:
-        """Attributes of an entity."""
         (said,) = (e for e in self.descriptions.values() if e["device"]["name"] == device)
         entity = said["components"][component]
         payload = json.loads(self.payloads[entity["json_attributes_topic"]])
@@ -130,7 +129,6 @@ class HomeAssistant:
         return states
 
     def take(self, topic: str, payload: bytes) -> None:
-        """Take a message in."""
         if payload:
             self.payloads[topic] = payload
         else:

@@ -81,7 +81,6 @@ def scenarios(quick: bool) -> dict[str, dict[str, Any]]:
 
 
 def foreign(axis_seed: int, quick: bool) -> Iterator[Part]:
-    """All scenarios of one axis."""
     machine, nominal = commissioned_machine(axis_seed), nominal_machine()
     for name, given in scenarios(quick).items():
         kwargs = dict(given)

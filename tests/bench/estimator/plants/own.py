@@ -125,7 +125,6 @@ def long_case(axis: OwnAxis, quick: bool) -> tuple[Recorded, tuple[float, float]
 
 
 def long_run(seed: int, quick: bool) -> Iterator[Part]:
-    """The long case."""
     axis = OwnAxis(seed)
     case, loss = long_case(axis, quick)
     row = "40 min: warm-up, slow loss, step"
