@@ -1,6 +1,7 @@
 """Commands that connect a machine: its configuration, its machine file, what samples come from."""
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -245,12 +246,12 @@ def stub(
     """
     from drivers.stub import parse_fault
 
-    from ..nodes.stub_node import run_stub
+    from ..nodes.stub_node import make_stub, run_stub
 
     log_to_stderr()
     try:
         wanted = parse_fault(fault)
     except ValueError as error:
         raise BadInputError(f"--fault: {error}") from None
-    settings = configured(config)
-    asyncio.run(run_stub(protocol, settings, axis, scenario, wanted, announce, trace, port))
+    made = partial(make_stub, protocol, configured(config), axis, scenario, trace, port)
+    asyncio.run(run_stub(made, wanted, announce))

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from ..messages.command import Command
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
-from ..messages.health import Alarm, AlarmKind
+from ..messages.health import Alarm, AlarmKind, Command
 from ..messages.interval import rfc3339
 from .axis_events import noted
 from .headline import clock, span

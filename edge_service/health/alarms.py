@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..config_tables import AlarmsConfig
-from ..messages.command import Command
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import (
     Alarm,
     AlarmKind,
     AxisHealth,
+    Command,
     ComponentHealth,
     ComponentStatus,
     ConsistencyState,

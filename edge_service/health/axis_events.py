@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from datetime import UTC, datetime
 
-from ..messages.command import Command
 from ..messages.event import AxisCondition, Code, Event, Statement, told
+from ..messages.health import Command
 from .consistency import CHANNEL_WORDS, Disagreement
 from .inputs import NS_PER_S
 

@@ -11,11 +11,17 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..config_tables import AlarmsConfig
 from ..messages.codec import Header
-from ..messages.command import Command, Outcome
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.health import AxisHealth, ComponentHealth, Consistency, PreloadFall
+from ..messages.health import (
+    AxisHealth,
+    Command,
+    ComponentHealth,
+    Consistency,
+    Outcome,
+    PreloadFall,
+)
 from ..messages.interval import Frozen
 from ..messages.trend import Trend, Use
 from .advice import consistent

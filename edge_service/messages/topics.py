@@ -3,11 +3,10 @@
 from typing import Any
 
 from .codec import JsonTopic, Topic
-from .command import Command, Outcome
 from .edge_block import FeatureTopic, SampleTopic, WaveformTopic
 from .estimate import ImmEstimate, PreloadEstimate
 from .event import Event
-from .health import AxisHealth, ComponentHealth
+from .health import AxisHealth, Command, ComponentHealth, Outcome
 
 _NEVER = float("inf")
 

@@ -13,11 +13,10 @@ from ..health.store.events import StoredEvent, is_chatter
 from ..health.store.store import DamagedStateError, State, load_state, set_state_aside
 from ..health.wear.usage import ScrewGeometry
 from ..messages.codec import CodecError, Header
-from ..messages.command import Command, Outcome
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import AxisCondition, Event
 from ..messages.features import FeatureBlock
-from ..messages.health import ComponentHealth, ComponentStatus
+from ..messages.health import Command, ComponentHealth, ComponentStatus, Outcome
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS
 from ..threads import Threads
 from .component import Component

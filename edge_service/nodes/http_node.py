@@ -28,15 +28,14 @@ from ..http_api.routes.work import Motion
 from ..http_api.serve import serve
 from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
-from ..messages.command import Command, Outcome
 from ..messages.event import AxisCondition, Event
-from ..messages.health import ComponentStatus
+from ..messages.health import Command, ComponentStatus, Outcome
 from ..messages.samples import SampleFrame
 from ..messages.topics import COMMAND, EVENT, FEAT, HEALTH, IMM, OUTCOME, PRELOAD, RAW, STATUS
 from ..messages.trend import Stroke
 from ..models.motions.registry import MOTIONS, MotionError, motion_limits
 from ..models.screw.stroke_profile import stroke_profile
-from ..recordings.extent import extent_of
+from ..recordings.reader import extent_of
 from .component import Component
 from .context import NodeContext, header
 from .desks import AxisDesk, Scrape

@@ -19,28 +19,19 @@ FRAME_S = 0.005
 """Axis time between two values of a stub: fresher than the fastest poll can see."""
 
 
-async def run_stub(
-    name: str,
-    config: EdgeConfig,
-    axis: str | None,
-    scenario: str,
-    fault: Fault,
-    announce: Callable[[str], None],
-    recording: Path | None = None,
-    port: int | None = None,
-) -> None:
-    """Serve the axes of that driver until SIGINT or SIGTERM: simulated, or a recording.
+async def run_stub(make: Callable[[], Stub], fault: Fault, announce: Callable[[str], None]) -> None:
+    """Serve the axes of a stub until SIGINT or SIGTERM.
 
-    Raises ConfigError: no such axis, wrong settings, or an address that cannot be taken.
+    Raises ConfigError: also of an address that cannot be taken.
     """
-    stub = make_stub(name, config, axis, scenario, recording, port)
+    stub = make()
     stub.fault = fault
     stop = install_stop()
     try:
         announce(await stub.start())
         await stop.wait()
     except DriverMisconfiguredError as error:
-        raise ConfigError(f"stub {name}: {error} (--port takes another port)") from None
+        raise ConfigError(f"stub: {error} (--port takes another port)") from None
     finally:
         await stub.close()
 
@@ -53,7 +44,10 @@ def make_stub(
     recording: Path | None = None,
     port: int | None = None,
 ) -> Stub:
-    """The stub of the axes that use the driver `name`. Raises ConfigError."""
+    """The stub of the axes that use the driver `name`: simulated, or a recording.
+
+    Raises ConfigError: no such axis, or wrong settings.
+    """
     if name not in stubs():
         raise ConfigError(f"no stub {name!r}; there are {', '.join(sorted(stubs()))}")
     chosen = [each for each in config.axes if each.driver == name and axis in (None, each.name)]

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ from ..fingerprint.compare import FigureChange, appeared_figures, compare_finger
 from ..fingerprint.fingerprint import fingerprint_axis
 from ..fingerprint.response.control_response import Mode, servo_tuning
 from ..fingerprint.result import AxisFingerprint, FingerprintError, Status, read_fingerprint
-from ..models.machine import Machine
 from ..recordings.columns import TraceError
 from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
@@ -80,7 +80,15 @@ def fingerprint(
     days: DriftReport | None = None
     modes: list[Mode] | None = None
     if machine is not None:
-        found, days = _tested(machine, recorded, baseline, by, progress)
+        several = len(recorded) > 1
+        frames = {path: read_recording(machine, path, keep_all=several) for path in recorded}
+        require_sound(machine, recorded, progress=progress)
+        progress("friction, stiffness, backlash, modes")
+        found = fingerprint_axis(machine, {p.name: each for p, each in frames.items()}, baseline)
+        if several:
+            progress("comparing moves")
+            with nullcontext() if by else suppress(ConfigError, TraceError):
+                days = compare_days(machine, frames, by)
     if measured is not None:
         section, modes = servo_tuning(measured)
         sources = tuple(sorted({*found.sources, tunings[0].name}))
@@ -124,30 +132,6 @@ def fingerprint(
         days.write(out_dir)
         lines.append(f"from recording to recording: {days.verdict}")
     return Answer("\n".join([*lines, f"report: {out_dir / 'report.html'}"]), document)
-
-
-def _tested(
-    machine: Machine,
-    traces: Sequence[Path],
-    baseline: AxisFingerprint | None,
-    by: Sequence[str],
-    progress: Progress,
-) -> tuple[AxisFingerprint, DriftReport | None]:
-    """All tests, and the comparison of moves where several recordings repeat one."""
-    several = len(traces) > 1
-    recordings = {path: read_recording(machine, path, keep_all=several) for path in traces}
-    require_sound(machine, traces, progress=progress)
-    progress("friction, stiffness, backlash, modes")
-    frames = {path.name: frame for path, frame in recordings.items()}
-    found = fingerprint_axis(machine, frames, baseline)
-    if several:
-        progress("comparing moves")
-        try:
-            return found, compare_days(machine, recordings, by)
-        except (ConfigError, TraceError):
-            if by:
-                raise
-    return found, None
 
 
 def _is_servo_tuning(source: Path) -> bool:

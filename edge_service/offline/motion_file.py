@@ -1,10 +1,8 @@
 """A named motion as a file for a controller: setpoints as CSV, or an NC program."""
 
 import difflib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
@@ -104,7 +102,15 @@ def write_motion(
                 file.writelines(f"{block}\n" for block in blocks)
                 rows = len(blocks)
             else:
-                rows = _write_setpoints(file, header, plan, limits.low_m, rate_hz)
+                rows = 1 + sum(samples_of(segment, rate_hz) for segment in plan.segments)
+                header += [f"rate {rate_hz:g} Hz, {rows} rows"]
+                file.writelines(f"# {line}\n" for line in header)
+                file.write(",".join(COLUMNS) + "\n")
+                source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
+                for first in range(0, rows, _CHUNK):
+                    index = np.arange(first, min(first + _CHUNK, rows))
+                    table = np.column_stack((index / rate_hz, source.take(len(index))))
+                    np.savetxt(file, table, fmt=_FORMAT, delimiter=",")
     except OSError as error:
         raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
     size = "blocks" if rate_hz is None else f"setpoints at {rate_hz:g} Hz"
@@ -144,17 +150,3 @@ def _header(name: str, machine: Machine, limits: MotionLimits, plan: Plan, seed:
         *((f"assumed, as the machine file lacks them: {assumed}",) if assumed else ()),
         *(f"left out: {line}" for line in plan.left_out),
     ]
-
-
-def _write_setpoints(
-    file: TextIO, header: Iterable[str], plan: Plan, home_m: float, rate_hz: float
-) -> int:
-    count = 1 + sum(samples_of(segment, rate_hz) for segment in plan.segments)
-    file.writelines(f"# {line}\n" for line in (*header, f"rate {rate_hz:g} Hz, {count} rows"))
-    file.write(",".join(COLUMNS) + "\n")
-    source = Setpoints(iter(plan.segments), home_m, rate_hz)
-    for first in range(0, count, _CHUNK):
-        index = np.arange(first, min(first + _CHUNK, count))
-        rows = np.column_stack((index / rate_hz, source.take(len(index))))
-        np.savetxt(file, rows, fmt=_FORMAT, delimiter=",")
-    return count

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ..messages.samples import CHANNELS, TIME, ColumnMap, Floats, SampleFrame
 from .columns import ROW_NUMBER, TraceError, choose_columns
 from .forms import open_source
+from .parquet import PARQUET_SUFFIXES, parquet_extent
 from .sinumerik.edge import EdgeSource, edge_recording
 from .sinumerik.signals import (
     SINUMERIK_SIGNALS,
@@ -24,6 +25,9 @@ from .source import NO_TEXT, Block, Source, Text
 
 MOST_ROWS = 20_000_000
 """Of a recording that is read into one frame."""
+_CHUNK_BYTES, _LINE_BYTES = 1 << 20, 1 << 14
+Extent = tuple[int | None, float | None, float | None]
+"""Rows, first and last `time_s` of a recording; None: not known."""
 
 
 class DirectionSign:
@@ -269,3 +273,26 @@ def _unreadable(path: Path, error: OSError) -> TraceError:
     if isinstance(error, FileNotFoundError):
         return TraceError(f"{path}: no such file; expected a recording")
     return TraceError(f"{path}: cannot be read ({error.strerror or error})")
+
+
+def extent_of(path: Path) -> Extent:
+    """Extent of a Parquet or CSV file; of one in another form, or that is none, what is known."""
+    with suppress(OSError, ValueError):
+        return parquet_extent(path, TIME) if path.suffix in PARQUET_SUFFIXES else _of_text(path)
+    return None, None, None
+
+
+def _of_text(path: Path) -> Extent:
+    """Extent of text with a header; times are known where the first column is `time_s`."""
+    with path.open("rb") as file:
+        header, first = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)
+        lines, end = header.count(b"\n") + first.count(b"\n"), first
+        while chunk := file.read(_CHUNK_BYTES):
+            lines += chunk.count(b"\n")
+            end = (end + chunk)[-_LINE_BYTES:]
+    rows = max(lines - 1 + (not end.endswith(b"\n")), 0)
+    if rows and header.split(b",")[0].strip() == TIME.encode():
+        last = end.rstrip().rpartition(b"\n")[2]
+        with suppress(ValueError):
+            return rows, float(first.split(b",")[0]), float(last.split(b",")[0])
+    return rows, None, None

@@ -12,10 +12,9 @@ from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.consistency import ConsistencyWatch
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
-from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Statement
-from edge_service.messages.health import AlarmKind, Consistency, ConsistencyState, Task
+from edge_service.messages.health import AlarmKind, Command, Consistency, ConsistencyState, Task
 from edge_service.messages.trend import Trend, TrendStatus
 
 from ..messages.examples import estimate_of

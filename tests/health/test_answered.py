@@ -7,7 +7,7 @@ import pytest
 from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import MOST_ANSWERED, AxisMonitor
 from edge_service.health.wear.usage import ScrewGeometry
-from edge_service.messages.command import Command, Outcome
+from edge_service.messages.health import Command, Outcome
 
 NOW_NS = 1_795_000_000 * 10**9
 

@@ -6,9 +6,8 @@ from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
-from edge_service.messages.command import Command
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
-from edge_service.messages.health import AlarmKind
+from edge_service.messages.health import AlarmKind, Command
 
 from ..messages.examples import estimate_of
 

@@ -10,10 +10,9 @@ from edge_service.health.axis_monitor import AxisMonitor
 from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
-from edge_service.messages.command import Command
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import AlarmKind, AxisHealth, Task
+from edge_service.messages.health import AlarmKind, AxisHealth, Command, Task
 from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
 

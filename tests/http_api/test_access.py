@@ -17,7 +17,7 @@ from edge_service.health.store.tokens import Tokens
 from edge_service.http_api.access import Authenticator, Caller
 from edge_service.http_api.app import create_app
 from edge_service.http_api.routes.docs import static_digest
-from edge_service.messages.command import Command, Outcome
+from edge_service.messages.health import Command, Outcome
 
 from .conftest import client_of
 

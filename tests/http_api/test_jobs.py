@@ -21,7 +21,7 @@ from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobCommand, Jobs
 from edge_service.http_api.recordings import Recordings
 from edge_service.http_api.routes.work import Motion
-from edge_service.recordings.extent import extent_of
+from edge_service.recordings.reader import extent_of
 
 from .conftest import client_of
 

@@ -6,10 +6,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from edge_service.messages.command import Command, Outcome
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
-from edge_service.messages.health import Alarm, AlarmKind
+from edge_service.messages.health import Alarm, AlarmKind, Command, Outcome
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
 
 NS = 1_000_000_000

@@ -6,10 +6,10 @@ import numpy as np
 
 from edge_service.messages import health
 from edge_service.messages.codec import Header
-from edge_service.messages.command import Command, Outcome
 from edge_service.messages.estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
+from edge_service.messages.health import Command, Outcome
 from edge_service.messages.interval import Interval
 from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, Waveform
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from edge_service.config_tables import StoreConfig
-from edge_service.messages.command import Command
+from edge_service.messages.health import Command
 from edge_service.messages.topics import COMMAND, OUTCOME
 from edge_service.nodes.context import header
 

@@ -12,8 +12,7 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.simulated import SimulatedDriver
 from edge_service.bus.session import Bus
 from edge_service.config import ConfigError
-from edge_service.messages.command import Command
-from edge_service.messages.health import ComponentStatus
+from edge_service.messages.health import Command, ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import RAW, STATUS
 from edge_service.nodes import acquire_node, health_node

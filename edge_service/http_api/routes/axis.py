@@ -10,9 +10,8 @@ from starlette.exceptions import HTTPException
 
 from ...health.live_features import ChannelQuality, LivePoint
 from ...messages.answer import PreloadAnswer
-from ...messages.command import Command, Outcome
 from ...messages.estimate import ImmEstimate
-from ...messages.health import AlarmKind, AxisHealth
+from ...messages.health import AlarmKind, AxisHealth, Command, Outcome
 from ...messages.interval import Frozen
 from ...messages.trend import FrictionCurve, Stroke, Use
 from ..access import CallerDep
