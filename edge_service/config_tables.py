@@ -4,7 +4,6 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from .messages.health import Limits
 from .messages.keys import Column
 
 
@@ -44,7 +43,6 @@ class StoreConfig(Table):
 class AlarmsConfig(Table):
     """`[alarms]`: what calls a person; percent of the fresh screw's preload."""
 
-    # warning_percent, fault_percent: WARNING and FAULT below
     warning_percent: float = Field(60.0, gt=0.0, le=100.0)
     fault_percent: float = Field(30.0, gt=0.0, le=100.0)
     rate_percent_per_1000_h: float = Field(20.0, gt=0.0)  # loss that is too fast
@@ -56,14 +54,3 @@ class AlarmsConfig(Table):
         if self.fault_percent >= self.warning_percent:
             raise ValueError("fault_percent must lie below warning_percent")
         return self
-
-    def limits(self, fresh_percent: float | None) -> Limits | None:
-        """Limits of an axis, percent of the load rating; None if the fresh preload is not known."""
-        if fresh_percent is None:
-            return None
-        warning, fault = self.warning_percent / 100.0, self.fault_percent / 100.0
-        return Limits(
-            fresh_percent=fresh_percent,
-            warning_percent=warning * fresh_percent,
-            fault_percent=fault * fresh_percent,
-        )

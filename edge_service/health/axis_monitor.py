@@ -31,6 +31,7 @@ from .axis_events import consistency_changed, log_entry, preload_rose, recording
 from .condition import ConditionMonitor
 from .consistency import ConsistencyWatch, LearnedChannel
 from .inputs import NS_PER_S
+from .limits import limits_of
 from .wear.friction import FrictionClasses, FrictionWatch
 from .wear.trend import PreloadHistory, PreloadSteps, as_of, preload_trend
 from .wear.usage import ScrewGeometry, UsageCounter
@@ -90,7 +91,7 @@ class AxisMonitor:
         self.axis = axis
         self._fresh_percent = fresh_percent
         self._now_ns = now_ns
-        self._limits = settings.limits(fresh_percent)
+        self._limits = limits_of(settings, fresh_percent)
         self._condition = ConditionMonitor(axis, self._limits, now_ns)
         self._alarms = AxisAlarms(axis, fresh_percent, settings, now_ns)
         self._answered: dict[str, AnsweredCommand] = {}

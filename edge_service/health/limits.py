@@ -2,6 +2,7 @@
 
 import math
 
+from ..config_tables import AlarmsConfig
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition
 from ..messages.health import Limits
@@ -15,6 +16,18 @@ _DELAY_NS = round(0.3 * NS_PER_S)
 """So long the whole interval must lie beyond a limit."""
 _DOUBT_DELAY_NS = 10 * NS_PER_S
 """So long the value must lie beyond a limit that its interval still straddles."""
+
+
+def limits_of(settings: AlarmsConfig, fresh_percent: float | None) -> Limits | None:
+    """Limits of an axis, percent of the load rating; None if the fresh preload is not known."""
+    if fresh_percent is None:
+        return None
+    point = fresh_percent / 100.0
+    return Limits(
+        fresh_percent=fresh_percent,
+        warning_percent=settings.warning_percent * point,
+        fault_percent=settings.fault_percent * point,
+    )
 
 
 class LimitLatch:

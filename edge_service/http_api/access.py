@@ -75,24 +75,19 @@ class Authenticator:
         origin = request.client.host if request.client else ""
         if not self.needs_token:
             return Caller(name=None, role="operator", origin=origin)
-        token = token_of(_secret(request.headers.get("authorization", "")), self._known)
+        scheme, _, secret = request.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "basic":  # the token is the password
+            try:
+                secret = base64.b64decode(secret, validate=True).decode().partition(":")[2]
+            except ValueError:
+                return None
+        elif scheme.lower() != "bearer":
+            return None
+        token = token_of(secret.strip(), self._known)
         if token is None:
             return None
         self._used.add(token.name)
         return Caller(name=token.name, role=token.role, origin=origin)
-
-
-def _secret(authorization: str) -> str:
-    """Token in a header: of `Bearer TOKEN`, or the password of `Basic`; empty without one."""
-    scheme, _, sent = authorization.partition(" ")
-    if scheme.lower() == "bearer":
-        return sent.strip()
-    if scheme.lower() != "basic":
-        return ""
-    try:
-        return base64.b64decode(sent, validate=True).decode().partition(":")[2]
-    except ValueError:
-        return ""
 
 
 AuthenticatorDep = Annotated[Authenticator, part("authenticator")]

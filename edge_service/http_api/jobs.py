@@ -160,7 +160,14 @@ class Jobs:
                 raise RefusedError(503, refused) from None
             self._running[number] = started
             self._following[number] = asyncio.create_task(self._follow(number, job, started))
-            await self._forget_old()
+            old = "DELETE FROM jobs WHERE id <= (SELECT MAX(id) FROM jobs) - ? RETURNING id"
+
+            def forget(file: sqlite3.Connection) -> list[tuple[int]]:
+                return file.execute(old, (MOST_KEPT,)).fetchall()
+
+            for (gone,) in await self._store.run(self._store.write, forget):
+                left = self._folder / str(gone)
+                await self._threads.run(shutil.rmtree, left, ignore_errors=True)
             return self._shown(number, job)
 
     async def cancel(self, number: int) -> Job:
@@ -252,16 +259,6 @@ class Jobs:
             return file.execute("INSERT OR REPLACE INTO jobs VALUES (?, ?)", row).lastrowid or 0
 
         return await self._store.run(self._store.write, work)
-
-    async def _forget_old(self) -> None:
-        old = "DELETE FROM jobs WHERE id <= (SELECT MAX(id) FROM jobs) - ? RETURNING id"
-
-        def work(file: sqlite3.Connection) -> list[tuple[int]]:
-            return file.execute(old, (MOST_KEPT,)).fetchall()
-
-        for (number,) in await self._store.run(self._store.write, work):
-            folder = self._folder / str(number)
-            await self._threads.run(shutil.rmtree, folder, ignore_errors=True)
 
     def _shown(self, number: int, job: Job) -> Job:
         """A job as its folder shows it now."""

@@ -146,7 +146,6 @@ _DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
 def _check(value: Any, depth: int) -> None:
-    """Raise ValueError for whatever lies outside the bounds."""
     if isinstance(value, str):
         if len(value) > MOST_TEXT:
             raise ValueError(f"a text of more than {MOST_TEXT} characters")

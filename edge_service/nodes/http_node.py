@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..clock import CLOCK, now_ns
 from ..health.axis_events import clock_changed
+from ..health.limits import limits_of
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..health.store.history import MEMORY_MB, History
@@ -175,7 +176,7 @@ class HttpNode:
             del self._machine_files[axis]
             return
         settings = alarm_settings(self._context.config, axis)
-        limits = settings.limits(machine.fresh_preload_percent)
+        limits = limits_of(settings, machine.fresh_preload_percent)
         self.state.renew(axis, limits, machine.transmission_ratio_m_per_rad)
         self._machine_files |= {each.name: each.machine for each in self._context.config.axes}
 

@@ -16,7 +16,7 @@ from ..health.components import ComponentWatch
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
-from ..http_api.words import words_in
+from ..http_api.routes.docs import words_in
 from ..messages.codec import Header
 from ..messages.estimate import PreloadEstimate
 from ..messages.event import AxisCondition, Event

@@ -6,6 +6,7 @@ import pytest
 
 from edge_service.config_tables import AlarmsConfig
 from edge_service.health.condition import ConditionMonitor
+from edge_service.health.limits import limits_of
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Event
@@ -31,7 +32,9 @@ class Scene:
     events: list[Event] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.monitor = ConditionMonitor("X", self.settings.limits(self.fresh_percent), self.now_ns)
+        self.monitor = ConditionMonitor(
+            "X", limits_of(self.settings, self.fresh_percent), self.now_ns
+        )
 
     def header(self) -> Header:
         header = Header(self.sequence, self.boot_epoch, self.now_ns, self.now_ns)

@@ -9,6 +9,7 @@ import pytest
 from fastapi import FastAPI
 
 from edge_service.config_tables import AlarmsConfig
+from edge_service.health.limits import limits_of
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.messages.codec import Header
@@ -44,7 +45,7 @@ class Scene:
     sequence: int = 0
 
     def __post_init__(self) -> None:
-        axes = {"X": AlarmsConfig().limits(10.0), "Y": None}
+        axes = {"X": limits_of(AlarmsConfig(), 10.0), "Y": None}
         self.state = ServiceState(axes, self.now_ns)
         self.app = create_app(self.state, lambda: self.now_ns)
 

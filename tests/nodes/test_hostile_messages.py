@@ -14,6 +14,7 @@ from edge_service.config import EstimatorConfig, load_machine
 from edge_service.config_tables import AlarmsConfig
 from edge_service.downsample.vibration import AxisVibration
 from edge_service.health.axis_monitor import AxisMonitor
+from edge_service.health.limits import limits_of
 from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.http_api.routes.service import service_answer
@@ -41,7 +42,7 @@ class Readers:
     """Everything that stands behind the codecs, for the axes X and Y."""
 
     def __init__(self, folder: Path) -> None:
-        self.state = ServiceState({"X": AlarmsConfig().limits(10.0), "Y": None}, START_NS)
+        self.state = ServiceState({"X": limits_of(AlarmsConfig(), 10.0), "Y": None}, START_NS)
         self.monitor = AxisMonitor(*FACTS, AlarmsConfig(), START_NS)
         self.downsampler = make_downsampler(MACHINE)
         self.axis = estimated(lambda: make_estimator(EstimatorConfig(), MACHINE))

@@ -1,8 +1,9 @@
-"""The description of the interface as a page: made here, so that it needs no network."""
+"""The description of the interface as a page, made here so that it needs no network; its words."""
 
 import hashlib
 import json
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +13,15 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
 STATIC = Path(__file__).parents[1] / "static"
+_WORDS = re.compile(r'^  "([^"]+)": (".*"),$', re.MULTILINE)
 docs_router = APIRouter(include_in_schema=False)
+
+
+@cache
+def words_in(language: str) -> Mapping[str, str]:
+    """Text of each key, in a language that the page has."""
+    text = (STATIC / "strings" / f"{language}.js").read_text(encoding="utf-8")
+    return {key: json.loads(value) for key, value in _WORDS.findall(text)}
 
 
 @cache
