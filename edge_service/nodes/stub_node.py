@@ -31,7 +31,7 @@ async def run_stub(make: Callable[[], Stub], fault: Fault, announce: Callable[[s
         announce(await stub.start())
         await stop.wait()
     except DriverMisconfiguredError as error:
-        raise ConfigError(f"stub: {error} (--port takes another port)") from None
+        raise ConfigError(f"the stub cannot listen: {error} (--port takes another port)") from None
     finally:
         await stub.close()
 
