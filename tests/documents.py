@@ -27,7 +27,6 @@ def guide() -> str:
 
 
 def blocks(text: str, language: str) -> list[str]:
-    """Fenced blocks of a language, in order."""
     fenced = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     return [content for named, content in fenced if named == language]
 

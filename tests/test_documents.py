@@ -115,12 +115,10 @@ def test_every_block_is_whole(path: str) -> None:
 
 
 def command_of(match: re.Match[str]) -> click.Command | None:
-    """The command that a text names."""
     return bench if match[1] == "bench" else cli.commands.get(match[1])
 
 
 def options_of(commands: list[click.Command | None]) -> set[str]:
-    """Long options of commands, and the one that all have."""
     return {"--help"} | {
         option
         for command in commands

@@ -17,7 +17,6 @@ MODULE = Path(__file__).parent / "foreign_effect" / f"{NAME}.py"
 
 
 def install(home: Path, target: str) -> None:
-    """A package of one module, as an installer leaves it."""
     shutil.copy(MODULE, home / MODULE.name)
     info = home / "foreign_effect-1.0.dist-info"
     info.mkdir()

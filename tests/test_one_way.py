@@ -93,7 +93,6 @@ WAYS: dict[str, tuple[Does, str]] = {
 
 
 def found(does: Does, tree: ast.AST) -> Iterator[str]:
-    """Places of a tree at which something is done."""
     for node in ast.walk(tree):
         if does(node):
             yield f"{getattr(node, 'lineno', 0)}: {ast.unparse(node)[:80]}"

@@ -12,7 +12,6 @@ CLEARED = "\r\x1b[2K"
 
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
-        """A person sits here."""
         return True
 
 

@@ -78,7 +78,6 @@ def german(said: Statement) -> str:
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers in a text, smallest first."""
     return sorted(float(each.replace(",", ".")) for each in NUMBER.findall(text))
 
 
@@ -103,7 +102,6 @@ def test_whatever_happens_each_alarm_has_its_german_words(steps: list[tuple]) ->
 
 
 def raised(kind: AlarmKind) -> Axis:
-    """An axis with an active alarm of a kind."""
     axis = Axis()
     sound = _estimate(1.0, 0.1, 1.0, 0.0)
     axis.hear(sound, 10)
@@ -157,7 +155,6 @@ def test_every_other_event_of_the_health_room_has_a_sentence() -> None:
 
 
 def events() -> list[Event]:
-    """Events that an axis has in many ways."""
     differs = [Disagreement(state, name, 9.0, 5.0) for state in (True, False) for name in CHANNELS]
     faults, found = DataFaults("X"), list[Event]()
     for fault in Fault:
@@ -171,7 +168,6 @@ def events() -> list[Event]:
 
 
 def answered() -> list[Event]:
-    """Events of an alarm that people answer."""
     latch = AlarmLatch("X", AlarmKind.MODEL, AlarmRule(AxisCondition.WARNING, 0.0, 0.0))
     cause = told(Code.PRELOAD_FALLING, {"per": "per day"}, rate=7.0, per="day")
     return [

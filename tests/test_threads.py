@@ -26,7 +26,6 @@ def hanging() -> Iterator[threading.Event]:
 
 
 async def until_waiting(threads: Threads, busy: int) -> None:
-    """Wait until so many threads are at work."""
     async with asyncio.timeout(PATIENCE_S):
         while threads._busy < busy:
             await asyncio.sleep(0.001)

@@ -20,7 +20,6 @@ EMPS_RATIO_M_PER_RAD = 0.0025 / (2.0 * math.pi)
 
 
 def said(*arguments: object, status: int = 0) -> str:
-    """Words of a command."""
     heard = io.StringIO()
     with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
         ended = main([str(each) for each in arguments])
@@ -29,7 +28,6 @@ def said(*arguments: object, status: int = 0) -> str:
 
 
 def adopted(trace: Path, folder: Path, *options: object) -> Path:
-    """Machine file that `adopt` proposes."""
     out = folder / f"{trace.stem}.toml"
     said("adopt", trace, "--out", out, *options)
     return out

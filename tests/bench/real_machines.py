@@ -68,7 +68,6 @@ def one_actuator(sequences: Iterable[Floats]) -> dict[str, Floats]:
 
 
 def recordings(folder: Path, condition: str, load: str) -> list[str]:
-    """Traces of some sequences each."""
     every = moves(DATA / "cranfield" / f"{condition}.csv")[int(load)]
     return [
         written(folder / f"{condition}{k}.csv", one_actuator(every[k : k + SEQUENCES]))
@@ -77,7 +76,6 @@ def recordings(folder: Path, condition: str, load: str) -> list[str]:
 
 
 def screw_actuator(path: Path, name: str) -> str:
-    """Trace of a screw actuator, its torque at the screw."""
     table = np.loadtxt(DATA / "screw_actuators" / f"{name}.txt")
     columns = {
         "time_s": 1e-3 * table[:, 0],

@@ -150,7 +150,6 @@ def in_processes(
 
 
 def listed(seeds: Iterable[int]) -> str:
-    """Seeds in order, each once."""
     return ", ".join(map(str, sorted(set(seeds))))
 
 

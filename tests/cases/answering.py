@@ -108,7 +108,6 @@ def _answer(command: str, out: Path, stdout: io.StringIO, case: Case) -> Any:
 
 
 def estimates(path: Path, windows: dict[str, Window]) -> dict[str, Any]:
-    """Summary of the rows of each window."""
     with path.open() as file:
         rows = list(csv.DictReader(file))
     return {name: _summary(rows, window) for name, window in windows.items()}

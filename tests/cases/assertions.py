@@ -49,7 +49,6 @@ def assert_holds(assertion: Assertion, answer: Any) -> None:
 
 
 def shown(value: Any) -> str:
-    """The beginning of a value, in one line."""
     return textwrap.shorten(json.dumps(value), 200)
 
 

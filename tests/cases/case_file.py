@@ -94,8 +94,6 @@ class Window(Strict):
 
 
 class Case(Strict):
-    """Content of `case.toml`."""
-
     wrong: str = Field(description="one sentence: the false answer that must not come again")
     run: list[str] = Field([], description="commands, one after another; the last one answers")
     request: str | None = Field(None, description="instead: GET path of the HTTP interface")

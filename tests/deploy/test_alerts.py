@@ -20,7 +20,6 @@ needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not in
 
 
 def judged(folder: Path, rules: str) -> "subprocess.CompletedProcess[str]":
-    """Report of promtool's tests on the rules."""
     (folder / "alerts.yml").write_text(rules)
     (folder / "tests.yml").write_text(document("tests/deploy/alerts_test.yml"))
     line = ["promtool", "test", "rules", "tests.yml"]

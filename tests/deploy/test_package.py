@@ -71,7 +71,6 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def packages(program: Path) -> tuple[Path, Path]:
-    """Package of this version, and of a later one."""
     out = program.parent / "packages"
     for version in ("0.1.0", "0.2.0"):
         run(["sh", "deploy/package.sh", str(out), str(program)], VERSION=version)

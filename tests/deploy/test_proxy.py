@@ -115,7 +115,6 @@ def proxy(request: pytest.FixtureRequest, service: tuple[Path, int, str]) -> Ite
 
 
 def fetch(proxy: list[str], path: str, *more: str) -> tuple[int, str]:
-    """Status and body."""
     line = [*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path]
     said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
     body, _, status = said.rpartition("\n")

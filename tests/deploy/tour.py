@@ -28,7 +28,6 @@ class Step:
 
 
 def steps(text: str) -> list[Step]:
-    """Steps of a document, in order."""
     found: list[Step] = []
     files: dict[str, str] = {}
     for match in _BLOCK.finditer(text):

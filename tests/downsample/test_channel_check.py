@@ -33,8 +33,6 @@ NEITHER_BELIEVED_NOR_FAR_OFF_M = 2e-6
 
 @dataclass(frozen=True)
 class Axis:
-    """A recorder's and an axis' manners."""
-
     lead_m: float = 0.01
     rate_hz: int = 1000
     resolution_m: float = 1e-8
@@ -121,7 +119,6 @@ def frame_of(columns: dict[str, Floats]) -> SampleFrame:
 
 
 def faults_of(blocks: list[FeatureBlock]) -> set[Fault]:
-    """Every kind of fault of the channels in some block."""
     return {kind for block in blocks for kind in block.fault & OF_CHANNELS}
 
 

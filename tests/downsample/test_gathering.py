@@ -16,7 +16,6 @@ cuts = st.lists(st.integers(1, 1999), max_size=60)
 
 
 def told(frames: list[SampleFrame], gathering: Gathering | None) -> list[list[str]]:
-    """Blocks after every frame."""
     downsampler = Downsampler(DownsampleSettings(), RATIO)
     after = []
     for frame in frames:

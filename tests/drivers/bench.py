@@ -26,8 +26,6 @@ Action = Callable[[], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class DriverBench:
-    """A source and the drivers that read it."""
-
     make: Callable[[], Driver]  # a new driver for the source
     lose: Action | None = None  # takes the source away; None where it cannot go
     bring_back: Action | None = None  # puts it back
@@ -89,7 +87,6 @@ def whole(frames: list[SampleFrame]) -> SampleFrame:
 
 
 def free_port() -> int:
-    """A port of the loopback interface that nobody has."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -48,7 +48,6 @@ async def driver(bench: DriverBench) -> AsyncIterator[Driver]:
 
 
 def open_files() -> set[str]:
-    """Files and sockets that this process holds open."""
     gc.collect()
     held = set()
     for name in Path("/proc/self/fd").iterdir():

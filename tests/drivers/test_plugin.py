@@ -25,7 +25,6 @@ port = {port}
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder into which the package is installed."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     (source / "pyproject.toml").write_text(block(README, "toml", "csv_over_tcp"))
     (source / "csv_over_tcp.py").write_text(block(README, "python", "class CsvTcpDriver"))

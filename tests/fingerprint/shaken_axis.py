@@ -47,12 +47,10 @@ class Axis:
 
     @property
     def radius_m(self) -> float:
-        """Travel per radian."""
         return self.lead_m / (2.0 * math.pi)
 
     @property
     def fresh_n_per_m(self) -> float:
-        """Stiffness of all in series, fresh."""
         return self.table_kg * (2.0 * math.pi * self.antiresonance_hz) ** 2
 
     def stiffness(self) -> float:

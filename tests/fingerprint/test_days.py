@@ -22,8 +22,6 @@ _MOVES = ((0.25, 0.1), (0.20, 0.1), (0.50, 0.4), (0.20, 0.4))
 
 @dataclass(frozen=True, slots=True)
 class Day:
-    """State of the axis on one day."""
-
     preload_share: float = 1.0  # of the fresh preload
     friction: float = 1.0  # factor on all dry friction
     warm: bool = False  # whether it is warm from the start

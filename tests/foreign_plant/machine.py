@@ -57,8 +57,6 @@ DIAGNOSIS = Machine(kind="diagnosis", stiffness_scale=300.0)
 
 
 def nominal_machine_toml(machine: Machine) -> str:
-    """The baseline machine file."""
-
     def number(value: float, tolerance: float) -> str:
         return f"{{ value = {value!r}, tolerance = {tolerance!r} }}"
 

@@ -54,7 +54,6 @@ class Plan:
         return padded.reshape(-1, 10).mean(axis=1)
 
     def scale(self, **shares: float) -> None:
-        """Multiply constants of the drive."""
         for name, share in shares.items():
             self.drive[name] *= share
 

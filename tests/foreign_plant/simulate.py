@@ -65,7 +65,6 @@ def led_in(setpoint_m: Array) -> tuple[Array, int]:
 
 
 def planned(case: Case) -> Plan:
-    """The axis of this case with all that happens to it."""
     rng = np.random.default_rng([case.seed, 3])
     axis = np.random.default_rng([case.axis_seed, 5])
     plan = plan_axis(case.machine, case.setpoint_m, case.axis_seed)

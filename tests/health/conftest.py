@@ -72,11 +72,9 @@ class Scene:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons of the present condition."""
         return self.monitor.health(self.now_ns).reasons
 
     def changes(self, kind: str = "condition_changed") -> list[str]:
-        """States to which the events of one kind changed."""
         return [str(event.data["to"]) for event in self.events if event.kind == kind]
 
 
@@ -88,5 +86,4 @@ def scene() -> Scene:
 
 @pytest.fixture
 def make_scene() -> type[Scene]:
-    """To make monitors with other settings."""
     return Scene

@@ -97,8 +97,6 @@ def test_a_drop_is_measured_from_the_greatest_value_of_its_time():
 
 
 class Axis:
-    """A watch with its clock."""
-
     def __init__(self, **alarms: float) -> None:
         self.now_ns = START_NS
         self.sequence = 0
@@ -121,7 +119,6 @@ class Axis:
         self.note(self.watch.on_preload(header, estimate, self.now_ns))
 
     def tick(self, seconds: float = 1.0) -> None:
-        """Time passes."""
         self.now_ns += round(seconds * NS)
         self.note(self.watch.tick(self.now_ns))
 
@@ -135,7 +132,6 @@ class Axis:
         ]
 
     def shown(self) -> dict[str, bool]:
-        """Alarms shown, and whether they are active."""
         alarms = self.watch.health(self.now_ns).alarms
         return {alarm.kind.value: alarm.active for alarm in alarms}
 

@@ -50,7 +50,6 @@ class CheckedCase:
 
     @property
     def there(self) -> set[str]:
-        """Causes that the library has."""
         return self.case.names & set(effect_names()) - set(self.case.withheld)
 
     @property
@@ -85,7 +84,6 @@ class CheckedCase:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The same for programs."""
         gap = {
             name: {"before": before, "after": after, "unit": CHANNEL_UNITS[name]}
             for name, (before, after) in self.again.items()
@@ -187,7 +185,6 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
 
 
 def total_lines(totals: Mapping[str, Any]) -> list[str]:
-    """The same in words."""
     lines = [
         f"{kind}: {', '.join(f'{count} {outcome}' for outcome, count in counts.items())}"
         for kind, counts in totals["outcomes"].items()

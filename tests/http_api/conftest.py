@@ -50,7 +50,6 @@ class Scene:
         self.app = create_app(self.state, lambda: self.now_ns)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
         self.now_ns += round(seconds * NS)
 
     def header(self) -> Header:
@@ -58,7 +57,6 @@ class Scene:
         return Header(self.sequence, START_NS, self.now_ns, self.now_ns)
 
     def hear_preload(self, axis: str = "X", **changes: object) -> None:
-        """An estimate comes."""
         estimate = ESTIMATE.model_copy(update=changes)
         self.state.on_preload(axis, self.header(), estimate, self.now_ns)
 
@@ -74,7 +72,6 @@ class Scene:
         self.state.on_component(ComponentHealth.model_validate(members), self.now_ns)
 
     def hear_event(self, message: str, axis: str = "X") -> int:
-        """An event comes; its id."""
         members = {"kind": "condition_changed", "level": AxisCondition.WARNING}
         event = event_of(message, axis=axis, time_ns=self.now_ns, **members)
         for logged in self.state.events.add((event,), self.now_ns):
@@ -96,12 +93,10 @@ def scene() -> Scene:
 
 @pytest.fixture
 def make_scene() -> type[Scene]:
-    """To make services of other sizes."""
     return Scene
 
 
 def client_of(app: FastAPI, url: str = "http://127.0.0.1", **how: Any) -> httpx.AsyncClient:
-    """A client of an application, without a socket."""
     return httpx.AsyncClient(transport=httpx.ASGITransport(app, **how), base_url=url)
 
 

@@ -30,8 +30,6 @@ FILLED |= {"output": "mqtt"}
 
 @dataclass
 class Guarded:
-    """A service with an operator and a viewer."""
-
     folder: Path
     now_ns: int = START_NS
     sent: list[Command] = field(default_factory=list)
@@ -59,7 +57,6 @@ class Guarded:
         return Outcome(accepted=True)
 
     def bearer(self, name: str) -> dict[str, str]:
-        """Headers of a program."""
         return {"authorization": f"Bearer {self.secrets[name]}"}
 
     def basic(self, name: str) -> dict[str, str]:

@@ -58,7 +58,6 @@ class RawClient:
             return b""
 
     async def some(self) -> bytes:
-        """Bytes that come next."""
         return await asyncio.wait_for(self._reader.read(4096), 10.0)
 
     async def close(self) -> None:

@@ -13,8 +13,6 @@ MB = 1 << 20
 
 
 class _Upload:
-    """An upload that is fed by hand."""
-
     def __init__(self, kept: Recordings, name: str) -> None:
         self._chunks: asyncio.Queue[bytes] = asyncio.Queue()
         self.done = asyncio.create_task(kept.receive(name, self._come()))

@@ -76,7 +76,6 @@ CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines
 
 
 def installed(folder: Path, name: str = "edge.toml") -> Path:
-    """A configuration and its machine file."""
     (folder / "machines").mkdir(parents=True)
     (folder / "machines/x.toml").write_text((ROOT / "deploy" / "machine.toml").read_text())
     (folder / name).write_text(CONFIG)

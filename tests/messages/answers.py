@@ -13,7 +13,6 @@ LIMITS = Limits(fresh_percent=6.85, warning_percent=4.11, fault_percent=2.055)
 
 
 def health_of(condition: AxisCondition, **changes: Any) -> AxisHealth:
-    """A condition with headline and advice."""
     facts: dict[str, Any] = {"since_time_ns": MEASURED_NS, "limits": LIMITS} | changes
     return consistent(AxisHealth(axis="X", condition=condition, **facts), None)
 
@@ -28,7 +27,6 @@ def answer(
     limits: Limits | None = LIMITS,
     **numbers: float,
 ) -> AxisAnswer:
-    """A good answer, but for what is given."""
     known = {"preload_percent": 6.7, "low": 6.5, "high": 6.9} | numbers
     good = PreloadEstimate(time_s=1.0, status=EstimateStatus.ESTIMATED, **known)
     return AxisAnswer(

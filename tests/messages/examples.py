@@ -27,7 +27,6 @@ def estimate_of(
 
 
 def event_of(text: str = "m", **more: Any) -> Event:
-    """An event of axis X."""
     members = {"axis": "X", "kind": "note", "level": AxisCondition.NORMAL, "time_ns": 1}
     return Event.model_validate(members | {"text": text} | more)
 

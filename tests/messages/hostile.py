@@ -66,7 +66,6 @@ def _bytes(value: Any) -> bytes:
 
 
 def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Paths of all members and items, at any depth."""
     if not isinstance(value, dict | list):
         return []
     found = []

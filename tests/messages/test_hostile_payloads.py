@@ -25,7 +25,6 @@ EXAMPLES = 300
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """All values within a payload."""
     if isinstance(value, BaseModel):
         value = dict(value)
     if is_dataclass(value) and not isinstance(value, type):

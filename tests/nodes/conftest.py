@@ -184,7 +184,6 @@ def production(machine: Machine, percent: float, rows: int) -> SampleFrame:
 
 @pytest.fixture
 async def bus() -> AsyncIterator[Bus]:
-    """A bus on which nothing runs."""
     made = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     yield made
     await made.close()

@@ -35,7 +35,6 @@ machine = "machine.toml"
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    """A configuration with its machine file in a folder of its own."""
     path = tmp_path / "etc" / "edge.toml"
     path.parent.mkdir()
     path.write_text(CONFIG)

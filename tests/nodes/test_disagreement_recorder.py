@@ -31,8 +31,6 @@ def event(since_s: float, name: str = name_of(1)) -> Event:
 
 
 class Scene:
-    """A recorder, and the clock of axis X."""
-
     def __init__(self, folder: Path) -> None:
         self.kept: list[tuple[str, str]] = []
         self.recorder = DisagreementRecorder(folder, self._take)

@@ -14,7 +14,6 @@ MACHINES = {"baseline": DEFAULT_MACHINE, "mixture": COMMISSIONED}
 
 
 def estimate(trace: Path, machine: Path, *more: str) -> list[str]:
-    """Rows of the estimates, without the header."""
     out = trace.with_name(f"{trace.stem}_estimates.csv")
     told = ["--machine", str(machine), "--out", str(out), *more]
     assert main(["estimate", str(trace), *told]) == 0

@@ -125,7 +125,6 @@ def store_in(folder: Path) -> Store:
 
 
 def document_in(folder: Path) -> Any:
-    """Kept state of axis X."""
     with closing(store_in(folder)) as store:
         return load_state(store, estimate_node.STATE, "X")
 

@@ -55,7 +55,6 @@ def places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...
 
 
 def with_shape(document: Any, path: tuple[Any, ...], shape: Any) -> Any:
-    """The document with something else at a place."""
     if not path:
         return shape
     first, *rest = path
@@ -65,7 +64,6 @@ def with_shape(document: Any, path: tuple[Any, ...], shape: Any) -> Any:
 
 
 def use(monitor: AxisMonitor) -> None:
-    """All that the node does with a monitor."""
     header = Header(0, 1, NOW_NS, NOW_NS)
     monitor.on_preload(header, estimate_of(6.0, 0.5), NOW_NS)
     monitor.tick(NOW_NS)

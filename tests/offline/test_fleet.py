@@ -81,7 +81,6 @@ async def told(say: Callable[[], None]) -> AsyncIterator[None]:
 
 
 async def until(watch: FleetWatch, heard: dict[str, str]) -> Fleet:
-    """The first look that finds this."""
     async with asyncio.timeout(PATIENCE_S):
         while reasons(found := await asyncio.to_thread(watch.look)) != heard:
             pass

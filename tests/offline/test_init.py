@@ -149,7 +149,6 @@ class Terminal:
         self._read = 0
 
     def answer(self, question: str, typed: str) -> None:
-        """Wait for a question, then type."""
         while question not in self.said[self._read :]:
             assert self._hear(), self.said
         self._read = len(self.said)

@@ -14,7 +14,6 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def right() -> dict:
-    """Right contents by kind."""
     return right_files()
 
 

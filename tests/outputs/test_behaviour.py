@@ -33,7 +33,6 @@ async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
 
 
 def messages(output: base.Output) -> list[base.Message]:
-    """One message of each kind that an output is handed."""
     events = [base.Events(receiver, (event(),)) for receiver in output.receivers]
     return [*([answer()] if output.takes_answers else []), *events]
 

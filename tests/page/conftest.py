@@ -51,15 +51,12 @@ def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
 
 
 def show_tab(page: Any, tab: str) -> None:
-    """Choose a part of the axis that is shown."""
     page.click(f"#tab-{tab}")
     page.wait_for_selector(f"#{tab}:visible")
 
 
 @dataclass
 class Page:
-    """A page with all that it said and asked."""
-
     page: Any
     faults: list[str]
     asked: list[str]
@@ -152,7 +149,6 @@ class Service:
 
 @pytest.fixture
 def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
-    """Services that are ended with the test."""
     services: list[Service] = []
 
     def make(

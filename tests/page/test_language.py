@@ -39,7 +39,6 @@ SHOWN = """() => {
 
 
 def words(language: str) -> dict[str, str]:
-    """Text of each key."""
     text = (STRINGS / f"{language}.js").read_text(encoding="utf-8")
     return {key: json.loads(value) for key, value in LINE.findall(text)}
 

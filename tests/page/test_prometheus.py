@@ -21,7 +21,6 @@ PRELOAD = 'edge_service_preload_rating_ratio{bound="value"}'
 
 
 def asked_by_grafana() -> list[str]:
-    """The dashboard's questions."""
     dashboard = json.loads((ROOT / "deploy" / "grafana.json").read_text())
     return [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
 
@@ -32,7 +31,6 @@ def test_the_dashboard_asks_only_for_what_is_there() -> None:
 
 
 def started(folder: Path) -> tuple["subprocess.Popen[bytes]", int]:
-    """Prometheus with the configuration in a folder, and its port."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

@@ -104,7 +104,6 @@ def figures_of(cases: Sequence[Case], metrics: Mapping[str, Any]) -> list[Row]:
 
 
 def slow_figures_of(cases: Sequence[Case], rate: str) -> list[Row]:
-    """The table of thinned recordings."""
     controls = _of_kind(cases, "control")
     singles = _of_kind(cases, "single")
     quiet = (_verdict(each) == "no_gap" for each in controls)

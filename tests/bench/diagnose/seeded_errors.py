@@ -70,8 +70,6 @@ class SeededCase:
 
 @dataclass(frozen=True, slots=True)
 class SeededRow:
-    """A case with its answer."""
-
     case: SeededCase
     verdict: str
     effects: tuple[tuple[str, float], ...]  # names and probabilities, the most probable first
@@ -221,7 +219,6 @@ def motion_of(recording: Recording) -> Motion:
 
 
 def with_error(recording: Recording, case: SeededCase, seed: int) -> dict[str, Floats]:
-    """The columns with the error of a case in their torque."""
     if not case.error:
         return dict(recording.columns)
     motion = motion_of(recording)

@@ -22,7 +22,6 @@ class Device:
         self._reads = 0
 
     async def talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One client, until it leaves."""
         try:
             while True:
                 packet = await reader.readexactly(HEADER.size)
@@ -39,7 +38,6 @@ class Device:
 
 
 async def respond(count: int) -> None:
-    """Serve until the input ends."""
     devices = [Device() for _ in range(count)]
     servers = [await asyncio.start_server(each.talk, "127.0.0.1", 0) for each in devices]
     ports = [server.sockets[0].getsockname()[1] for server in servers]

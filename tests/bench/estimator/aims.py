@@ -37,7 +37,6 @@ class Aim:
     reference: str | None = None
 
     def text(self) -> str:
-        """As printed."""
         limits = ((words, getattr(self, name)) for name, words in _WORDS.items())
         return ", ".join(words.format(limit) for words, limit in limits if limit is not None)
 

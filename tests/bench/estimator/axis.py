@@ -43,7 +43,6 @@ class OwnAxis:
 
     @property
     def fresh_percent(self) -> float:
-        """Preload of the fresh screw."""
         return _default().fresh_preload_percent or 0.0
 
     def frames(
@@ -92,7 +91,6 @@ class OwnAxis:
         return np.asarray(1.0 + sum(waves))
 
     def nominal(self) -> Machine:
-        """Its machine file before commissioning."""
         machine = _default()
         inertia = machine.model.inertia_kg_m2.value * (1.0 + self.inertia_off)
         nut = _nut_stiffness(machine) * (1.0 + self.nut_off)

@@ -47,8 +47,6 @@ _FOREIGN_ERRORS = (
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Cases that one process runs."""
-
     part: str
     name: str
     run: Callable[[], Iterable[object]]

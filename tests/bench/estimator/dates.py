@@ -171,8 +171,6 @@ def _remembered(rng: np.random.Generator, at: Floats, memory: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Answer to one question."""
-
     row: str
     # dated, falling, alarmed: whether there was a date, a fall, an alarm of its rate
     dated: bool

@@ -57,7 +57,6 @@ def lost(plant: str, axis_seed: int, shift_s: float) -> Iterator[LossPart]:
 
 
 def losses_table(parts: Sequence[LossPart]) -> Table:
-    """One row for each plant and case."""
     rows: list[Mapping[str, object]] = []
     for plant, case in dict.fromkeys((part.plant, part.case) for part in parts):
         same = [part for part in parts if (part.plant, part.case) == (plant, case)]

@@ -54,8 +54,6 @@ class Track:
 
 
 class Followed(Protocol):
-    """Interface of an estimator that can be followed."""
-
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
 

@@ -59,7 +59,6 @@ class KeptEstimator:
 def follow_life(
     make: Callable[[], PreloadEstimator], recordings: Iterable[Recorded]
 ) -> dict[str, list[Track]]:
-    """Tracks of all sessions by the way of estimating."""
     kept = KeptEstimator(make)
     tracks: dict[str, list[Track]] = {KEPT: [], NEW: []}
     for recorded in recordings:
@@ -69,7 +68,6 @@ def follow_life(
 
 
 def live(plant: str, shape: str, axis_seed: int, quick: bool) -> Iterator[LifePart]:
-    """One life in both ways."""
     axis = plant_of(plant, axis_seed)
     life = drawn_life(axis, shape, axis_seed, quick)
     recordings = (axis.recorded(session) for session in life.sessions)
@@ -84,7 +82,6 @@ def drawn_life(axis: OwnLife | ForeignLife, shape: str, axis_seed: int, quick: b
 
 
 def shapes(quick: bool) -> Sequence[str]:
-    """Those that are lived."""
     return QUICK_SHAPES if quick else tuple(SHAPES)
 
 

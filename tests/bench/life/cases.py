@@ -62,8 +62,6 @@ class Session:
 
 @dataclass(frozen=True, slots=True)
 class Life:
-    """All sessions of one axis, in order."""
-
     shape: str
     axis_seed: int
     fresh_percent: float

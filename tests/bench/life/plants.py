@@ -20,8 +20,6 @@ GROWTH_K = 4.0
 
 
 class ForeignLife:
-    """An axis of the second plant."""
-
     name = "foreign"
 
     def __init__(self, axis_seed: int) -> None:
@@ -33,7 +31,6 @@ class ForeignLife:
         return recorded(self.case(session), clock_s=session.clock_s)
 
     def case(self, session: Session) -> Any:
-        """The plant's own description of a session."""
         rng = np.random.default_rng([session.seed, 31])
         warmup = plant.Warmup(time_constant_s=TIME_CONSTANT_S, start=session.warmth)
         lubricant = plant.Lubricant(session.guide, session.nut, session.bearing, session.viscous)
@@ -46,13 +43,10 @@ class ForeignLife:
         )
 
     def estimator(self) -> MixturePreloadEstimator:
-        """A new one for the commissioned axis."""
         return MixturePreloadEstimator(commissioned_machine(self._axis_seed))
 
 
 class OwnLife:
-    """An axis of the library's plant."""
-
     name = "own"
 
     def __init__(self, axis_seed: int) -> None:
@@ -90,7 +84,6 @@ class OwnLife:
         )
 
     def estimator(self) -> MixturePreloadEstimator:
-        """A new one for the commissioned axis."""
         return MixturePreloadEstimator(self._axis.commissioned())
 
 

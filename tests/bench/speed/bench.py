@@ -40,7 +40,6 @@ class SpeedBench:
         self._repeats = 3 if quick else 7
 
     def run(self, parts: Collection[str]) -> Table:
-        """Measure some parts. Raises BenchError."""
         begun_s, stolen_s = time.monotonic(), read_stolen_s()
         write_recording(self._recording, 60.0 if self._quick else 200.0)
         self._started()  # has the kernels on the disk before anything is timed

@@ -35,7 +35,6 @@ class PreloadPoller:
         return status, None if measured is None else datetime.fromisoformat(measured).timestamp()
 
     def close(self) -> None:
-        """End the connection."""
         self._connection.close()
 
 

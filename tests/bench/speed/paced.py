@@ -39,8 +39,6 @@ loop = true
 
 @dataclass(frozen=True, slots=True)
 class Paced:
-    """Costs of a window."""
-
     us_per_sample: float  # processor time of all processes of the service, us
     # that of publisher, broker and estimating process; None without a broker
     peer_us_per_sample: float | None

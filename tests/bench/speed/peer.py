@@ -25,7 +25,6 @@ CHANNELS = ("torque_command_nm", "motor_angle_rad", "table_position_m", "motor_s
 
 
 def connected(port: int) -> Client:
-    """A client of the broker on this computer."""
     client = Client(CallbackAPIVersion.VERSION2)
     client.connect("127.0.0.1", port)
     return client
@@ -65,8 +64,6 @@ class Estimating:
 
 
 class Publishing:
-    """Samples of all axes at their rate."""
-
     def __init__(self, client: Client, axes: int, rate_hz: float) -> None:
         self.count = 0
         self._client, self._axes, self._rate_hz = client, axes, rate_hz

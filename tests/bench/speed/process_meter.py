@@ -71,7 +71,6 @@ def _text(path: Path) -> str:
 
 
 def get(host: str, port: int, path: str) -> tuple[int, bytes]:
-    """Status and body of one answer."""
     with closing(http.client.HTTPConnection(host, port, timeout=_TIMEOUT_S)) as connection:
         connection.request("GET", path)
         answer = connection.getresponse()
@@ -109,7 +108,6 @@ class Program:
         self._process.communicate()
 
     def tell(self, line: str) -> None:
-        """Write it to its input."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{line}\n")
         self._process.stdin.flush()
@@ -151,7 +149,6 @@ class ServiceProcess:
 
     @property
     def output(self) -> str:
-        """Output that it has written so far."""
         return self._output.read_text("utf-8", "replace")
 
     def since_start_s(self) -> float:

@@ -13,7 +13,6 @@ from ..conftest import DURATION_S, diagnosed
 
 
 def trace(path: Path, causes: tuple[str, ...], seed: int) -> str:
-    """A recording of one and the same axis."""
     effects = tuple((name, 1.0) for name in causes)
     case = foreign_plant.case(effects, "production", seed=seed, axis_seed=3, duration_s=DURATION_S)
     return str(foreign_plant.simulate(case).write_csv(path))

@@ -24,8 +24,6 @@ from .bench import REGISTERS, config_of, stub_of
 
 
 class Rig:
-    """A stub and drivers that read it."""
-
     def __init__(self, **changes: Any) -> None:
         self.config = config_of(free_port(), **changes)
         self.stub = stub_of(self.config)

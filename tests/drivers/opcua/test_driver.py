@@ -44,7 +44,6 @@ async def driver(config: OpcuaConfig, stub: OpcuaStub) -> AsyncIterator[OpcuaDri
 
 
 async def until(driver: OpcuaDriver, found: Callable[[SampleFrame], Any]) -> SampleFrame:
-    """The first frame of which `found` is true."""
     async with asyncio.timeout(15.0), aclosing(driver.frames()) as source:
         async for frame in source:
             if found(frame):
@@ -163,7 +162,6 @@ STATED = {"X.position": 5066068, "X.angle": 17476}
 
 @pytest_asyncio.fixture(loop_scope="module")
 async def stated_units(stub: OpcuaStub) -> AsyncIterator[None]:
-    """Units that the server states of two of its variables."""
     assert stub._server is not None
     properties = []
     for name, number in STATED.items():

@@ -19,8 +19,6 @@ FRESH_TRUTH = Truth()
 
 
 class Axis:
-    """A bank that follows one axis after the other."""
-
     def __init__(self, one_encoder: bool) -> None:
         self.one_encoder = one_encoder
         self.model, self.start, self.process = parts(one_encoder)

@@ -10,8 +10,6 @@ REBIRTH_COMMAND = b"\x12\x1a\x0a\x14Node Control/Rebirth\x20\x0b\x70\x01"
 
 @dataclass(frozen=True)
 class Payload:
-    """Metrics of a payload by name, and its number."""
-
     values: dict[str, Any]
     seq: int | None
 

@@ -47,7 +47,6 @@ async def telling(broker: Broker, form: str = "json", **facts: Any) -> AsyncIter
 
 @asynccontextmanager
 async def listening(broker: Broker, topic: str = "#") -> AsyncIterator[list[aiomqtt.Message]]:
-    """All that a foreign client hears."""
     heard: list[aiomqtt.Message] = []
     async with aiomqtt.Client("127.0.0.1", broker.port) as client:
         await client.subscribe(topic, qos=1)

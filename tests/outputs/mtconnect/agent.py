@@ -84,7 +84,6 @@ class Agent:
     seconds: float = 0.0  # agreed heartbeat; 0 without
 
     def take(self, line: str) -> None:
-        """Take a line in. Raises ProtocolError."""
         if line.startswith("* PONG "):
             self.seconds = int(line.removeprefix("* PONG ")) / 1000.0
         elif line.startswith("* "):
@@ -94,7 +93,6 @@ class Agent:
             self._take(datetime.strptime(moment, "%Y-%m-%dT%H:%M:%S.%fZ"), fields)
 
     def level(self, item: str) -> str:
-        """Worst level of a condition."""
         return max((level for level, _ in self.conditions[item].values()), key=LEVELS.index)
 
     def _take(self, moment: datetime, fields: list[str]) -> None:

@@ -28,7 +28,6 @@ async def with_status(node):
 
 
 async def below(node, depth=8):
-    """All nodes below a node, each once."""
     found = {}
     for child in await node.get_children() if depth else ():
         found[child.nodeid] = child

@@ -66,7 +66,6 @@ class Watched:
         self._note(self._watch.on_feature(self._header(), block, self._now_ns))
 
     def estimate(self) -> PreloadEstimate:
-        """Current estimate, once the watch has taken it."""
         estimate = self._estimator.estimate()
         self._note(self._watch.on_preload(self._header(), estimate, self._now_ns))
         self._sequence += 1
@@ -89,7 +88,6 @@ class Watched:
 
 
 def shifts(plant: str, axis_seed: int, duration_s: float) -> Iterator[ShiftPart]:
-    """A shift of healthy production, watched."""
     machine, recorded = produced(plant, axis_seed, duration_s)
     watched = Watched(MixturePreloadEstimator(machine), machine)
     found, hours = score(follow(watched, recorded)), duration_s / 3600.0
@@ -106,7 +104,6 @@ def upper_bound(count: int, hours: float) -> float:
 
 
 def healthy_table(parts: Sequence[ShiftPart]) -> Table:
-    """One row for each plant, and all of them."""
     plants = dict.fromkeys(part.plant for part in parts)
     rows = [_row(plant, [part for part in parts if part.plant == plant]) for plant in plants]
     seeds = [part.axis_seed for part in parts]

@@ -20,7 +20,6 @@ ROW = "foreign plant: "
 
 @cache
 def nominal_machine() -> Machine:
-    """Its machine file before commissioning."""
     return Machine.model_validate(tomllib.loads(plant.nominal_machine_toml(plant.Machine())))
 
 
@@ -98,7 +97,6 @@ def foreign(axis_seed: int, quick: bool) -> Iterator[Part]:
 
 
 def foreign_one_encoder(axis_seed: int, quick: bool) -> Iterator[Part]:
-    """Warm-up on torque alone."""
     given = scenarios(quick)["warm-up"]
     case = plant.axis_case(seed=200 + axis_seed, axis_seed=axis_seed, **given)
     yield judged(

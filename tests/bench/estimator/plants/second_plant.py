@@ -23,8 +23,6 @@ MAKE, SCORE = "preload_make.py", "preload_score.py"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantPart:
-    """One recording of the second plant."""
-
     seed: int
     sheet: bool  # whether the nominal machine file states the nut's stiffness and the table's mass
     row: Mapping[str, Any]  # its figures by the benchmark's own names

@@ -30,7 +30,6 @@ class Hostile:
 
 
 def scaled(channel: str, share: float) -> _Edit:
-    """A channel times a number."""
     return lambda frame: _with(frame, channel, frame.channels[channel] * share)
 
 
@@ -103,7 +102,6 @@ def hostile(quick: bool) -> Iterator[Part]:
 
 
 def spoiled(case: Hostile, axis: OwnAxis, machine: Machine, duration_s: float) -> Recorded:
-    """A recording of the healthy axis with its blocks as spoiled."""
     count = round(duration_s * RATE_HZ)
     time_s = np.arange(count) / RATE_HZ
     percent = np.full(count, axis.fresh_percent)

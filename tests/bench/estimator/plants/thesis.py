@@ -68,7 +68,6 @@ def thesis_machine() -> Machine:
 
 
 def thesis_estimator(machine: Machine) -> MixturePreloadEstimator:
-    """The mixture estimator for an axis without lubricant."""
     estimator = MixturePreloadEstimator(machine, SETTINGS)
     for priors in (estimator.process.priors, estimator.process.stop_priors):
         priors[LUBRICATION] = -math.inf
