@@ -36,8 +36,10 @@ PURE = {"probability", "level", "share", "energy_share", "sigmas", "relative", "
     *("log_evidence", "nut_share", "nut_share_sigma", "coverage", "nis", "tolerance", "height"),
     *("mode_probability", "fault_probability", "structure", "scores", "trend", "line", "context"),
     *("shrink", "replay", "speed", "p_value", "p_value_after", "noise", "force", "raceway_damage"),
+    *("efficiency", "a", "b", "c", "z_numerator", "z_denominator", "magnitude", "step"),
 }
-"""Shares, probabilities and ratios: numbers without a unit; keys of the simulated drive."""
+"""Shares, probabilities and ratios: numbers without a unit; keys of the simulated drive, and of
+linear models, whose units are those of their outputs over their inputs."""
 BESIDE = {"unit", "x_label", "preload_percent"}
 """Keys that tell the unit of the numbers beside them."""
 KNOWN = PURE | BESIDE
@@ -68,6 +70,7 @@ COMMANDS: dict[str, list[str]] = {
     ],
     "fingerprint of a tuning": ["fingerprint", "{tuning}", "--out", "{dir}/response"],
     "gap": ["gap", "{trace}"],
+    "model": ["model"],
     "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
     "check-diagnosis": ["check-diagnosis", "--plant", "own", "--effect", "delay", "--cases", "1"],
     "drift": ["drift", "{monday}", "{friday}"],
@@ -76,12 +79,11 @@ COMMANDS: dict[str, list[str]] = {
 }
 """Each on the smallest input that it answers; a command with several answers more than once."""
 
-QUICK = {"token", "token --revoke", "motion without a name"}
+QUICK = {"token", "token --revoke", "motion without a name", "model"}
 """Done before anybody wonders: they tell no progress."""
 
 
 def has_json(command: click.Command) -> bool:
-    """Return whether a command has the flag."""
     return any("--json" in each.opts for each in command.params)
 
 
@@ -115,7 +117,6 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 @pytest.fixture
 def documents(monkeypatch: pytest.MonkeyPatch) -> list[type]:
-    """Types of the documents that are printed."""
     found: list[type] = []
     written = Answer.as_json
 

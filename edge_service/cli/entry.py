@@ -14,14 +14,14 @@ from .connect import adopt, convert, doctor, init, record, replay, stub
 from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
 from .options import FLAG
 from .service import backup, check_config, fleet, node, restore, run, token
-from .twin import bench, reproduce, simulate
+from .twin import bench, model, reproduce, simulate
 
 CHECKS = tuple(each.load() for each in entry_points(group="edge_service.commands"))
 GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Run the service": (run, node, check_config, token, backup, restore, fleet),
     "Connect a machine": (init, adopt, doctor, record, replay, convert, stub),
     "Examine an axis": (commission, estimate, fingerprint, motion, gap, diagnose),
-    "Study the twin": (simulate, *CHECKS, reproduce, bench),
+    "Study the twin": (simulate, model, *CHECKS, reproduce, bench),
 }
 GONE: dict[str, str] = {
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",

@@ -10,7 +10,7 @@ import click
 
 from ..command_answer import Answer
 from ..exit_status import BadInputError
-from .options import POSITIVE, Effects, MachineFile, Option, Seed, command
+from .options import POSITIVE, Effects, Keys, MachineFile, Option, Screw, Seed, command
 from .terminal import progress
 
 CHECKOUT = Path(__file__).parents[2]
@@ -57,6 +57,30 @@ def simulate(
     if duration is not None:
         raise BadInputError("--duration: with several motions expected NAME:duration_s=SECONDS")
     return simulate_session(load_machine(machine), settings, motions, out, progress=progress)
+
+
+@command('model --screw "20x20 C7450 P510" --export model.mat')
+def model(
+    machine: MachineFile,
+    screw: Screw,
+    keys: Keys,
+    export: Annotated[Path | None, Option("File for other programs, .mat, .npz or .csv.")],
+    plot: Annotated[Path | None, Option("PNG file for responses and stiffnesses.")],
+    efficiency: Annotated[
+        float, Option("Efficiency of the screw (4.3.6).", kind=click.FloatRange(0.1, 1.0))
+    ] = 0.9,
+    rate: Annotated[float, Option("Rate of the sampled models, Hz.", kind=POSITIVE)] = 1000.0,
+) -> Answer:
+    """Compute drag, stiffness, inertia and dynamics of a drive.
+
+    What --screw and --set state takes precedence over the machine file; drag and inertia follow.
+    """
+    from ..config import load_machine
+    from ..offline import model as room
+    from ..offline.machine_text import stated
+
+    given = room.machine_of(load_machine(machine), stated(screw, None, keys), efficiency)
+    return room.model(given, rate, efficiency, export, plot)
 
 
 @command("reproduce --out out/reproduce")

@@ -21,6 +21,7 @@ from ..models.commissioned import Notch
 from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
+from .machine_text import drag_of
 from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
 from .report.quantities import tolerated
 
@@ -55,7 +56,8 @@ def commission_to_file(
     """
     if any(out.resolve() == given.resolve() for given in (*traces, *tests)):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
-    nominal = load_machine(machine_file, axis_number)
+    stated = load_machine(machine_file, axis_number)
+    nominal = _with_drag(stated)
     require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
     if interval_s is None and nominal.commissioned is not None:
         interval_s = nominal.commissioned.interval_s
@@ -90,10 +92,21 @@ def commission_to_file(
     document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
-    _write_model(document, machine, nominal)
+    _write_model(document, machine, stated)
     with replaced_file(out) as file:
         file.write(tomlkit.dumps(document))
     return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
+
+
+def _with_drag(machine: Machine) -> Machine:
+    """The machine with the drag of its preload (4.3.6), if its file states none."""
+    axis, model = machine.axis, machine.model
+    if model.preload_n is None or model.preload_drag_nm is not None:
+        return machine
+    sheet = {"preload_n": model.preload_n.value, "screw_diameter_m": axis.screw_diameter_m or 0.0}
+    drag = drag_of(sheet, axis.lead_m)
+    model = model.model_copy(update={"preload_drag_nm": drag})
+    return machine.model_copy(update={"model": model})
 
 
 def _not_as_fresh(

@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
+from typing import Any
 
 import tomlkit
 from pydantic import BaseModel
@@ -13,7 +14,8 @@ from ..checks.columns.guess import Guess, Question, Understanding
 from ..checks.columns.mechanics import Mechanics
 from ..config import ConfigError
 from ..messages.samples import SI, ColumnMap
-from ..models.machine import AxisConfig, ModelConfig, ToleranceConfig
+from ..models.machine import AxisConfig, ModelConfig, Quantity, ToleranceConfig
+from ..models.screw.ball_screw import lead_angle, preload_drag
 from ..regression.interval_estimate import IntervalEstimate
 
 Sheet = dict[str, float | str]
@@ -35,6 +37,8 @@ _UNITS = {"_m": "m", "_n": "N", "_nm": "N m", "_rad_s": "rad/s", "_kg": "kg", "_
 """End of a key -> its SI unit."""
 _FACTORS = SI | {"kg": (1.0, "kg"), "N/m": (1.0, "N/m"), "N/um": (1e6, "N/m")}
 _LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
+CATALOGUE_TOLERANCE = 0.2
+"""Of the drag by (4.3.6), whose 0.05 is that of catalogues."""
 _ASKED = tomllib.loads((files(__package__) / "questions.toml").read_text("utf-8"))
 _UNKNOWN = {key: each.pop("missing") for key, each in _ASKED.items() if "missing" in each}
 QUESTIONS = {key: Question(**each) for key, each in _ASKED.items()}
@@ -94,9 +98,12 @@ def asked(sheet: Mapping[str, float | str], keys: Sequence[str], ask: Ask | None
 
 def stated_text(name: str, sheet: Sheet) -> str:
     """A machine file with what is stated."""
-    tables: dict[str, dict[str, float | str]] = {"axis": {"name": name}, "model": {}}
+    tables: dict[str, dict[str, Any]] = {"axis": {"name": name}, "model": {}}
     for key, value in sheet.items():
         tables.setdefault(SECTIONS[key], {})[key] = value
+    lead_m = sheet.get("lead_m")
+    if drag := drag_of(sheet, None if lead_m is None else float(lead_m)):
+        tables["model"]["preload_drag_nm"] = drag.model_dump()
     return tomlkit.dumps(tables)
 
 
@@ -127,7 +134,8 @@ def machine_text(
         lines.append(f"# stroke_m = ...  # at least {stroke_m:.4g} m, over which it was recorded")
     rating = "dynamic_load_rating_n"
     lines += [_number(rating, sheet.get(rating), _UNKNOWN[rating]), *_others(sheet, "axis")]
-    lines += ["", "[model]", *_model(mechanics, sheet)]
+    drag = drag_of(sheet, understood.lead_m)
+    lines += ["", "[model]", *_model(mechanics, sheet, drag)]
     for key in ("preload_n", "nut_stiffness_n_per_m", "table_mass_kg"):
         lines.append(_number(key, sheet.get(key), _UNKNOWN[key]))
     lines += _others(sheet, "model")
@@ -151,6 +159,15 @@ def _comments(said: Mapping[str, Sequence[Guess]], subject: str) -> list[str]:
     ]
 
 
+def drag_of(sheet: Mapping[str, float | str], lead_m: float | None) -> Quantity | None:
+    """Drag torque of a stated preload (4.3.6), where none is stated; None if it cannot be told."""
+    preload_n, diameter_m = sheet.get("preload_n"), sheet.get("screw_diameter_m")
+    if "preload_drag_nm" in sheet or not (preload_n and diameter_m and lead_m):
+        return None
+    drag_nm = preload_drag(float(preload_n), lead_m, lead_angle(lead_m, float(diameter_m)))
+    return Quantity(value=float(f"{drag_nm:.3g}"), tolerance=CATALOGUE_TOLERANCE)
+
+
 def _others(sheet: Sheet, section: str) -> list[str]:
     """Keys of a section that no other line has."""
     known = {"lead_m", "inertia_kg_m2", "viscous_nm_s_per_rad", *_UNKNOWN}
@@ -161,10 +178,13 @@ def _others(sheet: Sheet, section: str) -> list[str]:
     ]
 
 
-def _model(mechanics: Mechanics | None, sheet: Sheet) -> list[str]:
+def _model(mechanics: Mechanics | None, sheet: Sheet, computed: Quantity | None) -> list[str]:
     given = {key: f"{key} = {sheet[key]!r}  # as given" for key in sheet}
     inertia, viscous = given.get("inertia_kg_m2"), given.get("viscous_nm_s_per_rad")
     drag = given.get("preload_drag_nm")
+    if computed is not None:
+        value = f"{{ value = {computed.value!r}, tolerance = {computed.tolerance!r} }}"
+        drag = f"preload_drag_nm = {value}  # of the preload, by (4.3.6)"
     unknown_drag = _number("preload_drag_nm", None, _UNKNOWN["preload_drag_nm"])
     if mechanics is None:
         inertia = inertia or "# inertia_kg_m2 = ...  # unknown: no torque in N m, or no lead"

@@ -1,7 +1,12 @@
 """The plant behind a machine file, completed by the thesis' test bench where the file is silent."""
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
+import numpy as np
+
+from ...messages.samples import Floats
 from ..machine import Machine
 from ..screw.ball_screw import table_inertia
 from ..screw.nut_law import catalogue_nut_stiffness
@@ -80,3 +85,51 @@ def screw_drag(machine: Machine) -> tuple[float, float]:
     """
     per_percent = machine.drag_per_percent_nm
     return (machine.fresh_drag_nm, 0.0) if per_percent is None else (0.0, per_percent)
+
+
+class StateSpace(NamedTuple):
+    """A, B and C of x' = A x + B u, y = C x."""
+
+    a: Floats
+    b: Floats
+    c: Floats
+
+
+def chain(
+    inertia: Sequence[float], springs: Sequence[tuple[float, float]], viscous: Sequence[float]
+) -> StateSpace:
+    """Masses in a row: places, then speeds; forces on each in, places out (5.3.6 to 5.3.8).
+
+    One is (5.3.16), where (5.3.18) prints J_m for J. Two are (5.3.21), whose inputs stand in each
+    other's row; (5.3.19) prints J_m + J_fd for their product, and D_2 J_m where D_2 on the motor
+    gives D_2 J_fd. (5.3.8) prints m_1 s^2 k_1 for m_1 s^2 + k_1. (5.3.17) and (5.3.20) lack the
+    lowest coefficients of a sampled model.
+
+    Args:
+        inertia: n masses, kg, or inertias, kg m^2.
+        springs: n - 1 stiffnesses and dampings, each between a mass and the next.
+        viscous: n frictions against the ground.
+
+    >>> chain([2.0], [], [0.5]).a.tolist()
+    [[0.0, 1.0], [0.0, -0.25]]
+    """
+    count = len(inertia)
+    stiffness, damping = np.zeros((count, count)), np.diag(viscous)
+    pull = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    for k, (spring, damper) in enumerate(springs):
+        stiffness[k : k + 2, k : k + 2] += spring * pull
+        damping[k : k + 2, k : k + 2] += damper * pull
+    none, inverse = np.zeros((count, count)), np.diag(1.0 / np.array(inertia))
+    a = np.block([[none, np.eye(count)], [0.0 - inverse @ stiffness, 0.0 - inverse @ damping]])
+    return StateSpace(a, np.vstack([none, inverse]), np.eye(count, 2 * count))
+
+
+def component_model(masses: StateSpace, ratio_m_per_rad: float) -> StateSpace:
+    """Shaft, lead screw and platform of Figure 5.14, of two masses at the motor, without Coulomb.
+
+    Torque, N m, on the shaft and force, N, on the platform in; angle, rad, its speed, place, m, and
+    its speed out.
+    """
+    unit = np.diag([1.0, ratio_m_per_rad] * 2)
+    a = unit @ masses.a @ np.linalg.inv(unit)
+    return StateSpace(a, unit @ masses.b @ unit[:2, :2], np.eye(4)[[0, 2, 1, 3]])

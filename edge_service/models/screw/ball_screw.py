@@ -15,6 +15,10 @@ def transmission_ratio(lead_m: float) -> float:
     return lead_m / (2.0 * math.pi)
 
 
+EFFICIENCY = 0.9
+"""Of the screw, eta of (4.3.6): Table 4.1."""
+
+
 def lead_angle(lead_m: float, ball_circle_m: float) -> float:
     """Lead angle alpha of (4.3.6), rad: tan alpha = h_p / (pi d), d the ball circle's diameter.
 
@@ -22,6 +26,29 @@ def lead_angle(lead_m: float, ball_circle_m: float) -> float:
     17.17
     """
     return math.atan(lead_m / (math.pi * ball_circle_m))
+
+
+def preload_drag(
+    preload_n: float, lead_m: float, lead_angle_rad: float, efficiency: float = EFFICIENCY
+) -> float:
+    """Drag torque of a preload, N m: 0.05 / sqrt(tan alpha) F_p h_p / (2 pi eta) (4.3.6).
+
+    Table A.1 prints 1.18 to 1.77 "Nm" for 510 N, which is kgf cm: 0.116 to 0.174 N m.
+
+    >>> round(preload_drag(510.0, 0.02, math.radians(17.17)), 3)
+    0.162
+    """
+    share = 0.05 / math.sqrt(math.tan(lead_angle_rad))
+    return share * preload_n * transmission_ratio(lead_m) / efficiency
+
+
+def screw_inertia(diameter_m: float, length_m: float) -> float:
+    """Inertia of a steel screw as a cylinder, kg m^2: J_bs = rho l pi d^4 / 32 (4.3.1).
+
+    >>> round(screw_inertia(0.02, 1.0), 6)  # Table 4.1: 1.26e-4
+    0.000126
+    """
+    return 8050.0 * length_m * math.pi * diameter_m**4 / 32.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,23 @@ def preload_ratio(change_m_per_n: float, nut_m_per_n: float) -> float:
     return growth**-3 if growth > 0.0 else math.inf
 
 
+def loaded_nut_stiffness(
+    load_n: float, preload_percent: float, catalogue_n_per_m: float, rating_n: float
+) -> float:
+    """Slope of the force over the deflection of a nut under load, N/m (Figure 5.6).
+
+    Without load that of (5.3.11), which it leaves little while both nuts carry; where one of them
+    is free, beyond 2.8 times the preload, that of the other alone, whatever the preload was.
+
+    >>> round(loaded_nut_stiffness(0.0, 10.0, 1.6e8, 7450.0) / 1e8, 3)
+    1.28
+    """
+    percent = CATALOGUE_PRELOAD_PERCENT
+    preload_n = percent / 100.0 * rating_n
+    own_m = 3.0 * preload_n / nut_stiffness(catalogue_n_per_m, percent)
+    return 1.0 / (own_m * nut_deflection(load_n, preload_percent, percent, preload_n, 0.0)[1])
+
+
 @inlined
 def nut_deflection(
     load_n: float,
