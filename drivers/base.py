@@ -13,8 +13,10 @@ from pydantic import BaseModel, ConfigDict
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
+from edge_service.plugins import MisconfiguredError
 
 ENTRY_POINT_GROUP = "edge_service.drivers"
+DriverMisconfiguredError = MisconfiguredError
 QUIET_S = 10.0
 """Silence of a source after which `no data` is told, s."""
 
@@ -33,15 +35,6 @@ class DriverConfig(BaseModel):
 
 class DriverUnavailableError(Exception):
     """The machine cannot be reached now; trying again later may help."""
-
-
-class DriverMisconfiguredError(Exception):
-    """The configuration is wrong; trying again will not help."""
-
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(f"{key}: {problem}")
-        self.key = key
-        self.problem = problem
 
 
 @dataclass(frozen=True, slots=True)

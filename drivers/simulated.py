@@ -124,7 +124,6 @@ class _SimulatedAxis:
             self._accelerometer = Accelerometer(sensor, config.seed)
 
     def advance(self, count: int) -> SampleFrame:
-        """The next `count` samples, one at least."""
         config = self._config
         time_s = np.arange(self._sample, self._sample + count) / config.rate_hz
         begun = [effect for from_s, effect in self._later if from_s <= time_s[0]]

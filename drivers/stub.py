@@ -8,7 +8,6 @@ from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
-from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from edge_service.messages.samples import SampleFrame
@@ -91,11 +90,6 @@ class Stub(Protocol):
 
     async def close(self) -> None:
         """Hang up on everybody; safe twice."""
-
-
-def stubs() -> dict[str, Callable[[], type[Stub]]]:
-    """The protocols that have a stub, each with what loads its class. ImportError: its extra."""
-    return {entry.name: entry.load for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
 class Following:

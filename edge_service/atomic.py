@@ -36,6 +36,12 @@ def replaced_bytes(path: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
         yield file
 
 
+def write_whole(path: Path, text: str, mode: int = 0o666) -> None:
+    """Write a text file, whole or not at all. Raises OSError."""
+    with replaced_file(path, mode) as file:
+        file.write(text)
+
+
 def put_in_place(path: Path, place: Path) -> None:
     """Rename a file or folder, in place of one that is there, for good. Raises OSError."""
     path.replace(place)

@@ -9,18 +9,11 @@ import aiomqtt
 from pydantic import BaseModel, SecretStr, model_validator
 
 from .messages.addresses import is_loopback
+from .plugins import MisconfiguredError
 
 ANSWER_S = 5.0
 """Time that a broker has for each answer."""
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
-
-
-class BrokerError(Exception):
-    """A setting that cannot work."""
-
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(f"{key}: {problem}")
-        self.key, self.problem = key, problem
 
 
 class BrokerConfig(BaseModel):
@@ -70,7 +63,7 @@ class BrokerConfig(BaseModel):
         return f"{parts.hostname}:{parts.port or _PORTS[parts.scheme]}"
 
     def client(self, identifier: str | None, **more: Any) -> aiomqtt.Client:
-        """A client of that name; None lets the library choose one. Raises BrokerError."""
+        """A client of that name; None lets the library choose one. Raises MisconfiguredError."""
         parts = urlsplit(self.url)
         return aiomqtt.Client(
             parts.hostname or "",
@@ -84,7 +77,7 @@ class BrokerConfig(BaseModel):
         )
 
     def tls(self) -> ssl.SSLContext | None:
-        """The context for `mqtts://`; None for `mqtt://`. Raises BrokerError."""
+        """The context for `mqtts://`; None for `mqtt://`. Raises MisconfiguredError."""
         if urlsplit(self.url).scheme == "mqtt":
             return None
         key, path = "ca_certificate", self.ca_certificate
@@ -96,7 +89,7 @@ class BrokerConfig(BaseModel):
                 # Without a password a key that has one would ask for it on the terminal, and wait.
                 context.load_cert_chain(path, self.client_key, password=lambda: "")
         except (OSError, ValueError) as error:
-            raise BrokerError(key, f"{path}: cannot be used ({error})") from None
+            raise MisconfiguredError(key, f"{path}: cannot be used ({error})") from None
         return context
 
 

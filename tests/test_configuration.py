@@ -31,7 +31,7 @@ TOLD = (
     "nowhere.toml: no such file",
     "axes.Y.settings.registers: missing",
     "axes.Y.settings.register: unknown key; did you mean registers?",
-    "outputs.mqt: no output 'mqt'; there are metrics, mqtt, mtconnect, notify, opcua",
+    "outputs.mqt: no output 'mqt' is installed; there are metrics, mqtt, mtconnect, notify, opcua",
 )
 
 

@@ -12,9 +12,11 @@ from pydantic import BaseModel
 from drivers.registry import driver_names, load_driver
 from edge_service.config import ConfigError, EdgeConfig, check_settings, load_config
 from edge_service.nodes.output_node import make_output
-from edge_service.outputs.base import load_output, output_names
+from edge_service.outputs.base import load_output
+from edge_service.plugins import plugins
 from edge_service.secret_files import SecretError, read_secret, secret_keys
 
+OUTPUTS = plugins("edge_service.outputs")
 MARKER = "marker-0f9c6a1e-4d2b"
 SECRET_NAME = re.compile(r"password|secret|token|passphrase|credential", re.IGNORECASE)
 AXIS = '[[axes]]\nname = "X"\n'
@@ -32,7 +34,10 @@ def tables(model: type[BaseModel], where: str = "") -> Iterator[tuple[str, type[
 TABLES = [
     *tables(EdgeConfig),
     *((f"driver {name}", load_driver(name).config_model) for name in driver_names()),
-    *((f"outputs.{name}", load_output(name).config_model) for name in output_names()),
+    *(
+        (f"outputs.{name}", load_output(name).config_model)
+        for name in plugins("edge_service.outputs")
+    ),
 ]
 KEYS = [(where, model, key) for where, model in TABLES for key in secret_keys(model)]
 OF_TABLES = [(where, key) for where, _, key in KEYS if where == "outputs.mqtt"]

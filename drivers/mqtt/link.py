@@ -10,7 +10,7 @@ from aiomqtt.exceptions import MqttConnectError
 from paho.mqtt.reasoncodes import ReasonCode
 from pydantic import Field, field_validator, model_validator
 
-from edge_service.broker import ANSWER_S, BrokerConfig, BrokerError
+from edge_service.broker import ANSWER_S, BrokerConfig
 from edge_service.retry import heed_cancellation
 
 from ..base import DriverConfig, DriverMisconfiguredError, DriverUnavailableError
@@ -111,8 +111,6 @@ class MqttLink:
             client._client.connect_timeout = ANSWER_S
             self._entering = asyncio.ensure_future(client.__aenter__())
             await asyncio.shield(self._entering)  # the library's thread goes on when cancelled
-        except BrokerError as error:
-            raise DriverMisconfiguredError(error.key, error.problem) from None
         except (aiomqtt.MqttError, ValueError) as error:
             await self.close()
             raise self._told(error) from None
@@ -172,7 +170,6 @@ class MqttLink:
         return self._client
 
     def _told(self, error: Exception) -> Exception:
-        """The driver error that the library's is."""
         where = self._config.where
         if isinstance(error, ValueError):
             return DriverMisconfiguredError("url", f"{where}: {error}")

@@ -300,7 +300,6 @@ class EdgeStream:
         return SampleFrame(time_s, frame.channels, quality)
 
     def _sums(self) -> Counter[str]:
-        """Counts of all captures."""
         sums = self._ended.copy()
         if self._live is not None:
             clock, ragged_rows = self._live.clock, self._live.rows.ragged_rows

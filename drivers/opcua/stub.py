@@ -149,7 +149,6 @@ class _Users:
     def get_user(
         self, _server: Any, username: Any = None, password: Any = None, certificate: Any = None
     ) -> User | None:
-        """The user, or None for a stranger."""
         if self._known[0] is None or (username, password) == self._known:
             return User(role=UserRole.User)
         return None

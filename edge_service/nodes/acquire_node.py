@@ -13,13 +13,14 @@ from drivers.base import (
     DriverMisconfiguredError,
     DriverUnavailableError,
 )
-from drivers.registry import UnknownDriverError, load_driver
+from drivers.registry import load_driver
 
 from ..clock import now_ns
 from ..config import AxisConfig, ConfigError, check_settings, load_machine
 from ..messages.health import ComponentStatus
 from ..messages.samples import SampleFrame
 from ..messages.topics import PRELOAD, RAW, WAVE
+from ..plugins import UnknownPluginError
 from ..retry import Retry
 from .component import Component
 from .context import NodeContext
@@ -35,7 +36,7 @@ def make_driver(axis: AxisConfig, service: str = "") -> Driver:
     """The axis' driver for a service, its settings checked. Raises ConfigError."""
     try:
         driver = load_driver(axis.driver)
-    except UnknownDriverError as error:
+    except UnknownPluginError as error:
         raise ConfigError(f"{axis.place}.driver: {error}") from None
     settings = check_settings(driver.config_model, axis.settings, f"{axis.place}.settings")
     try:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ..atomic import PRIVATE, replaced_file
+from ..atomic import PRIVATE, write_whole
 from ..clock import now_ns
 from ..config import DEFAULT_MACHINE, AxisConfig, ConfigError, load_machine, read_axis
 from ..health.service_state import ServiceState
@@ -20,7 +20,8 @@ from ..http_api.routes.service import Outputs
 from ..messages.keys import check_part
 from ..messages.topics import FEAT, PRELOAD
 from ..models.machine import Machine
-from ..outputs.base import OutputConfig, OutputContext, UnknownOutputError, load_output
+from ..outputs.base import OutputConfig, OutputContext, load_output
+from ..plugins import UnknownPluginError
 from ..threads import Threads
 from .acquire_node import check_source
 from .context import NodeContext
@@ -73,7 +74,7 @@ class AxisDesk:
                     self._context.config.with_axis(own)
                     make_estimator(self._context.config.estimator, machine)
                     await check_source(own)
-                    await self._threads.run(_write, file, text)
+                    await self._threads.run(write_whole, file, text, PRIVATE)
                 except BaseException:
                     if added:
                         await self._threads.run(_forget, added)
@@ -144,8 +145,7 @@ def _add_machine(folder: Path, content: dict[str, Any]) -> Path:
     while path.exists():
         path = folder / f"machine-{day:%Y-%m-%d}{f'.{number}' if number > 1 else ''}.toml"
         number += 1
-    with replaced_file(path) as file:
-        file.write(_toml(content))
+    write_whole(path, _toml(content))
     return path
 
 
@@ -180,11 +180,6 @@ def _table(
     return _toml({"axes": [table]})
 
 
-def _write(file: Path, text: str) -> None:
-    with replaced_file(file, PRIVATE) as out:
-        out.write(text)
-
-
 def _line_of(axis: AxisConfig) -> str:
     """Line at which an axis is named in its file, as `:12`; empty where none is found."""
     named = re.compile(rf"""\s*name\s*=\s*["']{re.escape(axis.name)}["']""")
@@ -204,7 +199,7 @@ class Scrape:
     def __init__(self, context: NodeContext, state: ServiceState, outputs: Outputs) -> None:
         self._state, self._outputs = state, outputs
         self.output: Any = None
-        with suppress(UnknownOutputError):
+        with suppress(UnknownPluginError):
             place = context.config.service
             facts = OutputContext("metrics", place.site, place.machine)
             self.output = load_output("metrics")(OutputConfig(), facts)

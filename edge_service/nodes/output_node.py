@@ -30,9 +30,9 @@ from ..outputs.base import (
     OutputMisconfiguredError,
     OutputUnavailableError,
     RefusedError,
-    UnknownOutputError,
     load_output,
 )
+from ..plugins import UnknownPluginError
 from ..retry import Retry, heed_cancellation
 from .component import Component
 from .context import NodeContext
@@ -56,7 +56,7 @@ def make_output(
     table, place = config.outputs[name], config.place_of(f"outputs.{name}")
     try:
         kind = load_output(table.get("kind") or name)
-    except UnknownOutputError as error:
+    except UnknownPluginError as error:
         raise ConfigError(f"{place}: {error}") from None
     settings = check_settings(kind.config_model, table, place)
     context = OutputContext(

@@ -8,10 +8,11 @@ from urllib.parse import urlsplit
 
 from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
 from drivers.registry import load_driver
-from drivers.stub import Fault, Stub, StubAxis, stubs
+from drivers.stub import ENTRY_POINT_GROUP, Fault, Stub, StubAxis
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, check_settings, load_machine
 from ..messages.samples import SampleFrame
+from ..plugins import plugins
 from .service import install_stop
 
 log = logging.getLogger(__name__)
@@ -48,8 +49,9 @@ def make_stub(
 
     Raises ConfigError: no such axis, or wrong settings.
     """
-    if name not in stubs():
-        raise ConfigError(f"no stub {name!r}; there are {', '.join(sorted(stubs()))}")
+    stubs = plugins(ENTRY_POINT_GROUP)
+    if name not in stubs:
+        raise ConfigError(f"no stub {name!r}; there are {', '.join(stubs)}")
     chosen = [each for each in config.axes if each.driver == name and axis in (None, each.name)]
     if not chosen:
         wanted = f"axis {axis!r}" if axis else "axis"
@@ -57,7 +59,8 @@ def make_stub(
     if recording is not None and not recording.is_file():
         raise ConfigError(f"--trace {recording}: no such file")
     try:
-        return stubs()[name]()([stub_axis(each, scenario, recording, port) for each in chosen])
+        kind: type[Stub] = stubs[name].load()
+        return kind([stub_axis(each, scenario, recording, port) for each in chosen])
     except (ImportError, DriverMisconfiguredError) as error:
         raise ConfigError(f"stub {name}: {error}") from None
 

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..atomic import replaced_file
+from ..atomic import write_whole
 from ..checks.columns.guess import Known, Understanding
 from ..checks.columns.mechanics import (
     Ability,
@@ -65,8 +65,7 @@ def adopt(
     stated = asked(sheet, ASKED, ask)
     names = [path.name for path in files]
     travel = _travel(frames)
-    with replaced_file(out) as file:
-        file.write(machine_text(names, understood, mechanics, named, number, stated, travel))
+    write_whole(out, machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
     if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
         findings = examine(load_machine(out), files, progress)
@@ -193,7 +192,6 @@ def _travel(frames: Sequence[SampleFrame]) -> float | None:
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:
-    """Every channel over time, in SI units, as a PNG file. Raises ConfigError."""
     if out.suffix != ".png":
         raise ConfigError(f"--plot {out}: expected a name that ends in .png")
     step = len(frame) // _POINTS + 1

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from ..atomic import replaced_file
+from ..atomic import write_whole
 from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.commissioning.identification import commissioned
@@ -93,8 +93,7 @@ def commission_to_file(
     if axis_number is not None:
         document["axis"]["number"] = axis_number
     _write_model(document, machine, stated)
-    with replaced_file(out) as file:
-        file.write(tomlkit.dumps(document))
+    write_whole(out, tomlkit.dumps(document))
     return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..atomic import replaced_file
+from ..atomic import write_whole
 from ..checks.torque import judge_sign
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
@@ -123,8 +123,8 @@ class DriftReport:
 
     def write(self, out: Path) -> None:
         """Write `drift.json` into a folder."""
-        with replaced_file(out / "drift.json") as file:
-            file.write(json.dumps(self.document(), indent=1, allow_nan=False) + "\n")
+        text = json.dumps(self.document(), indent=1, allow_nan=False)
+        write_whole(out / "drift.json", text + "\n")
 
 
 def drift(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..atomic import replaced_file
+from ..atomic import replaced_file, write_whole
 from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.one_encoder import OneEncoderEstimator
@@ -53,8 +53,7 @@ class OfflineEstimate:
         stages = (("downsampler", self._downsampler), ("estimator", self._estimator))
         snapshot = {name: stage.snapshot() for name, stage in stages}
         document = Kept(self._end_s, 0, snapshot).document(self._machine.axis.name, self._identity)
-        with replaced_file(path) as file:
-            json.dump(document, file)
+        write_whole(path, json.dumps(document))
 
     def of_test(self, trace: Path) -> PreloadEstimate | None:
         """Estimate by a test in a recording; None without one. Raises ValueError: of no use."""

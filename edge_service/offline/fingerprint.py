@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from ..atomic import replaced_file
+from ..atomic import write_whole
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
 from ..fingerprint.compare import FigureChange, appeared_figures, compare_fingerprints
@@ -121,10 +121,8 @@ def fingerprint(
     )
     content = TypeAdapter(FingerprintDocument).dump_python(document, mode="json")
     kept = {name: each for name, each in content.items() if each is not None}
-    with replaced_file(out_dir / "fingerprint.json") as file:
-        file.write(json.dumps(kept, indent=2, allow_nan=False) + "\n")
-    with replaced_file(out_dir / "report.html") as file:
-        file.write(page)
+    write_whole(out_dir / "fingerprint.json", json.dumps(kept, indent=2, allow_nan=False) + "\n")
+    write_whole(out_dir / "report.html", page)
     lines = [f"axis {axis}: {document.verdict}", *_section_lines(document)]
     if document.appeared:
         lines.append(f"seen only now: {', '.join(map(plain, document.appeared))}")

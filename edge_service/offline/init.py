@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import tomlkit
 from tomlkit.items import AoT
 
-from ..atomic import made_folder, replaced_file
+from ..atomic import made_folder, write_whole
 from ..checks.columns.guess import Known
 from ..command_answer import Answer
 from ..config import DEFAULT_CONFIG, ConfigError, load_config, load_machine
@@ -69,8 +69,7 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
         with tempfile.TemporaryDirectory(prefix=".init-", dir=out.parent) as folder:
             lines, status, is_right = _drafted(request, Path(folder), ask, progress)
             for path in wanted:
-                with replaced_file(path) as file:
-                    file.write((Path(folder) / path.name).read_text("utf-8"))
+                write_whole(path, (Path(folder) / path.name).read_text("utf-8"))
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written ({error.strerror})") from None
     steps = list(_next_steps(request, status))
@@ -98,11 +97,9 @@ def _drafted(
         said = [line for line in lines if not line.startswith(str(machine))]
     elif request.machine is None:
         sheet = asked(request.sheet, ASKED, ask)
-        with replaced_file(machine) as file:
-            file.write(stated_text(request.axis, sheet))
+        write_whole(machine, stated_text(request.axis, sheet))
     named = str(request.machine.resolve()) if request.machine else MACHINE
-    with replaced_file(draft) as file:
-        file.write(_configuration_text(request, named))
+    write_whole(draft, _configuration_text(request, named))
     shown = "" if request.out.parent == Path() else f"{request.out.parent}/"
     try:
         for axis in load_config(draft).axes:

@@ -7,8 +7,6 @@ An output mirrors a driver: a class in a file of its own, found by its name in t
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
@@ -17,29 +15,18 @@ from ..config_tables import Table
 from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
 from ..messages.event import Event
+from ..plugins import MisconfiguredError, load_plugin
 
 ENTRY_POINT_GROUP = "edge_service.outputs"
-OPTIONAL = {"mqtt": "mqtt", "opcua": "opcua", "notify": "notify"}
-"""Outputs whose library comes with an extra, by the name of the output."""
+OutputMisconfiguredError = MisconfiguredError
 
 
 class OutputUnavailableError(Exception):
     """The other side cannot be reached now; trying again later may help. One line, no secret."""
 
 
-class OutputMisconfiguredError(Exception):
-    """The configuration is wrong; trying again will not help."""
-
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(f"{key}: {problem}")
-
-
 class RefusedError(Exception):
     """The other side does not take this message, and never will; others it may. No secret."""
-
-
-class UnknownOutputError(Exception):
-    """No output of that name is installed, or it cannot be loaded."""
 
 
 class OutputConfig(Table):
@@ -162,27 +149,7 @@ def value_at(content: Any, path: str) -> Any:
     return content
 
 
-def output_names() -> list[str]:
-    """Names of the installed outputs."""
-    return sorted(_entries())
-
-
 def load_output(name: str) -> type[Output]:
-    """The class of an output; UnknownOutputError says what there is instead."""
-    entries = _entries()
-    if name not in entries:
-        there = ", ".join(sorted(entries))
-        raise UnknownOutputError(f"no output {name!r}; there are {there}")
-    try:
-        found: type[Output] = entries[name].load()
-    except ModuleNotFoundError as error:
-        extra = f"; does `pip install edge-service[{name}]` help?" if name in OPTIONAL else ""
-        raise UnknownOutputError(f"output {name!r} cannot be loaded: {error}{extra}") from error
-    except (ImportError, AttributeError) as error:
-        raise UnknownOutputError(f"output {name!r} cannot be loaded: {error}") from error
+    """The class of an output. Raises UnknownPluginError."""
+    found: type[Output] = load_plugin(ENTRY_POINT_GROUP, name)
     return found
-
-
-@cache
-def _entries() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}

@@ -124,16 +124,13 @@ class _Families(Collector):
             self._families[name] = CounterMetricFamily(f"edge_service_{name}", text, labels=labels)
 
     def collect(self) -> Iterable[Metric]:
-        """Those that have samples."""
         return [each for each in self._families.values() if each.samples]
 
     def add(self, name: str, value: float | None, *labels: str, scale: float = 1.0) -> None:
-        """Add a sample, unless there is none."""
         if value is not None:
             self._families[name].add_metric(labels, scale * value)
 
     def add_axis(self, answer: AxisAnswer) -> None:
-        """Add what is said of an axis."""
         axis, estimate, health = answer.axis, answer.estimate, answer.health
         for name, (scale, path) in _NUMBERS.items():
             self.add(name, value_at(answer, path), axis, scale=scale)

@@ -17,7 +17,7 @@ import aiomqtt
 from pydantic import field_validator
 
 from .. import __version__
-from ..broker import ANSWER_S, BrokerConfig, BrokerError
+from ..broker import ANSWER_S, BrokerConfig
 from ..messages.answer import AxisAnswer
 from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
@@ -27,7 +27,6 @@ from .base import (
     Output,
     OutputConfig,
     OutputContext,
-    OutputMisconfiguredError,
     OutputUnavailableError,
 )
 
@@ -64,10 +63,7 @@ class MqttOutput(Output):
         self._node: sparkplug.Sparkplug | None = None
         if config.format == "sparkplug":
             self._node = sparkplug.Sparkplug(context.site, context.machine)
-        try:
-            config.tls()
-        except BrokerError as error:
-            raise OutputMisconfiguredError(error.key, error.problem) from None
+        config.tls()
         self._client: aiomqtt.Client | None = None
         self._listening: asyncio.Task[None] | None = None
         self._sent_s: dict[str, float] = {}

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from pydantic import model_validator
 
 from .. import __version__
-from ..atomic import replaced_file
+from ..atomic import write_whole
 from ..clock import now_ns
 from ..messages.answer import AxisAnswer
 from .base import (
@@ -93,8 +93,7 @@ class MtconnectOutput(Output):
         host, port = self.config.place
         try:
             if self.context.folder is not None:
-                with replaced_file(self.context.folder / DEVICES_FILE) as file:
-                    file.write(devices_xml(self.context, now_ns()))
+                write_whole(self.context.folder / DEVICES_FILE, devices_xml(self.context, now_ns()))
             loop = asyncio.get_running_loop()
             self._server = await loop.create_server(lambda: _Client(self), host, port)
         except OSError as error:
@@ -144,7 +143,6 @@ class _Client(asyncio.Protocol):
         self.tell(greeting)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
         self._output.clients.discard(self)
 
     def pause_writing(self) -> None:
@@ -160,7 +158,6 @@ class _Client(asyncio.Protocol):
             self.tell([f"* PONG {HEARTBEAT_S * 1000.0:.0f}"])
 
     def tell(self, told: Sequence[str]) -> None:
-        """Send lines."""
         if told and not self.transport.is_closing():
             self.transport.write(("\n".join(told) + "\n").encode())
 

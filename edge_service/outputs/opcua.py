@@ -246,7 +246,6 @@ class _Sessions(InternalServer):
         raise ServiceError(StatusCodes.BadServiceUnsupported)
 
     def register_server2(self, params: Any) -> None:
-        """Refuse as well."""
         self.register_server(params)
 
 

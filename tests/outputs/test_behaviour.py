@@ -16,12 +16,13 @@ from pydantic import ValidationError
 
 from edge_service.nodes.output_node import within
 from edge_service.outputs import base
+from edge_service.plugins import plugins
 
 from ..messages.answers import SILENT, answer
 from .bench import SECRET, OutputBench, event
 
 PATIENCE_S = 60.0
-TOLD = [name for name in base.output_names() if name != "metrics"]
+TOLD = [name for name in plugins("edge_service.outputs") if name != "metrics"]
 """Outputs with another side."""
 
 
@@ -126,7 +127,7 @@ async def test_who_refuses_an_event_holds_up_no_other(
         await output.close()
 
 
-@pytest.mark.parametrize("name", base.output_names())
+@pytest.mark.parametrize("name", plugins("edge_service.outputs"))
 def test_what_no_output_knows_is_refused(name: str) -> None:
     with pytest.raises(ValidationError):
         base.load_output(name).config_model.model_validate({"no_such_key": 1})

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from edge_service.outputs.base import output_names
+from edge_service.plugins import plugins
 
 OWN = {"mqtt": ("mqtt", "sparkplug"), "opcua": ("opcua", "opcua_nodes")}
 TABLES = {
@@ -19,7 +19,7 @@ CHILD = """
 import importlib, json, os, pkgutil, sys
 for usual in ("zenoh", "edge_service.http_api.app", "edge_service.nodes.stages"):
     importlib.import_module(usual)
-from edge_service.outputs import base
+from edge_service.plugins import plugins
 
 class Gone:
     modules = set()
@@ -31,9 +31,7 @@ def without(name, modules, others, all_of_them):
     Gone.modules = {f"edge_service.outputs.{each}" for each in modules}
     assert not Gone.modules & set(sys.modules)
     sys.meta_path.insert(0, Gone())
-    entries = dict(base._entries())
-    del entries[name]
-    base._entries = lambda: entries
+    del plugins("edge_service.outputs")[name]
     for room in ("outputs", "nodes", "http_api", "config", "cli"):
         package = importlib.import_module(f"edge_service.{room}")
         for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
@@ -56,7 +54,7 @@ sys.exit(str(failed) if failed else 0)
 def test_everything_stays_without_one_output(tmp_path: Path) -> None:
     (tmp_path / "urls").write_text("json://127.0.0.1:1/\n")
     (tmp_path / "urls").chmod(0o600)
-    assert sorted(TABLES) == output_names()
+    assert sorted(TABLES) == list(plugins("edge_service.outputs"))
     machine = Path(__file__).parents[2] / "deploy" / "machine.toml"
     paths = {}
     for name in (*TABLES, None):

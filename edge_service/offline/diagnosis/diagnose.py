@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from ...atomic import replaced_file
+from ...atomic import write_whole
 from ...checks.session import DataCheck, check_data
 from ...command_answer import Answer
 from ...config import ConfigError, load_machine
@@ -129,7 +129,6 @@ def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> D
 def _bad_data(
     machine: Machine, runs: Sequence[Run], reasons: tuple[str, ...], remarks: tuple[str, ...]
 ) -> Diagnosis:
-    """Document where the data do not allow a diagnosis."""
     gap = {}
     with suppress(DiagnosisError):
         for name, rows in session_of(machine, runs).channels.items():
@@ -191,8 +190,7 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
     document = found.model_dump(mode="json", by_alias=True)
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     for name, content in zip(_FILES, (augmented, page, text), strict=True):
-        with replaced_file(out / name) as file:
-            file.write(content)
+        write_whole(out / name, content)
 
 
 def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:

@@ -10,7 +10,7 @@ import matplotlib as mpl
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from ...atomic import replaced_file
+from ...atomic import replaced_bytes, write_whole
 
 _DPI = 130
 ESTIMATE, TRUTH, MUTED = "#2f62c9", "#1c2430", "#98a2b0"
@@ -39,11 +39,8 @@ def as_svg(figure: Figure, salt: str, dpi: float | None = None) -> str:
 
 def write_png(figure: Figure, path: Path, dpi: int = _DPI) -> None:
     """A PNG file, whole or not at all."""
-    stream = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
-    with replaced_file(path) as file:
-        file.buffer.write(stream.getvalue())
+    with mpl.rc_context(STYLE), replaced_bytes(path) as file:
+        figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
 
 
 def rendered(
@@ -60,6 +57,5 @@ def write_study(out: Path, name: str, title: str, verdict: str, text: str, figur
     """Write `report.html` and its picture, `NAME.png`, into `out`; the text is a terminal's."""
     picture = as_svg(figure, name)
     page = rendered("study.html", title=title, verdict=verdict, text=text, picture=picture)
-    with replaced_file(out / "report.html") as file:
-        file.write(page)
+    write_whole(out / "report.html", page)
     write_png(figure, out / f"{name}.png")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...atomic import replaced_file
+from ...atomic import write_whole
 from ...estimate.imm.modes import PUBLISHED_EXPONENT, moving_average, weighted_level
 from ...messages.samples import Floats
 from ..recordings import Progress, silent
@@ -124,6 +124,7 @@ def reproduce(
     result = Reproduction(seeds, exponent, levels, _window_rows(runs, exponent))
     progress("report")
     document = {"schema": "reproduction/1", **asdict(result)}
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     page = rendered(
         "reproduction.html",
         result=result,
@@ -134,10 +135,8 @@ def reproduce(
         table_window_steps=TABLE_WINDOW_STEPS,
         window_steps=window_steps,
     )
-    with replaced_file(out_dir / "reproduction.json") as file:
-        file.write(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    with replaced_file(out_dir / "report.html") as file:
-        file.write(page)
+    write_whole(out_dir / "reproduction.json", text)
+    write_whole(out_dir / "report.html", page)
     return result
 
 

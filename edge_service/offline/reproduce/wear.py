@@ -170,7 +170,6 @@ def first_crossing_h(time_h: Floats, percent: Floats, limit: float) -> float:
 
 
 def _line(stage: Stage, crossings_h: Mapping[float, float]) -> str:
-    """Row of the table: dates with bands, and whether they held what came."""
     cells = []
     for limit, came_h in crossings_h.items():
         date = stage.dates.get(limit)
