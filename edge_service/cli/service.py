@@ -74,7 +74,6 @@ def token(
     from ..clock import now_ns
     from ..config import load_config
     from ..health.store.store import StoreFailedError
-    from ..messages.interval import rfc3339
     from ..nodes.http_rights import tokens_of
 
     settings = load_config(config)
@@ -92,15 +91,7 @@ def token(
         kept = tokens.all()
     except StoreFailedError as error:
         raise BadInputError(str(error)) from None
-    listed = [
-        {
-            "name": each.name,
-            "role": each.role,
-            "created_at": rfc3339(each.created_ns),
-            "used_at": None if each.used_ns is None else rfc3339(each.used_ns),
-        }
-        for each in kept
-    ]
+    listed = [each.model_dump(mode="json") for each in kept]
     words = "{name}: {role}, since {created_at}, used {used_at}"
     lines = [words.format(**each | {"used_at": each["used_at"] or "never"}) for each in listed]
     lines = lines or ["no tokens: any user of this machine may look"]

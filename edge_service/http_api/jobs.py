@@ -261,7 +261,6 @@ class Jobs:
         return await self._store.run(self._store.write, work)
 
     def _shown(self, number: int, job: Job) -> Job:
-        """A job as its folder shows it now."""
         folder = self._folder / str(number)
         state, lines = job.state, _last_lines(folder / LOG)
         if state == "running" and number not in self._running:

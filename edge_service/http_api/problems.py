@@ -43,12 +43,6 @@ class RefusedError(HTTPException):
     """Refusal of a request: its HTTP status, and one line that says why."""
 
 
-class ProblemResponse(JSONResponse):
-    """A response that carries a problem document."""
-
-    media_type = PROBLEM_TYPE
-
-
 def problem_response(
     path: str,
     status: int,
@@ -57,7 +51,7 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     reasons: list[str] | None = None,
     errors: list[ParameterProblem] | None = None,
-) -> ProblemResponse:
+) -> JSONResponse:
     """A problem document as a response."""
     problem = Problem(
         title=HTTPStatus(status).phrase,
@@ -69,7 +63,7 @@ def problem_response(
     )
     again = {"retry-after": RETRY_S} if status in (429, 503) else {}
     content = problem.model_dump(exclude_none=True)
-    return ProblemResponse(content, status, {**again, **(headers or {})})
+    return JSONResponse(content, status, {**again, **(headers or {})}, PROBLEM_TYPE)
 
 
 _DOCUMENTED = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
@@ -95,7 +89,7 @@ def answer_with_problems(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _on_failure)
 
 
-async def _on_http_error(request: Request, error: Exception) -> ProblemResponse:
+async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     plain = error.detail == HTTPStatus(error.status_code).phrase
     detail = _PLAIN_DETAIL.get(error.status_code, error.detail) if plain else error.detail
@@ -112,7 +106,7 @@ async def _on_http_error(request: Request, error: Exception) -> ProblemResponse:
     return problem_response(path, error.status_code, detail, headers=headers)
 
 
-async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse:
+async def _on_bad_request(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     if error.body and isinstance(error.body, bytes):  # it was not even read as JSON
         kind = request.headers.get("content-type", "")
@@ -128,16 +122,16 @@ async def _on_bad_request(request: Request, error: Exception) -> ProblemResponse
     return problem_response(request.url.path, 422, detail, errors=errors)
 
 
-async def _on_store_failed(request: Request, error: Exception) -> ProblemResponse:
+async def _on_store_failed(request: Request, error: Exception) -> JSONResponse:
     status = 503 if request.method in ("GET", "HEAD") else 507
     return problem_response(request.url.path, status, str(error))
 
 
-async def _on_gone(request: Request, _error: Exception) -> ProblemResponse:
+async def _on_gone(request: Request, _error: Exception) -> JSONResponse:
     return problem_response(request.url.path, 400, "the client left before the end of its request")
 
 
-async def _on_failure(request: Request, _error: Exception) -> ProblemResponse:
+async def _on_failure(request: Request, _error: Exception) -> JSONResponse:
     return problem_response(request.url.path, 500, "the service failed; see its log for the reason")
 
 

@@ -81,7 +81,8 @@ def run_batch(
         row = {"case": name, "command": command, "status": float(outcome.status)}
         row |= {"traces": json.dumps([str(path) for path in outcome.case.traces])}
         row |= {"error": outcome.error or None}
-        row |= {f"answer_{key}": value for key, value in _plain(document)}
+        said = {f"answer_{key}": each for key, each in flat(document)}
+        row |= {key: each for key, each in said.items() if not isinstance(each, list | None)}
         rows.append(row | {"document": json.dumps(document) if document else None})
         progress(f"{number} of {len(cases)}: {name}, {len(failed)} without an answer")
     try:
@@ -208,12 +209,12 @@ def on_cluster(
             yield _outcome(future, futures[future])
 
 
-def _plain(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Numbers, texts and flags of a document by the path that leads to them; no lists."""
+def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Members of a document by the path that leads to them; numbers as float."""
     for name, value in values.items():
         if isinstance(value, dict):
-            yield from _plain(value, f"{prefix}{name}_")
-        elif isinstance(value, bool | str | int | float):
+            yield from flat(value, f"{prefix}{name}_")
+        else:
             yield prefix + name, float(value) if type(value) is int else value
 
 

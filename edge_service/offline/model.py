@@ -1,7 +1,7 @@
 """`edge-service model`: drag, inertia, stiffness and linear models of a drive, by the thesis."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from ..models.screw.ball_screw import (
     table_inertia,
 )
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT, loaded_nut_stiffness
+from .batch import flat
 from .machine_text import SECTIONS, Sheet
 from .report.page import STYLE, write_png
 
@@ -86,13 +87,13 @@ def model(
 ) -> Answer:
     """Compute, and write what is asked for. Raises ConfigError: the file's kind is unknown."""
     document = computed(machine, rate_hz, efficiency)
-    flat = dict(_flat(document))
+    members = dict(flat(document))
     if export is not None:
-        _export(export, flat)
+        _export(export, members)
     if plot is not None:
         _draw(plot, document)
     lines = []
-    for name, values in flat.items():
+    for name, values in members.items():
         if "_poles" in name or "_zeros" in name:
             lines.append(f"{name:<36} {' '.join(f'{re:.5g}{im:+.5g}j' for re, im in values)}")
         elif np.size(values) <= MOST_SHOWN:
@@ -205,24 +206,16 @@ def dynamics(system: StateSpace, rate_hz: float) -> dict[str, Any]:
     return {"rate_hz": rate_hz} | {name: each.tolist() for name, each in values.items()}
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}_")
-        else:
-            yield prefix + name, value
-
-
-def _export(path: Path, flat: Mapping[str, Any]) -> None:
+def _export(path: Path, members: Mapping[str, Any]) -> None:
     if path.suffix not in (".mat", ".npz", ".csv"):
         raise ConfigError(f"--export {path}: expected a name that ends in .mat, .npz or .csv")
     with replaced_bytes(path) as file:
         if path.suffix == ".mat":
-            io.savemat(file, dict(flat), long_field_names=True)
+            io.savemat(file, dict(members), long_field_names=True)
         elif path.suffix == ".npz":
-            np.savez(file, **flat)
+            np.savez(file, **members)
         else:
-            for name, value in flat.items():
+            for name, value in members.items():
                 file.write(f"{name},{','.join(map(repr, np.ravel(value).tolist()))}\n".encode())
 
 

@@ -7,9 +7,10 @@ import secrets
 import sqlite3
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ...exit_status import BadInputError
+from ...messages.interval import Frozen, TimeNs
 from .store import Store
 
 SCHEMA = """
@@ -33,16 +34,16 @@ class TokenError(BadInputError):
     """A token that cannot be made or revoked; the text is one line."""
 
 
-class Token(BaseModel):
-    """One token: whose it is, what it allows, and when it was made and used (UNIX time, ns)."""
+class Token(Frozen):
+    """One token, which JSON has without its hash."""
 
-    model_config = ConfigDict(frozen=True)
-
-    name: str
+    name: str = Field(examples=["kim"])
     role: Role
-    hash: str = Field(pattern=r"^[0-9a-f]{64}$")
-    created_ns: int
-    used_ns: int | None = None
+    hash: str = Field(pattern=r"^[0-9a-f]{64}$", exclude=True)
+    created_ns: TimeNs = Field(serialization_alias="created_at")
+    used_ns: TimeNs | None = Field(
+        serialization_alias="used_at", description="Last use, to some ten minutes; null before it."
+    )
 
 
 class Tokens:

@@ -60,7 +60,6 @@ def rendered(description: dict[str, Any]) -> str:
     from markupsafe import Markup, escape
 
     def prose(text: str) -> Markup:
-        """Text with its `code` marked as such."""
         return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
     environment = Environment(

@@ -12,7 +12,7 @@ from ... import __version__
 from ...health.service_state import ServiceState
 from ...health.store.outbox import Counts, Outbox
 from ...health.store.store import Store, StoreFailedError
-from ...health.store.tokens import MOST_LETTERS, NAME, Role, TokenError
+from ...health.store.tokens import MOST_LETTERS, NAME, Role, Token, TokenError
 from ...messages.answer import AxesAnswer, axis_row
 from ...messages.codec import T
 from ...messages.event import Event
@@ -132,19 +132,10 @@ class NumberedEvent(Event):
     id: int
 
 
-class TokenAnswer(Frozen):
-    """One token, without its secret."""
-
-    name: str = Field(examples=["kim"])
-    role: Role
-    created_at: TimeNs
-    used_at: TimeNs | None = Field(description="Last use, to some ten minutes; null before it.")
-
-
 class TokensAnswer(Frozen):
     """All tokens by name."""
 
-    items: list[TokenAnswer]
+    items: tuple[Token, ...]
     caller: Caller
 
 
@@ -289,13 +280,7 @@ async def tokens(authenticator: AuthenticatorDep, caller: CallerDep) -> TokensAn
     """List the tokens with their roles, and tell who asks."""
     known = authenticator.tokens
     found = () if known is None else await QUESTIONS.run(known.all)
-    items = [
-        TokenAnswer(
-            name=each.name, role=each.role, created_at=each.created_ns, used_at=each.used_ns
-        )
-        for each in found
-    ]
-    return TokensAnswer(items=items, caller=caller)
+    return TokensAnswer(items=found, caller=caller)
 
 
 @service_router.post("/api/v1/tokens", status_code=201)
