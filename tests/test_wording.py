@@ -8,7 +8,8 @@ from inspect import isclass
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from edge_service.config import EdgeConfig, explain
+from edge_service.config import EdgeConfig
+from edge_service.config.mistakes import explain
 from edge_service.messages.health import Task
 
 from .documents import ROOT, document

@@ -48,7 +48,6 @@ def ask_health(endpoint: str) -> dict[Place, AxisHealth | None]:
 
 
 def _answers(session: zenoh.Session) -> dict[Place, bytes]:
-    """Last message of each axis."""
     found = {}
     for reply in session.get(_KEYS, target=zenoh.QueryTarget.ALL, timeout=ANSWER_S):
         if reply.ok is not None:

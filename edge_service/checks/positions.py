@@ -139,7 +139,6 @@ def factor_at_rest(
 
 
 def _rests(position: Floats, setpoint: Floats) -> Iterator[tuple[float, float]]:
-    """Position and setpoint of each rest, in their units."""
     known = np.isfinite(position) & np.isfinite(setpoint)
     position, setpoint = position[known], setpoint[known]
     if not len(position):

@@ -209,7 +209,6 @@ def check_limits(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
 
 
 def _values(recordings: Sequence[SampleFrame], channel: str) -> Floats:
-    """Values of all recordings that are known, (n,)."""
     held = [frame.channels[channel] for frame in recordings if channel in frame.channels]
     values: Floats = np.concatenate([*held, np.empty(0)])
     return values[np.isfinite(values)]

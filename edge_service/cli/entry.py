@@ -51,7 +51,6 @@ GONE: dict[str, str] = {
 
 class _Grouped(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write a section for each group."""
         del ctx
         for title, commands in GROUPS.items():
             formatter.write(f"\n{title}:\n")
@@ -117,7 +116,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _explained(error: Exception) -> tuple[str, int]:
-    """A mistake or failure in words, and the exit status."""
     if isinstance(error, click.exceptions.NoSuchCommand):
         near = error.possibilities or []
         guess = f"did you mean {near[0]!r}?" if near else "`edge-service help` lists them"

@@ -111,14 +111,12 @@ def _without(content: dict[str, Any], error: ValidationError) -> EdgeConfig | No
 
 
 def _placed_axis(axis: AxisConfig, path: Path) -> AxisConfig:
-    """The axis with its paths relative to the folder of its file."""
     settings = _anchored(axis.settings, path.parent)
     placed = {"machine": path.parent / axis.machine, "settings": settings}
     return axis.model_copy(update=placed).of_file(path)
 
 
 def _placed_config(config: EdgeConfig, path: Path) -> EdgeConfig:
-    """The configuration with its paths relative to the folder of its file."""
     folder, store, http = path.parent, config.store, config.http
     key = http.private_key and secret_path(folder, http.private_key)
     placed = {

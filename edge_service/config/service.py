@@ -106,13 +106,11 @@ class _OfFile(Table):
     _file: Path | None = PrivateAttr(None)
 
     def of_file(self, path: Path) -> Self:
-        """The same table, which knows where it was read."""
         self._file = path
         return self
 
     @property
     def file(self) -> Path | None:
-        """File that it was read from."""
         return self._file
 
     def place_of(self, table: str) -> str:

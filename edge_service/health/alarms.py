@@ -76,8 +76,6 @@ class SuddenDrop:
 
 @dataclass(slots=True)
 class _Fit:
-    """Fit of the estimator's model."""
-
     status: EstimateStatus | None = None
     used_s: float = 0.0  # motion that the newest estimate rests on, s
     nis: float = 1.0  # mean squared normalised innovation lately

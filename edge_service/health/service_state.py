@@ -160,6 +160,5 @@ class ServiceState:
         self.readers.mark(topic, axis)
 
     def _knows(self, axis: str) -> bool:
-        """An axis is one of these; any other is counted."""
         self.ignored_payloads += axis not in self._axes
         return axis in self._axes

@@ -34,7 +34,6 @@ def finite_or_none(value: float) -> float | None:
 
 
 def _plain(value: Any) -> Any:
-    """A number, or nested lists of them, as JSON has them."""
     if isinstance(value, list):
         return [_plain(each) for each in value]
     return str(value) if math.isinf(value) else finite_or_none(value)

@@ -162,7 +162,6 @@ class Estimators:
             self.component.start(self._read(axis, frames))
 
     async def _read(self, axis: str, frames: list[SampleFrame]) -> None:
-        """Give a test to the estimator, and tell what it says."""
         looked, level = self._looked.get(axis), AxisCondition.WARNING
         with self.component.bears(f"a test of axis {axis}"):
             try:

@@ -105,7 +105,6 @@ def _texts(value: object) -> Iterator[str]:
 
 
 def _added(archive: ZipFile, name: str, path: Path) -> str:
-    """Write a file into an archive; returns its SHA-256."""
     digest, info = hashlib.sha256(), ZipInfo(name)
     info.external_attr = (path.stat().st_mode & 0o666) << 16
     with path.open("rb") as source, archive.open(info, "w", force_zip64=True) as member:

@@ -112,7 +112,6 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
 
 
 def _method(machine: Machine) -> str | None:
-    """The first estimator of the registry that suits a machine file."""
     for name in ESTIMATORS:
         with suppress(ConfigError):
             make_estimator(EstimatorConfig(method=name), machine)
@@ -121,7 +120,6 @@ def _method(machine: Machine) -> str | None:
 
 
 def _quality(frames: Sequence[SampleFrame]) -> Finding:
-    """Channels that had samples that were not good, and why."""
     said, most = [], 0.0
     for name in frames[0].channels:
         codes = np.concatenate(

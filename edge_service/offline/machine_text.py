@@ -169,7 +169,6 @@ def drag_of(sheet: Mapping[str, float | str], lead_m: float | None) -> Quantity 
 
 
 def _others(sheet: Sheet, section: str) -> list[str]:
-    """Keys of a section that no other line has."""
     known = {"lead_m", "inertia_kg_m2", "viscous_nm_s_per_rad", *_UNKNOWN}
     return [
         f"{key} = {_text(value) if isinstance(value, str) else repr(value)}"

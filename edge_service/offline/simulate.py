@@ -243,7 +243,6 @@ def _preload_percent(machine: Machine, wanted: float | None) -> float:
 
 
 def _numbered(out: Path, names: Sequence[str]) -> list[Path]:
-    """A file for each motion in the folder `out`, which is made."""
     paths = [out / f"{k:02}_{name}.parquet" for k, name in enumerate(names, start=1)]
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -134,7 +134,6 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
         self.close()
 
     def _values(self, channel: str, block: Block) -> Floats:
-        """A channel in SI units."""
         column = self._columns[channel]
         is_row_number = column.column == ROW_NUMBER
         values = block.row_number if is_row_number else block.values[column.column]

@@ -148,7 +148,6 @@ class _Search:
         return np.clip((logged - self._low) / self._span, 0.0, 1.0)
 
     def outward(self, coordinates: Floats) -> Floats:
-        """Coordinates -> values."""
         plain = self._low + self._span * coordinates
         return np.where(self._log, np.exp(np.where(self._log, plain, 0.0)), plain)
 
@@ -182,7 +181,6 @@ class _Profile:
     spread: Floats
 
     def interval_estimate(self, index: int) -> IntervalEstimate:
-        """The unknown with the interval of its profile."""
         unknown = self.search.unknowns[index]
         low, high = self._bound(index, -1.0), self._bound(index, 1.0)
         value = float(self.search.outward(self.best)[index])

@@ -17,12 +17,12 @@ from edge_service.bus.settings import BusSettings
 from edge_service.config import (
     DEFAULT_MACHINE,
     AxisConfig,
-    BusConfig,
     EdgeConfig,
     EstimatorConfig,
     HttpConfig,
     load_machine,
 )
+from edge_service.config.service import BusConfig
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.messages.health import ComponentHealth, ComponentStatus
 from edge_service.messages.samples import SampleFrame

@@ -14,13 +14,12 @@ from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.config import (
     DEFAULT_MACHINE,
-    AlarmsConfig,
     AxisConfig,
-    BusConfig,
     EdgeConfig,
     HttpConfig,
-    StoreConfig,
 )
+from edge_service.config.service import BusConfig
+from edge_service.config_tables import AlarmsConfig, StoreConfig
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import PIPELINE, run_nodes
 

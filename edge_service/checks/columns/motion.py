@@ -103,7 +103,6 @@ class Motion:
             self._ask_lead()
 
     def _si(self, channel: str) -> Floats:
-        """Values of a chosen channel in SI units, shape (n,)."""
         choice = self._columns[channel]
         values = self._values[choice.column]
         if choice.minus:
@@ -118,7 +117,6 @@ class Motion:
         return [e for e in fitting if known[e.name].size and np.ptp(known[e.name]) > 0.0]
 
     def _best(self, quantity: Quantity) -> ColumnName | None:
-        """The moving column of a quantity that serves best."""
         return min(self._moving(quantity), key=lambda each: each.rank, default=None)
 
     def _link(self, target: str, source: str, least: float = 0.0) -> Proportion | None:

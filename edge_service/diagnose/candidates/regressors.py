@@ -119,12 +119,10 @@ def entry_regressor(effect: Effect, amount: str, shape: Mapping[str, float]) -> 
 
 
 def _phase_of(effect: Effect, amount: str) -> str:
-    """Name of the phase of an amount; empty where it has none."""
     return next((p.name for p in _belonging(effect, amount) if p.role is Role.PHASE), "")
 
 
 def _belonging(effect: Effect, amount: str) -> list[Parameter]:
-    """Parameters that say something about an amount."""
     amounts = {p.name for p in effect.parameters if p.role is Role.AMOUNT}
     narrowed = {name for p in effect.parameters for name in p.amounts}
     return [

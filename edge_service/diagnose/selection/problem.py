@@ -137,7 +137,6 @@ class SelectionProblem:
         return [found[k] for k in range(len(sets))]
 
     def _solved(self, sets: Sequence[Sequence[int]]) -> list[Fit]:
-        """Fits of sets that all have p columns."""
         design, noise = self.design, self.noise
         regressors = [(*range(design.nuisances), *chosen) for chosen in sets]
         index = np.array([design.indices(each) for each in regressors])

@@ -121,7 +121,6 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     weights = ((block >= first) & (block < first + length)).astype(np.float64)
 
     def drawn(series: Floats) -> Floats:
-        """Energy of a series (n,) on other motions, (k,)."""
         count = weights.shape[1]
         cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
         energy: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
@@ -134,7 +133,6 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
 
 
 def _of_draws(estimate: float, draws: Floats) -> Shrink:
-    """Estimate within the quantiles of draws (k,)."""
     low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
     return Shrink(estimate=estimate, low=float(min(low, estimate)), high=float(max(high, estimate)))
 

@@ -200,7 +200,6 @@ def _mean_torque(points: Sequence[FrictionPoint]) -> IntervalEstimate:
 
 
 def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
-    """Mean of what was found in either direction, N m."""
     value = sum(way.value for way in ways) / len(ways)
     half = math.hypot(*(way.high - way.value for way in ways)) / len(ways)
     count = min(way.n_effective for way in ways)

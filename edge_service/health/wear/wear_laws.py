@@ -78,8 +78,6 @@ class WearProjection:
 
 @dataclass(frozen=True, slots=True)
 class _Laws:
-    """Shapes of wear over the age of a history."""
-
     shape: Floats  # g - 1 at each age, (n points, n laws)
     # slope, power: of each law at age 1, and with which it goes on, (n laws,)
     slope: Floats

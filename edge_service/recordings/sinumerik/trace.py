@@ -175,7 +175,6 @@ class SinumerikSource(Source):
             raise TraceError(f"{self.path}: more than {MOST_VALUES} values; cut the recording")
 
     def _read_blocks(self) -> Iterator[Block]:
-        """The rows of one frame after the other, on one clock."""
         number, newest_s = 0, -math.inf
         while True:
             while self._has_more and len(self._frames) <= number + 1:

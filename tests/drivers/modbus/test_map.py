@@ -20,7 +20,7 @@ from drivers.modbus.registers import (
     plan_requests,
 )
 from drivers.signals import Sentinels
-from edge_service.config import explain
+from edge_service.config.mistakes import explain
 
 PI_WORDS = (0x4049, 0x0FDB)  # IEEE 754: sign 0, exponent 128, mantissa 0x490FDB
 

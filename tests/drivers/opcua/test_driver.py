@@ -24,7 +24,7 @@ from drivers.opcua.session import OpcuaSession
 from drivers.opcua.stub import LEAST_INTERVAL_S, OpcuaStub
 from drivers.opcua.variables import OpcuaConfig
 from drivers.stub import Fault, FaultKind
-from edge_service.config import explain
+from edge_service.config.mistakes import explain
 from edge_service.messages import samples
 from edge_service.messages.samples import Quality, SampleFrame
 

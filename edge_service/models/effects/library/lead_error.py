@@ -28,7 +28,6 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 
 
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    """A profile along the travel."""
     profile = tuple(_travel_wave(covered.low_m, covered.span_m, order) for order in _PROFILE_ORDERS)
     yield EmpiricalForm("profile", transmission=profile)
 

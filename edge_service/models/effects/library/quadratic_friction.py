@@ -16,7 +16,6 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 
 
 def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    """Other powers of the speed."""
     for power in (1.4, 1.6, 1.8, 2.4, 3.0):
         yield EmpiricalForm("power", (_power_law(power),))
 
