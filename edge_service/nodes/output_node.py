@@ -17,11 +17,10 @@ from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
 from ..http_api.routes.docs import words_in
-from ..messages.codec import Header
-from ..messages.estimate import PreloadEstimate
+from ..messages.codec import Header, Topic
 from ..messages.event import AxisCondition, Event
-from ..messages.health import AxisHealth, ComponentStatus
-from ..messages.topics import HEALTH, PRELOAD
+from ..messages.health import ComponentStatus
+from ..messages.topics import HEALTH, IMM, PRELOAD
 from ..outputs.base import (
     Events,
     Message,
@@ -85,13 +84,9 @@ async def run(context: NodeContext, name: str) -> None:
     states = {axis: AxisState(axis, None, silent) for axis in context.machines}
     node, receivers = OutputNode(output, component, context.events), output.receivers
 
-    def take_estimate(axis: str, header: Header, estimate: PreloadEstimate) -> None:
+    def take(topic: str, axis: str, header: Header, payload: Any) -> None:
         if axis in states:
-            states[axis].preload.hear(header, estimate, now_ns())
-
-    def take_health(axis: str, header: Header, health: AxisHealth) -> None:
-        if axis in states:
-            states[axis].health.hear(header, health, now_ns())
+            getattr(states[axis], topic).hear(header, payload, now_ns())
 
     async def show() -> None:
         """Hand over what is known now of all axes, again and again."""
@@ -118,12 +113,11 @@ async def run(context: NodeContext, name: str) -> None:
 
     async with component.running():
         with ExitStack() as ends:
-            if output.takes_answers:
-                preloads, healths = context.subscribe(PRELOAD), context.subscribe(HEALTH)
-                ends.callback(preloads.close)
-                ends.callback(healths.close)
-                component.follow(preloads, take_estimate)
-                component.follow(healths, take_health)
+            answers: tuple[Topic[Any], ...] = (PRELOAD, IMM, HEALTH)
+            for topic in answers if output.takes_answers else ():
+                heard = context.subscribe(topic)
+                ends.callback(heard.close)
+                component.follow(heard, partial(take, topic.name))
             if output.takes_answers or receivers:
                 await component.again(life, new_retry(), OutputUnavailableError)
             component.to(ComponentStatus.OK)  # it is asked, as metrics are

@@ -19,8 +19,9 @@ from pydantic import field_validator
 from .. import __version__
 from ..broker import ANSWER_S, BrokerConfig
 from ..messages.answer import AxisAnswer
+from ..messages.estimate import ImmEstimate
 from ..messages.event import AxisCondition
-from ..messages.topics import EVENT, HEALTH, PRELOAD
+from ..messages.topics import EVENT, HEALTH, IMM, PRELOAD
 from . import sparkplug
 from .base import (
     Message,
@@ -34,6 +35,7 @@ PERIOD_S = 1.0
 """Time in which the answer about an axis is sent once at most."""
 EXPIRE_S = 60
 ONLINE, OFFLINE = "online", "offline"
+_TOLD = PRELOAD.name, HEALTH.name, IMM.name
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
@@ -93,7 +95,7 @@ class MqttOutput(Output):
         for axis in self.context.axes if describes else ():
             await self._publish(*self._description(axis), retain=True)
         for axis in self.context.gone:  # an empty message clears what is retained
-            topics = [f"{self._root}/{axis}/{each.name}" for each in (PRELOAD, HEALTH)]
+            topics = [f"{self._root}/{axis}/{each}" for each in _TOLD]
             for topic in (*topics, *((self._description(axis)[0],) if describes else ())):
                 await self._publish(topic, "", retain=True)
         await self._publish(f"{self._root}/status", ONLINE, retain=True)
@@ -109,12 +111,11 @@ class MqttOutput(Output):
             if now_s - self._sent_s.get(message.axis, -PERIOD_S) >= PERIOD_S:
                 preload, health = preload_of(message), health_of(message)
                 if self._node is None:
-                    await self._publish(
-                        f"{self._root}/{message.axis}/{PRELOAD.name}", preload, retain=True
-                    )
-                    await self._publish(
-                        f"{self._root}/{message.axis}/{HEALTH.name}", health, retain=True
-                    )
+                    opinion = message.opinion or ImmEstimate(axis=message.axis)
+                    imm = {"schema": IMM.schema} | opinion.model_dump(mode="json")
+                    for topic, said in zip(_TOLD, (preload, health, imm), strict=True):
+                        where = f"{self._root}/{message.axis}/{topic}"
+                        await self._publish(where, said, retain=True)
                 elif message.is_heard:
                     values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
                     await self._tell_device(message.axis, values)

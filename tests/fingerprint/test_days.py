@@ -27,7 +27,6 @@ class Day:
     warm: bool = False  # whether it is warm from the start
 
     def events(self) -> tuple[Any, ...]:
-        """Settings that the plant is told."""
         dry = dict.fromkeys(("guide", "nut", "bearing"), self.friction)
         heat = (Warmup(start=1.0),) if self.warm else ()
         return (Lubricant(**dry), *heat)

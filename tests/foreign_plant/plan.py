@@ -48,7 +48,6 @@ class Plan:
         return np.gradient(self.setpoint_m, 1e-3)
 
     def slow_speed_m_s(self) -> Array:
-        """Mean absolute speed in each slow step (k,)."""
         speed = np.abs(self.speed_m_s)
         padded = np.pad(speed, (0, len(self.slow_time_s) * 10 - len(speed)), mode="edge")
         return padded.reshape(-1, 10).mean(axis=1)

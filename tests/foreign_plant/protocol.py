@@ -72,7 +72,6 @@ def chirp(route: Route, duration_s: float = 10.0) -> Route:
 
 
 def full(rng: np.random.Generator, stroke_m: float) -> Array:
-    """All of it and some production: about 190 s."""
     route = Route(0.3 * stroke_m).add(rest(1.0))
     for part in (stands, reversals, staircase, accelerations, cruises):
         part(route, stroke_m)

@@ -27,8 +27,6 @@ async def _served(scene) -> AsyncIterator[httpx.AsyncClient]:
 
 @dataclass
 class Message:
-    """One server-sent event."""
-
     event: str = "message"
     data: str = ""
     id: str | None = None

@@ -34,7 +34,6 @@ def example(topic: Topic[Any]) -> bytes:
 
 
 def payloads(topic: Topic[Any]) -> st.SearchStrategy[bytes]:
-    """Bytes that claim to be of a topic."""
     good = example(topic)
     inside = _blocks if topic.encoding == BLOCK_ENCODING else _messages
 

@@ -43,7 +43,6 @@ RATE_HZ = 1000.0
 def config_of(
     driver: str, settings: dict[str, Any], machine: Path = DEFAULT_MACHINE, **changes: Any
 ) -> EdgeConfig:
-    """A configuration with one axis X, free ports."""
     axis = AxisConfig(name="X", machine=machine, driver=driver, settings=settings)
     places = {"bus": BusConfig(endpoint="tcp/127.0.0.1:0"), "http": HttpConfig(port=0)}
     return EdgeConfig.model_validate(places | {"axes": (axis,)} | changes)

@@ -141,8 +141,6 @@ def rebuilt(place: Path, change: Callable[[dict[str, bytes], dict[str, object]],
 
 
 def added(name: str) -> Callable[[dict[str, bytes], dict[str, object]], None]:
-    """A sound member under a name of its own."""
-
     def change(members: dict[str, bytes], manifest: dict[str, object]) -> None:
         files = manifest["files"]
         assert isinstance(files, dict)

@@ -18,8 +18,6 @@ SECRET = "hush-hush-1234"
 
 @dataclass(frozen=True, slots=True)
 class OutputBench:
-    """The other side of an output, and outputs that tell it."""
-
     make: Callable[[], Output]  # a new output for the other side
     heard: Callable[[], Awaitable[bool]]  # whether the other side has heard of axis X
     # lose, bring_back: take the other side away, or what the output needs to listen

@@ -27,7 +27,6 @@ def grown(answer: Any) -> Any:
 
 
 def said(page: Any, tab: str) -> str:
-    """All that a tab says to eyes and to ears."""
     labels = page.eval_on_selector_all(
         f"#{tab} [aria-label]", "nodes => nodes.map((node) => node.getAttribute('aria-label'))"
     )

@@ -21,7 +21,6 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?><traceSession><traceData><dataFr
 
 
 def columns() -> dict[str, np.ndarray]:
-    """A trace of 300 rows."""
     time_s = np.arange(ROWS) / 1000.0
     return {"time_s": time_s, "torque_command_nm": time_s % 0.3, "motor_angle_rad": time_s * 20}
 

@@ -79,7 +79,6 @@ class Life:
     reached_s: Mapping[str, float]  # true time of each limit
 
     def history(self, until_s: float) -> PreloadHistory:
-        """History that the service has kept until a time, s."""
         history = PreloadHistory()
         for row in self.rows[self.rows[:, 0] <= until_s].tolist():
             history.add(*row)

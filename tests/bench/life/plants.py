@@ -27,7 +27,6 @@ class ForeignLife:
         self.fresh_percent = plant.Machine().preload_percent
 
     def recorded(self, session: Session) -> Recorded:
-        """Blocks of a session with the truth, on the session's clock."""
         return recorded(self.case(session), clock_s=session.clock_s)
 
     def case(self, session: Session) -> Any:
@@ -54,7 +53,6 @@ class OwnLife:
         self.fresh_percent = self._axis.fresh_percent
 
     def recorded(self, session: Session) -> Recorded:
-        """Blocks of a session with the truth, on the session's clock."""
         count = round(session.duration_s * RATE_HZ)
         time_s = np.arange(count) / RATE_HZ
         percent: Floats = np.interp(time_s, session.time_s, session.percent)

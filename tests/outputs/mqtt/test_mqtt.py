@@ -4,12 +4,14 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
 import aiomqtt
 import pytest
 from pydantic import ValidationError
 
+from edge_service.messages.estimate import ImmEstimate
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import Alarm, AlarmKind
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
@@ -27,6 +29,8 @@ from .sparkplug_reader import decode, rebirth
 
 pytestmark = needs_broker
 ROOT = "feeddrive/hall/mill"
+TOLD = ("X/preload", "X/health", "X/imm")
+OPINION = ImmEstimate(axis="X", mode_probability={"10": 0.25, "0": 0.75}, engine="compiled")
 
 
 @pytest.fixture(autouse=True)
@@ -70,12 +74,13 @@ async def there(heard: list[aiomqtt.Message], *topics: str) -> dict[str, Any]:
 async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker) -> None:
     async with listening(broker) as live, telling(broker) as made:
         await made.take(answer(preload_percent=6.7))
-        await made.take(answer(preload_percent=3.425, low=3.0, high=4.0))
+        half = answer(preload_percent=3.425, low=3.0, high=4.0)
+        await made.take(replace(half, opinion=OPINION))
         await made.take(Events("", (event(),)))
         said = await there(live, f"{ROOT}/X/event")
         assert json.loads(said[f"{ROOT}/X/event"])["kind"] == "alarm_raised"
         async with listening(broker) as late:
-            said = await there(late, f"{ROOT}/X/preload", f"{ROOT}/X/health", f"{ROOT}/status")
+            said = await there(late, *(f"{ROOT}/{each}" for each in (*TOLD, "status")))
         assert all(each.retain for each in late)
         assert f"{ROOT}/X/event" not in said
         preload = json.loads(said[f"{ROOT}/X/preload"])
@@ -83,6 +88,9 @@ async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker
         assert preload["of_fresh"]["value"] == pytest.approx(50.0)
         assert preload["measured_at"] == "2026-09-21T14:13:20.000Z"
         assert json.loads(said[f"{ROOT}/X/health"])["condition"] == "NORMAL"
+        opinion = json.loads(said[f"{ROOT}/X/imm"])
+        assert opinion.pop("schema") == "imm/1"
+        assert ImmEstimate.model_validate(opinion) == OPINION
         assert said[f"{ROOT}/status"] == b"online"
         await made.take(SILENT)
         async with listening(broker, f"{ROOT}/X/preload") as late:
@@ -97,7 +105,7 @@ async def test_of_an_axis_that_is_gone_nothing_stays_retained(broker: Broker) ->
         await made.take(answer("X"))
         await made.take(answer("Z"))
     async with telling(broker, "home-assistant", gone=("Z",)), listening(broker) as late:
-        await there(late, f"{ROOT}/X/preload", f"{ROOT}/X/health")
+        await there(late, *(f"{ROOT}/{each}" for each in TOLD))
         assert not [str(each.topic) for each in late if "Z" in str(each.topic)]
 
 
