@@ -124,7 +124,9 @@ def test_text_has_a_line_per_row(written: tuple[Path, Reproduction, list[str]]) 
     lines = result.as_text().splitlines()
     for row in result.levels:
         assert any(f"{row.percent:5.2f} ({row.published_percent:4.1f})" in line for line in lines)
-    assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows)
+    assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows) + 1
+    low, high = re.findall(r"\d+\.\d", lines[-1].partition("(")[0])
+    assert 95.0 < float(low) < float(high) < 98.5  # published: 95 to 98 %
 
 
 def test_euler_matrices_are_the_printed_ones() -> None:
