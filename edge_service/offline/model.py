@@ -149,6 +149,7 @@ def computed(
             "fixed_free_n_per_m": free,
             "fixed_fixed_n_per_m": fixed,
             "coupling_n_per_m": 1.0 / plant.further_compliance_m_per_n,
+            "screw_at_far_end_n_per_m": plant.screw_rigidity_n / plant.screw_length_m,
             "bearing_n_per_m": 1.0 / plant.bearing_compliance_m_per_n,
         },
         "nut": nut,

@@ -75,6 +75,7 @@ def test_a_preload_stiffens_a_nut_until_its_load_frees_the_other_half(
     alone = 0.5 * fresh * (last_n / 745.0) ** (1.0 / 3.0)  # one Hertz contact, F = c d^1.5
     for level in ("7.5", "5", "2.5", "0"):
         assert nut[f"at_{level}_percent_n_per_m"][-1] == pytest.approx(alone, rel=1e-3)
+    assert nut["unloaded_n_per_m"][-1] == nut["at_0_percent_n_per_m"][0] == 0.0
     assert nut["at_10_percent_n_per_m"][1] > nut["at_2.5_percent_n_per_m"][1]
 
 

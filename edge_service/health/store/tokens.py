@@ -68,8 +68,7 @@ class Tokens:
         tokens = []
         for row in rows:
             try:
-                found = Token.model_validate(dict(zip(Token.model_fields, row, strict=True)))
-                tokens.append(found)
+                tokens.append(Token.model_validate(dict(zip(Token.model_fields, row, strict=True))))
             except ValidationError:
                 if not self._is_damaged:
                     self._store.damages.append("a token is damaged and left out")

@@ -71,6 +71,8 @@ def loaded_nut_stiffness(
     >>> round(loaded_nut_stiffness(0.0, 10.0, 1.6e8, 7450.0) / 1e8, 3)
     1.28
     """
+    if load_n == preload_percent == 0.0:
+        return 0.0
     percent = CATALOGUE_PRELOAD_PERCENT
     preload_n = percent / 100.0 * rating_n
     own_m = 3.0 * preload_n / nut_stiffness(catalogue_n_per_m, percent)

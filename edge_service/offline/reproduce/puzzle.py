@@ -126,9 +126,8 @@ def bench_machine() -> Machine:
 def recorded(bench: Machine, seed: int = SEED) -> list[SampleFrame]:
     """The session on the bench, a recording for each motion."""
     limits = motion_limits(bench)
-    settings = FeedDriveSettings.of_machine(
-        bench, _RATE_HZ, [parse_effect(text) for text in HIDDEN]
-    )
+    hidden = [parse_effect(text) for text in HIDDEN]
+    settings = FeedDriveSettings.of_machine(bench, _RATE_HZ, hidden)
     drive = FeedDrive(settings, limits.low_m, _PRELOAD_PERCENT, seed)
     frames = []
     for number, (name, duration_s) in enumerate(SESSION, start=1):

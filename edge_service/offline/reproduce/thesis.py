@@ -128,8 +128,7 @@ def reproduce(
     progress("simulations 1 to 5")
     result = Reproduction(seeds, exponent, levels, _window_rows(runs, exponent))
     progress("report")
-    document = {"schema": "reproduction/1", **asdict(result)}
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    text = json.dumps({"schema": "reproduction/1", **asdict(result)}, indent=2, allow_nan=False)
     page = rendered(
         "reproduction.html",
         result=result,
@@ -140,7 +139,7 @@ def reproduce(
         table_window_steps=TABLE_WINDOW_STEPS,
         window_steps=window_steps,
     )
-    write_whole(out_dir / "reproduction.json", text)
+    write_whole(out_dir / "reproduction.json", text + "\n")
     write_whole(out_dir / "report.html", page)
     return result
 
