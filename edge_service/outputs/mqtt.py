@@ -21,6 +21,7 @@ from ..broker import ANSWER_S, BrokerConfig, BrokerError
 from ..messages.answer import AxisAnswer
 from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, PRELOAD
+from ..retry import all_of
 from . import sparkplug
 from .base import (
     Message,
@@ -113,11 +114,10 @@ class MqttOutput(Output):
             if now_s - self._sent_s.get(message.axis, -PERIOD_S) >= PERIOD_S:
                 preload, health = preload_of(message), health_of(message)
                 if self._node is None:
-                    await self._publish(
-                        f"{self._root}/{message.axis}/{PRELOAD.name}", preload, retain=True
-                    )
-                    await self._publish(
-                        f"{self._root}/{message.axis}/{HEALTH.name}", health, retain=True
+                    root = f"{self._root}/{message.axis}"
+                    await all_of(
+                        self._publish(f"{root}/{PRELOAD.name}", preload, retain=True),
+                        self._publish(f"{root}/{HEALTH.name}", health, retain=True),
                     )
                 elif message.is_heard:
                     values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
@@ -161,6 +161,7 @@ class MqttOutput(Output):
         is_test, name = self.context.is_test, self.context.name
         who = f"edge-service-{self._machine.replace('/', '-')}-{'test' if is_test else name}"
         client: aiomqtt.Client = self.config.client(who, will=None if is_test else will)
+        client.pending_calls_threshold += 2 * len(self.context.axes)  # else it warns of them
         return client
 
     async def _publish(

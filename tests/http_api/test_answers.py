@@ -1,10 +1,14 @@
 """The JSON routes against the contract."""
 
+from unittest.mock import AsyncMock, Mock
+
 import pytest
 
+from edge_service.health.store.outbox import Counts
+from edge_service.http_api.routes.service import Outputs, output_items
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import ComponentStatus
+from edge_service.messages.health import ComponentHealth, ComponentStatus
 
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "stiffness_n_per_m")
 
@@ -192,3 +196,20 @@ async def test_bad_parameter_is_named(client, parameter, value):
     problem = answer.json()
     assert [error["parameter"] for error in problem["errors"]] == [parameter]
     assert problem["detail"].startswith(f"{parameter}: ")
+
+
+@pytest.mark.parametrize(
+    ("sent_s", "waiting_s", "expected"),
+    [(0.4, None, "ok"), (0.4, 2.0, "ok"), (0.4, 300.0, "degraded"), (9.0, None, "degraded")],
+)
+async def test_an_output_is_degraded_by_its_oldest_answer_and_by_what_waits(
+    sent_s, waiting_s, expected
+):
+    now_ns = 10**18
+    report = ComponentHealth(component="mqtt", status="ok", readings={"age_s": sent_s})
+    oldest_ns = None if waiting_s is None else now_ns - round(waiting_s * 1e9)
+    asked = AsyncMock(return_value=Counts(0 if oldest_ns is None else 160, 0, oldest_ns))
+    state = Mock(components=lambda _now_ns, _axis: (report,))
+    (item,) = await output_items(state, now_ns, Outputs(("mqtt",), asked, AsyncMock()))
+    assert (item.state, item.waiting > 0) == (expected, waiting_s is not None)
+    assert item.age_s == pytest.approx(max(sent_s, waiting_s or 0.0))
