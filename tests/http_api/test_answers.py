@@ -85,6 +85,11 @@ async def test_axes_the_worst_first_with_limits_and_percent_of_fresh(scene, clie
     assert axes[1]["of_fresh"]["value"] == pytest.approx(67.1)
     assert axes[1]["measured_at"] == "2026-01-31T12:00:00.000Z"
     assert axes[0]["of_fresh"] is None
+    drop = {"alarm": "sudden_drop", "level": "FAULT", "text": "d", "raised_at": 1, "active": True}
+    scene.hear_health("X", alarms=(drop,))
+    scene.hear_health("Y", AxisCondition.WARNING)
+    axes = (await client.get("/api/v1/axes")).json()["axes"]
+    assert [axis["axis"] for axis in axes] == ["X", "Y"]
 
 
 async def test_health_of_an_axis(scene, client):

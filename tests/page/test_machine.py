@@ -27,6 +27,13 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
     rows = page.locator(".axis-row")
     assert [rows.nth(i).get_attribute("data-level") for i in (0, 1)] == ["FAULT", "FAULT"]
     assert rows.count() == len(AXES)
+    page.wait_for_function(
+        """async () => {
+            const { axes } = await (await fetch("/api/v1/axes")).json();
+            const rows = [...document.querySelectorAll(".axis-row b")];
+            return axes.map(({ axis }) => axis).join() === rows.map((row) => row.innerText).join();
+        }"""
+    )
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     # In one step: the rows are drawn anew at every answer.
     bottom = "document.querySelector('.axis-row').getBoundingClientRect().bottom"
