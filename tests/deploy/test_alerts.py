@@ -11,6 +11,7 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AlarmKind
 from edge_service.outputs.metrics import family_names
 from tests.documents import document, guide
+from tests.programs import ran
 
 RULES = document("deploy/alerts.yml")
 ALERTS = re.findall(r"- alert: (\w+)", RULES)
@@ -23,8 +24,7 @@ def judged(folder: Path, rules: str) -> "subprocess.CompletedProcess[str]":
     """Report of promtool's tests on the rules."""
     (folder / "alerts.yml").write_text(rules)
     (folder / "tests.yml").write_text(document("tests/deploy/alerts_test.yml"))
-    line = ["promtool", "test", "rules", "tests.yml"]
-    return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return ran("promtool", "test", "rules", "tests.yml", folder=folder)
 
 
 @needs_promtool

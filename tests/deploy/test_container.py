@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.documents import ROOT, document
+from tests.programs import ran
 
 DEPLOY = ROOT / "deploy"
 RECIPE = document("deploy/Containerfile")
@@ -30,8 +30,7 @@ def instructions(name: str) -> list[str]:
 
 @pytest.mark.skipif(HADOLINT is None, reason="hadolint is not installed")
 def test_the_linter_finds_nothing() -> None:
-    line = [str(HADOLINT), "--failure-threshold", "style", str(DEPLOY / "Containerfile")]
-    said = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    said = ran(str(HADOLINT), "--failure-threshold", "style", DEPLOY / "Containerfile")
     assert (said.stdout, said.returncode) == ("", 0)
 
 

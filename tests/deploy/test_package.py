@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 import sysconfig
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import ROOT, document
+from tests.programs import ran
 
 MACHINE = ROOT / "tests" / "deploy" / "machine.sh"
 TOOLS = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
@@ -25,15 +25,8 @@ CONFIGURATION = ("/etc/edge-service/commissioned.toml", "/etc/edge-service/edge.
 
 def run(line: list[str], **environment: str) -> str:
     """Standard output of a command that must succeed."""
-    done = subprocess.run(
-        line,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env={"PATH": TOOLS, "HOME": "/nowhere", "LC_ALL": "C.UTF-8"} | environment,
-    )
+    alone = {"PATH": TOOLS, "HOME": "/nowhere", "LC_ALL": "C.UTF-8"}
+    done = ran(*line, folder=ROOT, variables=alone, **environment)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -47,8 +40,7 @@ def can_build() -> bool:
 
 def can_install(folder: Path) -> bool:
     """Return whether this user may lay a copy of the machine over the machine."""
-    line = ["sh", str(MACHINE), str(folder), "true"]
-    return subprocess.run(line, capture_output=True, check=False, timeout=60).returncode == 0
+    return ran("sh", MACHINE, folder, "true").returncode == 0
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from edge_service.config import DEFAULT_CONFIG
 from tests.certificates import write_certificates
 from tests.documents import ROOT, document
 from tests.drivers.bench import free_port
+from tests.programs import printed
 
 PLACES = "/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin"
 PROXIES = {name: shutil.which(name, path=PLACES) for name in ("nginx", "caddy")}
@@ -36,9 +37,7 @@ COMMAND = [sys.executable, "-m", "edge_service"]
 
 
 def asked(*line: str) -> str:
-    return subprocess.run(
-        [*COMMAND, *line], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
-    ).stdout
+    return printed(*COMMAND, *line, folder=ROOT)
 
 
 @contextmanager
@@ -116,8 +115,7 @@ def proxy(request: pytest.FixtureRequest, service: tuple[Path, int, str]) -> Ite
 
 def fetch(proxy: list[str], path: str, *more: str) -> tuple[int, str]:
     """Status and body."""
-    line = [*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path]
-    said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
+    said = printed(*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path)
     body, _, status = said.rpartition("\n")
     return int(status), body
 

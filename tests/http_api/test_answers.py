@@ -204,17 +204,14 @@ async def test_bad_parameter_is_named(client, parameter, value):
 
 
 @pytest.mark.parametrize(
-    ("sent_s", "waiting_s", "expected"),
-    [(0.4, None, "ok"), (0.4, 2.0, "ok"), (0.4, 300.0, "degraded"), (9.0, None, "degraded")],
+    ("sent_s", "waits_s", "state"),
+    [(0.4, 0.0, "ok"), (0.4, 2.0, "ok"), (0.4, 300.0, "degraded"), (9.0, 0.0, "degraded")],
 )
-async def test_an_output_is_degraded_by_its_oldest_answer_and_by_what_waits(
-    sent_s, waiting_s, expected
-):
+async def test_an_output_is_degraded_by_its_oldest_answer_and_by_what_waits(sent_s, waits_s, state):
     now_ns = 10**18
     report = ComponentHealth(component="mqtt", status="ok", readings={"age_s": sent_s})
-    oldest_ns = None if waiting_s is None else now_ns - round(waiting_s * 1e9)
-    asked = AsyncMock(return_value=Counts(0 if oldest_ns is None else 160, 0, oldest_ns))
-    state = Mock(components=lambda _now_ns, _axis: (report,))
-    (item,) = await output_items(state, now_ns, Outputs(("mqtt",), asked, AsyncMock()))
-    assert (item.state, item.waiting > 0) == (expected, waiting_s is not None)
-    assert item.age_s == pytest.approx(max(sent_s, waiting_s or 0.0))
+    counts = AsyncMock(return_value=Counts(160, 0, now_ns - round(waits_s * 1e9)))
+    service = Mock(components=lambda _now_ns, _axis: (report,))
+    (item,) = await output_items(service, now_ns, Outputs(("mqtt",), counts, AsyncMock()))
+    assert (item.state, item.waiting) == (state, 160)
+    assert item.age_s == pytest.approx(max(sent_s, waits_s))

@@ -19,6 +19,7 @@ from edge_service.http_api import guard
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import Jobs
 from edge_service.http_api.recordings import Recordings
+from tests.programs import ran
 
 from ..documents import ROOT
 from .hostile_requests import HostileRequest, hostile_requests
@@ -62,14 +63,8 @@ def _examined(schema: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     options += ["--exclude-path", STREAM, "--request-timeout", "30"]
     options += ["--exclude-checks", "positive_data_acceptance"]
     options += ["--report", "json", "--report-json-path", REPORT]
-    return subprocess.run(
-        [sys.executable, "-m", "schemathesis.cli", "run", schema, *options],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=3 * LONGEST_S,
-    )
+    command = (sys.executable, "-m", "schemathesis.cli", "run", schema)
+    return ran(*command, *options, folder=folder)
 
 
 CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines/x.toml"\n'

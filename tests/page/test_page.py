@@ -4,7 +4,6 @@ import json
 import random
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 
 from edge_service.http_api.app import STATIC
 from edge_service.messages.interval import printed
+from tests.programs import printed as program
 
 from ..foreign_plant import axis_case, part_programme, simulate
 from .conftest import serious_faults, show_tab
@@ -228,7 +228,5 @@ def test_page_and_letters_print_alike(tmp_path: Path) -> None:
         "const told = cases.map(([value, low, high]) => printed({ value, low, high }));\n"
         "console.log(JSON.stringify(told.map(({ value, bounds }) => `${value} ${bounds}`)));\n"
     )
-    done = subprocess.run(
-        [NODE, "run.js"], cwd=tmp_path, check=True, capture_output=True, timeout=60
-    )
-    assert json.loads(done.stdout) == [" ".join(printed(*each)) for each in cases()]
+    told = program(NODE, "run.js", folder=tmp_path)
+    assert json.loads(told) == [" ".join(printed(*each)) for each in cases()]
