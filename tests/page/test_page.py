@@ -54,26 +54,6 @@ def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page
     page.wait_for_selector("#diary >> text=acknowledged by Kim: tool crash")
 
 
-@pytest.mark.slow
-def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_page: Any) -> None:
-    service = make_service(**HEALTHY)
-    seen = open_page(service.address)
-    page = seen.page
-    page.wait_for_selector("#answer[data-level=NORMAL]")
-    service.stop()
-    page.wait_for_selector("#banner:not([hidden])")
-    said = r"No connection to the service since .*\. Everything on this page is old"
-    assert re.match(said, page.inner_text("#banner"))
-    assert page.get_attribute("#answer", "data-level") == "UNAVAILABLE"
-    assert "no value" in page.inner_text("#answer")
-    assert not re.search("UNAVAILABLE|No alarm|judged", page.inner_text("#overview"))
-    service.start()
-    page.wait_for_selector("#banner", state="hidden")
-    page.wait_for_selector("#answer[data-level=NORMAL]")
-    lost = re.compile("ERR_(CONNECTION_REFUSED|INCOMPLETE_CHUNKED|CONNECTION_RESET)")
-    seen.faults[:] = [fault for fault in seen.faults if not lost.search(fault)]
-
-
 @pytest.mark.parametrize(
     ("scheme", "size"),
     [("light", {"width": 1920, "height": 1080}), ("dark", {"width": 360, "height": 740})],

@@ -9,7 +9,7 @@ export const levelOf = (state) => headlineOf(state)?.level ?? "UNAVAILABLE";
 // Without a connection, or before the first answer, nothing is claimed.
 export const isHeard = (state) => state.connected && state.health !== null;
 export const levelWords = (state) => (isHeard(state) ? t(`condition.${levelOf(state)}`) : t(state.connected ? "connection.waiting" : "connection.lost"));
-export const openAlarms = (state) => state.health?.alarms ?? [];
+export const openAlarms = (state) => (state.connected ? state.health?.alarms : null) ?? [];
 export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);
 
 // As the service sorts: by level, date of the next limit, and preload unless that is NORMAL.
