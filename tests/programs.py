@@ -1,9 +1,12 @@
 """Programs that tests start, and what they say."""
 
 import os
+import signal
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 
 def ran(
@@ -29,3 +32,20 @@ def printed(*line: str | Path, folder: Path | None = None, **more: str) -> str:
     done = ran(*line, folder=folder, **more)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+@contextmanager
+def serving(
+    *line: str | Path, folder: Path, end: int = signal.SIGTERM, **more: str
+) -> Iterator[IO[str]]:
+    """Standard output of a program that works until it is told to end, and then ends cleanly."""
+    pipes, environment = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}, os.environ | more
+    with subprocess.Popen(line, cwd=folder, env=environment, text=True, **pipes) as program:
+        assert program.stdout is not None
+        try:
+            yield program.stdout
+        finally:
+            program.send_signal(end)
+            _, errors = program.communicate(timeout=20.0)
+    assert program.returncode == 0
+    assert "Traceback" not in errors

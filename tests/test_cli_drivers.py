@@ -4,7 +4,6 @@ import asyncio
 import json
 import signal
 import struct
-import subprocess
 import sys
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from edge_service.recordings.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port
 from .nodes.conftest import production
+from .programs import serving
 
 MODBUS = """
 [[axes]]
@@ -110,16 +110,9 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
     text = text.replace("../machine.toml", str(ROOT / "deploy" / "machine.toml"))
     config = str(tmp_path / "edge.toml")
     Path(config).write_text(text)
-    stub = subprocess.Popen(
-        [sys.executable, "-m", "edge_service", "stub", protocol, config],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    try:
-        assert stub.stdout is not None
-        assert "serving" in stub.stdout.readline()
+    line = (sys.executable, "-m", "edge_service", "stub", protocol, config)
+    with serving(*line, folder=ROOT, end=signal.SIGINT) as said:
+        assert "serving" in said.readline()
         status = main(["doctor", config, "--duration", "6"])
         printed = " ".join(capsys.readouterr().out.split())
         slow = "DOUBT rate" in printed  # as a busy machine polls, or a server that samples at 10 Hz
@@ -128,8 +121,3 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
         assert "ok lead" in printed
         assert "torque sign looks inverted" not in printed
         assert main(["check-config", config]) == 0
-    finally:
-        stub.send_signal(signal.SIGINT)
-        _, errors = stub.communicate(timeout=20.0)
-    assert stub.returncode == 0
-    assert "Traceback" not in errors

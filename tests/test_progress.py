@@ -8,6 +8,7 @@ import pytest
 from edge_service.cli.options import command
 from edge_service.cli.terminal import ProgressLine, pause_progress, progress
 from edge_service.command_answer import Answer
+from edge_service.exit_status import DONE
 
 CLEARED = "\r\x1b[2K"
 
@@ -45,14 +46,12 @@ def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.M
     """What it imports may take seconds."""
     monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     monkeypatch.setattr("sys.stderr", stderr := Terminal())
-    seen: list[str] = []
 
     def looking() -> Answer:
-        seen.append(stderr.getvalue())
+        assert stderr.getvalue() == f"{CLEARED}loading, 0 s"
         return Answer("done", {})
 
-    command("looking")(looking).main([], standalone_mode=False)
-    assert seen == [f"{CLEARED}loading, 0 s"]
+    assert command("looking")(looking).main([], standalone_mode=False) == DONE
 
 
 def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:

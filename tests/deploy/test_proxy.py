@@ -5,10 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import MappingProxyType
 
 import pytest
 
@@ -41,14 +40,10 @@ def asked(*line: str) -> str:
 
 
 @contextmanager
-def running(
-    line: list[str], more: Mapping[str, str] = MappingProxyType({})
-) -> Iterator["subprocess.Popen[str]"]:
+def running(line: list[str], **more: str) -> Iterator["subprocess.Popen[str]"]:
     """A program, with more in its environment, until the test ends."""
-    environment = os.environ | more
-    with subprocess.Popen(
-        line, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=environment
-    ) as program:
+    environment, pipe = os.environ | more, subprocess.PIPE
+    with subprocess.Popen(line, cwd=ROOT, stdout=pipe, text=True, env=environment) as program:
         try:
             yield program
         finally:
@@ -106,7 +101,7 @@ def proxy(request: pytest.FixtureRequest, service: tuple[Path, int, str]) -> Ite
     (folder, port, _), own = service, free_port()
     line = [str(PROXIES[name]), *request.param(folder, own, port)]
     home = {f"XDG_{each}_HOME": str(folder) for each in ("DATA", "CONFIG")}
-    with running(line, home):
+    with running(line, **home):
         curl = [str(CURL), "--silent", "--show-error", "--max-time", "20", "--noproxy", "*"]
         curl += ["--cacert", str(folder / "certificates" / "ca.pem")]
         curl += ["--resolve", f"edge-box:{own}:127.0.0.1", "--retry", "20"]
