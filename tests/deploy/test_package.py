@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.documents import ROOT, document
+from tests.documents import ROOT, document, documents
 from tests.programs import ran
 
 MACHINE = ROOT / "tests" / "deploy" / "machine.sh"
@@ -78,6 +78,7 @@ def test_it_holds_program_command_unit_and_configuration(packages: tuple[Path, P
         "/usr/bin/edge-service -> /opt/edge-service/bin/edge-service",
         "/lib/systemd/system/edge-service.service",
         "/usr/share/doc/edge-service/examples/drivers/modbus.toml",
+        *(f"/usr/share/doc/edge-service/{each}" for each in documents()),
         *CONFIGURATION,
     ):
         assert f" .{path}\n" in held, path
