@@ -20,11 +20,11 @@ export STAGE="$work/stage"
 mkdir -p "$out" "$STAGE"
 pip="-m pip --quiet --disable-pip-version-check install"
 
-build_program() { # relocatable: only the scripts in bin know where they stand
+build_program() { # relocatable: only the scripts in bin know where they stand; links are followed
   $python -m venv "$1" || fail "needs python3-venv"
   # shellcheck disable=SC2086  # several words
   "$1/bin/python" $pip --no-compile --require-hashes -r deploy/requirements.lock
-  cp -rL pyproject.toml README.md LICENSE edge_service drivers "$work/source" # links followed
+  cp -rL --parents pyproject.toml README.md LICENSE edge_service drivers tests/foreign_plant tests/hidden_effects "$work/source"
   # shellcheck disable=SC2086
   "$1/bin/python" $pip --no-compile --no-deps "$work/source"
   (cd "$work" && "$1/bin/python" -m edge_service check-config >/dev/null) ||

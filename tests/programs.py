@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 
 def ran(
@@ -27,9 +27,9 @@ def ran(
     )
 
 
-def printed(*line: str | Path, folder: Path | None = None, **more: str) -> str:
-    """Standard output of a program that must succeed."""
-    done = ran(*line, folder=folder, **more)
+def printed(*line: str | Path, **settings: Any) -> str:
+    """Standard output of a program that must succeed, `ran` with these settings."""
+    done = ran(*line, **settings)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import ROOT, document, documents
-from tests.programs import ran
+from tests.programs import printed, ran
 
 MACHINE = ROOT / "tests" / "deploy" / "machine.sh"
 TOOLS = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
@@ -26,9 +26,7 @@ CONFIGURATION = ("/etc/edge-service/commissioned.toml", "/etc/edge-service/edge.
 def run(line: list[str], **environment: str) -> str:
     """Standard output of a command that must succeed."""
     alone = {"PATH": TOOLS, "HOME": "/nowhere", "LC_ALL": "C.UTF-8"}
-    done = ran(*line, folder=ROOT, variables=alone, **environment)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return printed(*line, folder=ROOT, variables=alone, **environment)
 
 
 def can_build() -> bool:

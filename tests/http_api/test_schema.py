@@ -55,8 +55,7 @@ def _examined(schema: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     options += ["--exclude-path", STREAM, "--request-timeout", "30"]
     options += ["--exclude-checks", "positive_data_acceptance"]
     options += ["--report", "json", "--report-json-path", REPORT]
-    command = (sys.executable, "-m", "schemathesis.cli", "run", schema)
-    return ran(*command, *options, folder=folder)
+    return ran(sys.executable, "-m", "schemathesis.cli", "run", schema, *options, folder=folder)
 
 
 CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines/x.toml"\n'
