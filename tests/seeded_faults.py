@@ -6,9 +6,7 @@ A fault is a line as it is and as it must not be, found by its text in the room.
 a fault is not found or its line is no longer there.
 """
 
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -17,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .bench.table import Table
+from .programs import ran
 
 ROOT = Path(__file__).parents[1]
 
@@ -149,14 +148,7 @@ def outcome(fault: Fault, checkout: Path) -> tuple[str, str]:
     path.write_text(text.replace(fault.right, fault.wrong, 1), "utf-8")
     line = ["-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
     line += fault.tests.split()
-    done = subprocess.run(
-        [sys.executable, *line],
-        cwd=checkout,
-        env=os.environ | {"PYTHONPATH": str(checkout)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(sys.executable, *line, folder=checkout, PYTHONPATH=str(checkout))
     path.write_text(text, "utf-8")
     failed = [
         each

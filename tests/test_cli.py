@@ -3,7 +3,6 @@
 import json
 import os
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from click.testing import CliRunner
 from edge_service.cli.entry import cli, main
 from edge_service.cli.twin import benchmarks
 from edge_service.exit_status import BAD_INPUT, DONE, BadInputError
+from tests.programs import printed, ran
 
 from .test_cli_drivers import modbus
 
@@ -182,10 +182,7 @@ def answered(arguments: list[str]) -> str:
         f"import sys; from edge_service.cli.entry import main; status = main({arguments});"
         f"print(status, *sorted({{'pydantic', *{ROOMS_NEED}}} & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    return done.stdout.splitlines()[-1]
+    return printed(sys.executable, "-c", script).splitlines()[-1]
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["diagnose", "--help"]])
@@ -212,14 +209,8 @@ def test_linear_algebra_keeps_to_one_thread_unless_asked(
         "print(len(os.listdir('/proc/self/task')))"
     )
     kept = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=kept | stated,
-    )
-    assert (int(done.stdout) == 1) is alone
+    said = printed(sys.executable, "-c", script, variables=kept | stated)
+    assert (int(said) == 1) is alone
 
 
 def test_benchmarks_need_a_checkout(tmp_path: Path) -> None:
@@ -231,13 +222,8 @@ def test_benchmarks_need_a_checkout(tmp_path: Path) -> None:
 
 
 def test_benchmarks_of_the_checkout_are_found_from_any_folder(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "edge_service", "bench", "speed", "--only", "nothing", "--json"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    line = ("-m", "edge_service", "bench", "speed", "--only", "nothing", "--json")
+    done = ran(sys.executable, *line, folder=tmp_path)
     assert done.returncode == 2
     said = "--only nothing: no part of speed; there are paced"
     assert said in done.stderr

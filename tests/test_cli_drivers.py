@@ -4,22 +4,20 @@ import asyncio
 import json
 import signal
 import struct
-import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_CONFIG, DEFAULT_MACHINE, load_config, load_machine
 from edge_service.messages.samples import TORQUE, SampleFrame
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
-from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 from edge_service.nodes.stub_node import make_stub
 from edge_service.recordings.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port
+from .nodes.conftest import production
+from .programs import serving
 
 MODBUS = """
 [[axes]]
@@ -79,12 +77,7 @@ def test_a_device_that_is_not_there_is_a_finding(
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten seconds of production motion, with the torque the wrong way round."""
-    machine = load_machine(DEFAULT_MACHINE)
-    limits = motion_limits(machine)
-    segments = MOTIONS["production"](limits, np.random.default_rng(1))
-    setpoints = Setpoints(segments, limits.low_m, 1000.0).take(10_000)
-    drive = FeedDrive(FeedDriveSettings.of_machine(machine, 1000.0), limits.low_m, 6.8, 1)
-    frame = drive.advance(setpoints, np.full(10_000, 6.8))
+    frame = production(load_machine(DEFAULT_MACHINE), 6.8, 10_000)
     wrong = SampleFrame(frame.time_s, {**frame.channels, TORQUE: -frame.channels[TORQUE]})
     path = tmp_path_factory.mktemp("doctor") / "inverted.csv"
     with TraceWriter(path, tuple(wrong.channels)) as writer:
@@ -117,16 +110,9 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
     text = text.replace("../machine.toml", str(ROOT / "deploy" / "machine.toml"))
     config = str(tmp_path / "edge.toml")
     Path(config).write_text(text)
-    stub = subprocess.Popen(
-        [sys.executable, "-m", "edge_service", "stub", protocol, config],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    try:
-        assert stub.stdout is not None
-        assert "serving" in stub.stdout.readline()
+    line = (sys.executable, "-m", "edge_service", "stub", protocol, config)
+    with serving(*line, folder=ROOT, end=signal.SIGINT) as said:
+        assert "serving" in said.readline()
         status = main(["doctor", config, "--duration", "6"])
         printed = " ".join(capsys.readouterr().out.split())
         slow = "DOUBT rate" in printed  # as a busy machine polls, or a server that samples at 10 Hz
@@ -135,8 +121,3 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
         assert "ok lead" in printed
         assert "torque sign looks inverted" not in printed
         assert main(["check-config", config]) == 0
-    finally:
-        stub.send_signal(signal.SIGINT)
-        _, errors = stub.communicate(timeout=20.0)
-    assert stub.returncode == 0
-    assert "Traceback" not in errors

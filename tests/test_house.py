@@ -3,7 +3,6 @@
 import ast
 import importlib
 import re
-import subprocess
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -26,6 +25,7 @@ from edge_service.outputs.base import load_output
 from edge_service.plugins import plugins
 
 from .documents import ROOT, document, documents
+from .programs import ran
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 TOP_LEVEL = {"pyproject.toml", "edge_service", "drivers", "tests", "deploy", "README.md"}
@@ -33,13 +33,7 @@ TOP_LEVEL |= {"LICENSE"}
 
 
 def test_the_top_level_is_the_one_agreed() -> None:
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    listed = ran("git", "ls-files", "--cached", "--others", "--exclude-standard", folder=ROOT)
     if listed.returncode != 0:
         pytest.skip("no git checkout")
     names = {line.split("/")[0] for line in listed.stdout.splitlines()}

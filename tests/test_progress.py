@@ -5,7 +5,10 @@ import io
 import click
 import pytest
 
+from edge_service.cli.options import command
 from edge_service.cli.terminal import ProgressLine, pause_progress, progress
+from edge_service.command_answer import Answer
+from edge_service.exit_status import DONE
 
 CLEARED = "\r\x1b[2K"
 
@@ -36,6 +39,18 @@ def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> No
     assert f"{CLEARED}reading [1] a.csv, 90 %, 0 s, 0 s left" in seen
     assert "\n" not in seen
     assert seen.endswith(CLEARED)
+
+
+def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it imports may take seconds."""
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
+    monkeypatch.setattr("sys.stderr", stderr := Terminal())
+
+    def looking() -> Answer:
+        assert stderr.getvalue() == f"{CLEARED}loading, 0 s"
+        return Answer("done", {})
+
+    assert command("looking")(looking).main([], standalone_mode=False) == DONE
 
 
 def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,8 +98,8 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
     @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
     @wraps(function)
     def told(*, as_json: bool, **named: Any) -> int:
-        answers = function(**named)
-        status = DONE
+        progress("loading")  # what the command imports may take seconds
+        answers, status = function(**named), DONE
         for answer in [answers] if isinstance(answers, Answer) else answers:
             if said := answer.as_json() if as_json else answer.words:
                 pause_progress()

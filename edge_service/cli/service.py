@@ -20,6 +20,7 @@ from .terminal import announce, log_to_stderr, progress, wants_json
 @command("run deploy/edge.toml --port 8080", answers=False)
 def run(config: Path | None, port: Port, endpoint: Endpoint) -> None:
     """Run the whole service, or the demo if no CONFIG is given."""
+    click.echo("edge-service: starting", err=True)
     from ..nodes.service import run_service
 
     log_to_stderr()

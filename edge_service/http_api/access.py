@@ -102,6 +102,7 @@ async def authorized(request: Request, authenticator: AuthenticatorDep) -> Calle
         words = "a token is needed: Authorization: Bearer TOKEN, or as the password of a browser"
         raise HTTPException(401, words, headers=_CHALLENGE)
     if caller.role == "viewer" and request.method not in SAFE_METHODS:
+        request.app.state.note_change(caller, f"refused {request.method} {request.url.path}")
         raise HTTPException(403, f"this needs the role operator; {caller.name} is a viewer")
     return caller
 

@@ -46,12 +46,17 @@ class AxisRow(Frozen):
     limits: Limits | None = None
 
     @property
+    def level(self) -> AxisCondition:
+        """Level of the headline: the worst of the condition and of the alarms."""
+        return self.condition if self.headline is None else self.headline.level
+
+    @property
     def urgency(self) -> tuple[int, float, float]:
-        """Key to sort by, the worst first: condition, date of the next limit, preload."""
+        """Key to sort by, the worst first: level, date of the next limit, preload unless NORMAL."""
         limit, never = self.next_limit, float("inf")
         date = None if limit is None else limit.likely_ns or limit.earliest_ns
-        percent = never if self.of_fresh is None else self.of_fresh.value
-        return -self.condition.urgency, date or never, percent
+        share = None if self.level is AxisCondition.NORMAL else self.of_fresh
+        return -self.level.urgency, date or never, never if share is None else share.value
 
 
 class AxesAnswer(Frozen):

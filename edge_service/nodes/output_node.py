@@ -17,6 +17,7 @@ from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
 from ..http_api.routes.docs import words_in
+from ..messages.answer import AxisAnswer
 from ..messages.codec import Header, Topic
 from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentStatus
@@ -32,7 +33,7 @@ from ..outputs.base import (
     load_output,
 )
 from ..plugins import UnknownPluginError
-from ..retry import Retry, heed_cancellation
+from ..retry import Retry, all_of, heed_cancellation
 from .component import Component
 from .context import NodeContext
 from .http_rights import knows_of
@@ -82,7 +83,7 @@ async def run(context: NodeContext, name: str) -> None:
     component = Component(context, name)
     silent, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
     states = {axis: AxisState(axis, None, silent) for axis in context.machines}
-    node, receivers = OutputNode(output, component, context.events), output.receivers
+    node, receivers = OutputNode(output, component, context.events, states), output.receivers
 
     def take(topic: str, axis: str, header: Header, payload: Any) -> None:
         if axis in states:
@@ -92,10 +93,8 @@ async def run(context: NodeContext, name: str) -> None:
         """Hand over what is known now of all axes, again and again."""
         retry = new_retry()
         while True:
-            for state in states.values():
-                if not await node.send("answers", state.answer(started_ns, now_ns()), retry):
-                    break
-            else:
+            answers = [state.answer(started_ns, now_ns()) for state in states.values()]
+            if await node.send("answers", answers, retry):
                 await asyncio.sleep(SHOW_PERIOD_S)
 
     async def life() -> None:
@@ -125,37 +124,47 @@ async def run(context: NodeContext, name: str) -> None:
 
 
 class OutputNode:
-    """Hands messages to an output that may be away or hang; counts how many it took as `sent`."""
+    """Hands messages to an output that may be away or hang; counts how many it took as `sent`.
 
-    def __init__(self, output: Output, component: Component, events: EventLog) -> None:
+    As `age_s` it reads the age of the oldest of the answers about `axes` that the other side has.
+    """
+
+    def __init__(
+        self, output: Output, component: Component, events: EventLog, axes: Iterable[str]
+    ) -> None:
         self._output, self._component, self._events = output, component, events
         self._opening = asyncio.Lock()
         self._problems: dict[str, str] = {}
-        self._sent_s = time.monotonic()
+        self._sent_s = dict.fromkeys(axes if output.takes_answers else (), time.monotonic())
         self.sent = 0
         component.problems = lambda: list(self._problems.values())
-        component.readings = lambda: (
-            output.readings
-            | ({"age_s": time.monotonic() - self._sent_s} if output.takes_answers else {})
-        )
+        component.readings = lambda: output.readings | self._age()
         component.counters = lambda: {"sent": self.sent}
 
-    async def send(self, who: str, message: Message, retry: Retry) -> bool:
-        """Hand a message over; False, after a pause, if the output is away. RefusedError."""
+    async def send(self, who: str, messages: Sequence[Message], retry: Retry) -> bool:
+        """Hand messages over at once; False, after a pause, if the output is away. RefusedError."""
         try:
             async with self._opening:
                 await within(self._output.open_s, self._output.open())
-            await within(TAKE_S, self._output.take(message))
+            await within(TAKE_S, all_of(*map(self._take, messages)))
         except OutputUnavailableError as error:
             await self._wait(who, str(error), retry)
             return False
         finally:
             if self._component.status is not ComponentStatus.OK:
                 self._component.to(ComponentStatus.OK)
-        self.sent += 1
-        self._sent_s = time.monotonic()
         self._works(who, retry)
         return True
+
+    def _age(self) -> dict[str, float]:
+        oldest_s = min(self._sent_s.values(), default=None)
+        return {} if oldest_s is None else {"age_s": time.monotonic() - oldest_s}
+
+    async def _take(self, message: Message) -> None:
+        await self._output.take(message)
+        self.sent += 1
+        if isinstance(message, AxisAnswer):
+            self._sent_s[message.axis] = time.monotonic()
 
     def _works(self, who: str, retry: Retry) -> None:
         retry.reset()
@@ -185,7 +194,7 @@ class OutputNode:
                     continue
                 message, refusal = Events(receiver, tuple(each.event for each in batch)), ""
                 try:
-                    if not await self.send(who, message, retry):
+                    if not await self.send(who, (message,), retry):
                         broken += self.sent > sent_before
                         sent_before = self.sent
                         if broken < MOST_BROKEN:

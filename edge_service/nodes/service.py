@@ -155,7 +155,7 @@ async def run_nodes(context: NodeContext, names: tuple[str, ...], stop: asyncio.
         async with process.running():
             process.to(ComponentStatus.OK)
             process.repeat(CLOCK_PERIOD_S, CLOCK.follow)
-            process.start(_watch_loop())
+            process.start(_watch_loop(context, "estimate" in names))
             key = context.config.keys.component(process.name, None, STATUS)
             reports = context.bus.subscribe(key, STATUS, keys=(key,))
             process.follow(reports, lambda *_: notify_systemd("WATCHDOG=1"))
@@ -237,9 +237,11 @@ class _Nodes:
         self._process.repeat(DRAIN_PERIOD_S, lambda: None if context.has_unread() else stop.set())
 
 
-async def _watch_loop() -> None:
+async def _watch_loop(context: NodeContext, prepares: bool) -> None:
     """Tell, at most once a minute, when nothing could run for more than a second."""
     loop = asyncio.get_running_loop()
+    if prepares:  # the kernels hold it up, on any computer
+        await asyncio.shield(context.prepared)
     while True:
         begun_s = loop.time()
         await asyncio.sleep(LOOK_PERIOD_S)

@@ -63,14 +63,11 @@ def make_beside(config: EstimatorConfig, machine: Machine) -> PreloadEstimator:
 
 async def prepare(config: EdgeConfig, machines: tuple[Machine, ...]) -> None:
     """Compile the kernels; if they can be kept, in a process that ends: that takes 300 MB."""
-    folder = getattr(numba.config, "CACHE_DIR", "")
-    marks = [Path(folder) / identity_of(each, config.estimator) for each in machines]
-    if folder and config.file and not all(each.exists() for each in marks):
+    marks = _marks(config.estimator, machines)
+    if config.file and not all(each.exists() for each in marks):
         with suppress(OSError, TimeoutError):
             words = (sys.executable, "-m", __name__, str(config.file))
-            status, _ = await finished(program=words, nice=0, limit_s=1800.0)
-            for each in () if status else marks:
-                each.touch()
+            await finished(program=words, nice=0, limit_s=1800.0)
     await Threads("kernels").run(warm_up, config.estimator, machines)
 
 
@@ -86,6 +83,15 @@ def warm_up(estimator: EstimatorConfig, machines: Iterable[Machine]) -> None:
             for each in warm:
                 each.update(block)
                 each.estimate()
+        for mark in _marks(estimator, (machine,)):
+            with suppress(OSError):
+                mark.touch()
+
+
+def _marks(estimator: EstimatorConfig, machines: Iterable[Machine]) -> list[Path]:
+    """Files, one a machine, that say that its kernels are kept; none if they cannot be."""
+    folder = getattr(numba.config, "CACHE_DIR", "")
+    return [Path(folder) / identity_of(each, estimator) for each in machines if folder]
 
 
 def _steady(machine: Machine) -> SampleFrame:

@@ -143,25 +143,25 @@ def _is_servo_tuning(source: Path) -> bool:
 def _verdict(
     found: AxisFingerprint, changes: Sequence[FigureChange] | None, days: DriftReport | None
 ) -> str:
-    """Changes against the baseline, else from day to day, else the number of tests determined."""
+    """Greatest change of each test against the baseline, or from day to day; or what is known."""
     if changes is None:
         if days is not None:
             return days.verdict
         sections = found.sections.values()
         known = sum(section.status is Status.DETERMINED for section in sections)
         return f"{known} of {len(sections)} tests are determined"
-    named = []
-    for each in changes:
+    greatest: dict[str, str] = {}
+    for each in sorted(changes, key=lambda c: abs(c.relative) if c.old.value else math.inf)[::-1]:
         if each.changed:
-            share = each.relative
-            by = f"{100.0 * share:+.0f} %" if abs(share) <= 1.0 else estimate(each.change)
-            named.append(f"{plain(each.name)} {by}")
-    if named:
-        return f"changed against the baseline: {', '.join(named)}"
+            share, side = abs(each.relative), "higher" if each.relative > 0.0 else "lower"
+            by = f"{100.0 * share:.0f} % {side}" if share <= 1.0 else estimate(each.change)
+            greatest.setdefault(each.name.partition(".")[0], f"{plain(each.name)} {by}")
+    if greatest:
+        return f"against the baseline: {', '.join(greatest.values())}"
     if not changes:
-        return "changed against the baseline: cannot tell, no figure is determined in both"
-    compared = ", ".join(plain(change.name) for change in changes)
-    return f"changed against the baseline: nothing of {len(changes)} figures: {compared}"
+        return "against the baseline: cannot tell, no figure is determined in both"
+    compared = ", ".join(dict.fromkeys(plain(each.name.partition(".")[0]) for each in changes))
+    return f"nothing has changed against the baseline ({len(changes)} figures of {compared})"
 
 
 def _section_lines(found: FingerprintDocument) -> Iterator[str]:

@@ -64,7 +64,8 @@ class FleetWatch:
         found = in_threads(self._asked, self._addresses, len(self._addresses))
         rows = [row for rows in found for row in rows]
         rows.sort(key=lambda row: (row.urgency, row.site, row.machine, row.axis))
-        return Fleet(condition=rows[0].condition if rows else None, axes=rows)
+        worst = max((row.condition for row in rows), key=lambda each: each.urgency, default=None)
+        return Fleet(condition=worst, axes=rows)
 
     def _asked(self, address: str) -> list[FleetRow]:
         if address in self._logins:
@@ -130,18 +131,17 @@ def _service(address: str, login: dict[str, str]) -> list[FleetRow]:
 
 def table_of(fleet: Fleet) -> Group:
     """A line on all, then a table with a line an axis or silent address."""
-    counts = [(sum(row.condition is each for row in fleet.axes), each) for each in AxisCondition]
+    counts = [(sum(row.level is each for row in fleet.axes), each) for each in AxisCondition]
     counted = ", ".join(f"{count} {each}" for count, each in counts if count)
-    table = Table(
-        "MACHINE", "AXIS", "CONDITION", "OF FRESH", "NEXT LIMIT", "WHY", "TO DO", box=SIMPLE
-    )
+    table = Table("MACHINE", "AXIS", "LEVEL", "OF FRESH", "NEXT LIMIT", "WHY", "TO DO", box=SIMPLE)
     for row in fleet.axes:
         machine = f"{row.site}/{row.machine}" if row.axis else row.address
         why = row.reason or (row.headline.text if row.headline else "")
         task = row.advice[0].text if row.advice else ""
-        cells = (machine, row.axis, str(row.condition), _percent(row), _limit(row), why, task)
-        table.add_row(*(Text(each) for each in cells), style=_STYLES[row.condition])
-    return Group(Text(f"{fleet.condition}: {counted}" if counted else "no axis is there"), table)
+        cells = (machine, row.axis, str(row.level), _percent(row), _limit(row), why, task)
+        table.add_row(*(Text(each) for each in cells), style=_STYLES[row.level])
+    worst = f"{fleet.axes[0].level}: {counted}" if fleet.axes else "no axis is there"
+    return Group(Text(worst), table)
 
 
 def _percent(row: FleetRow) -> str:

@@ -22,6 +22,7 @@ from ..messages.answer import AxisAnswer
 from ..messages.estimate import ImmEstimate
 from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, IMM, PRELOAD
+from ..retry import all_of
 from . import sparkplug
 from .base import (
     Message,
@@ -113,9 +114,13 @@ class MqttOutput(Output):
                 if self._node is None:
                     opinion = message.opinion or ImmEstimate(axis=message.axis)
                     imm = {"schema": IMM.schema} | opinion.model_dump(mode="json")
-                    for topic, said in zip(_TOLD, (preload, health, imm), strict=True):
-                        where = f"{self._root}/{message.axis}/{topic}"
-                        await self._publish(where, said, retain=True)
+                    root, told = f"{self._root}/{message.axis}", (preload, health, imm)
+                    await all_of(
+                        *(
+                            self._publish(f"{root}/{topic}", said, retain=True)
+                            for topic, said in zip(_TOLD, told, strict=True)
+                        )
+                    )
                 elif message.is_heard:
                     values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
                     await self._tell_device(message.axis, values)
@@ -156,6 +161,7 @@ class MqttOutput(Output):
         is_test, name = self.context.is_test, self.context.name
         who = f"edge-service-{self._machine.replace('/', '-')}-{'test' if is_test else name}"
         client: aiomqtt.Client = self.config.client(who, will=None if is_test else will)
+        client.pending_calls_threshold += 2 * len(self.context.axes)  # else it warns of them
         return client
 
     async def _publish(

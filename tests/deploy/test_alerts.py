@@ -11,6 +11,7 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import AlarmKind
 from edge_service.outputs.metrics import family_names
 from tests.documents import document, guide
+from tests.programs import ran
 
 RULES = document("deploy/alerts.yml")
 ALERTS = re.findall(r"- alert: (\w+)", RULES)
@@ -22,8 +23,7 @@ needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not in
 def judged(folder: Path, rules: str) -> "subprocess.CompletedProcess[str]":
     (folder / "alerts.yml").write_text(rules)
     (folder / "tests.yml").write_text(document("tests/deploy/alerts_test.yml"))
-    line = ["promtool", "test", "rules", "tests.yml"]
-    return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    return ran("promtool", "test", "rules", "tests.yml", folder=folder)
 
 
 @needs_promtool

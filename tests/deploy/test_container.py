@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.documents import ROOT, document
+from tests.programs import ran
 
 DEPLOY = ROOT / "deploy"
 RECIPE = document("deploy/Containerfile")
@@ -30,8 +30,7 @@ def instructions(name: str) -> list[str]:
 
 @pytest.mark.skipif(HADOLINT is None, reason="hadolint is not installed")
 def test_the_linter_finds_nothing() -> None:
-    line = [str(HADOLINT), "--failure-threshold", "style", str(DEPLOY / "Containerfile")]
-    said = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60)
+    said = ran(str(HADOLINT), "--failure-threshold", "style", DEPLOY / "Containerfile")
     assert (said.stdout, said.returncode) == ("", 0)
 
 
@@ -39,8 +38,12 @@ def test_what_is_copied_is_there_and_what_the_package_needs_is_copied() -> None:
     copied = [line.split()[:-1] for line in re.findall(r"^COPY (.*)$", RECIPE, flags=re.M)]
     names = {name for line in copied for name in line}
     assert all((ROOT / name).exists() for name in names)
-    needed = re.findall(r"^ *cp -rL (.*) \"\$work", document("deploy/package.sh"), flags=re.M)
-    assert set(needed[0].split()) | {"deploy"} == names
+    (needed,) = re.findall(
+        r"^ *cp -rL --parents (.*) \"\$work", document("deploy/package.sh"), re.M
+    )
+    assert {*needed.split(), "deploy"} == names
+    packages = tomllib.loads(document("pyproject.toml"))["tool"]["setuptools"]["packages"]["find"]
+    assert {each.strip("*") for each in packages["include"]} <= {Path(each).name for each in names}
 
 
 def test_it_runs_as_the_unit_does() -> None:

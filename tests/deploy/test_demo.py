@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import ROOT
+from tests.programs import ran
 
 LOCKS = tuple(f"deploy/requirements{name}.lock" for name in ("", "-dev", "-package"))
 SCRIPTS = ("deploy/demo.sh", "deploy/setup.sh")
@@ -37,15 +38,7 @@ def mark(checkout: Path, purpose: str) -> None:
 
 
 def run(checkout: Path, *line: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        ["sh", *line],
-        cwd=checkout,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        env={"PATH": "/nowhere:/usr/bin:/bin"},
-    )
+    return ran("sh", *line, folder=checkout, variables={"PATH": "/nowhere:/usr/bin:/bin"})
 
 
 @pytest.mark.parametrize(

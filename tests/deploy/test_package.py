@@ -2,14 +2,14 @@
 
 import os
 import shutil
-import subprocess
 import sys
 import sysconfig
 from pathlib import Path
 
 import pytest
 
-from tests.documents import ROOT, document
+from tests.documents import ROOT, document, documents
+from tests.programs import printed, ran
 
 MACHINE = ROOT / "tests" / "deploy" / "machine.sh"
 TOOLS = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
@@ -25,17 +25,8 @@ CONFIGURATION = ("/etc/edge-service/commissioned.toml", "/etc/edge-service/edge.
 
 def run(line: list[str], **environment: str) -> str:
     """Standard output of a command that must succeed."""
-    done = subprocess.run(
-        line,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env={"PATH": TOOLS, "HOME": "/nowhere", "LC_ALL": "C.UTF-8"} | environment,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    alone = {"PATH": TOOLS, "HOME": "/nowhere", "LC_ALL": "C.UTF-8"}
+    return printed(*line, folder=ROOT, variables=alone, **environment)
 
 
 def can_build() -> bool:
@@ -47,8 +38,7 @@ def can_build() -> bool:
 
 def can_install(folder: Path) -> bool:
     """Return whether this user may lay a copy of the machine over the machine."""
-    line = ["sh", str(MACHINE), str(folder), "true"]
-    return subprocess.run(line, capture_output=True, check=False, timeout=60).returncode == 0
+    return ran("sh", MACHINE, folder, "true").returncode == 0
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +75,7 @@ def test_it_holds_program_command_unit_and_configuration(packages: tuple[Path, P
         "/usr/bin/edge-service -> /opt/edge-service/bin/edge-service",
         "/lib/systemd/system/edge-service.service",
         "/usr/share/doc/edge-service/examples/drivers/modbus.toml",
+        *(f"/usr/share/doc/edge-service/{each}" for each in documents()),
         *CONFIGURATION,
     ):
         assert f" .{path}\n" in held, path

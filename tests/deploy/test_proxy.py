@@ -5,10 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import MappingProxyType
 
 import pytest
 
@@ -16,6 +15,7 @@ from edge_service.config import DEFAULT_CONFIG
 from tests.certificates import write_certificates
 from tests.documents import ROOT, document
 from tests.drivers.bench import free_port
+from tests.programs import printed
 
 PLACES = "/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin"
 PROXIES = {name: shutil.which(name, path=PLACES) for name in ("nginx", "caddy")}
@@ -36,20 +36,14 @@ COMMAND = [sys.executable, "-m", "edge_service"]
 
 
 def asked(*line: str) -> str:
-    return subprocess.run(
-        [*COMMAND, *line], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
-    ).stdout
+    return printed(*COMMAND, *line, folder=ROOT)
 
 
 @contextmanager
-def running(
-    line: list[str], more: Mapping[str, str] = MappingProxyType({})
-) -> Iterator["subprocess.Popen[str]"]:
+def running(line: list[str], **more: str) -> Iterator["subprocess.Popen[str]"]:
     """A program, with more in its environment, until the test ends."""
-    environment = os.environ | more
-    with subprocess.Popen(
-        line, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=environment
-    ) as program:
+    environment, pipe = os.environ | more, subprocess.PIPE
+    with subprocess.Popen(line, cwd=ROOT, stdout=pipe, text=True, env=environment) as program:
         try:
             yield program
         finally:
@@ -107,7 +101,7 @@ def proxy(request: pytest.FixtureRequest, service: tuple[Path, int, str]) -> Ite
     (folder, port, _), own = service, free_port()
     line = [str(PROXIES[name]), *request.param(folder, own, port)]
     home = {f"XDG_{each}_HOME": str(folder) for each in ("DATA", "CONFIG")}
-    with running(line, home):
+    with running(line, **home):
         curl = [str(CURL), "--silent", "--show-error", "--max-time", "20", "--noproxy", "*"]
         curl += ["--cacert", str(folder / "certificates" / "ca.pem")]
         curl += ["--resolve", f"edge-box:{own}:127.0.0.1", "--retry", "20"]
@@ -115,8 +109,8 @@ def proxy(request: pytest.FixtureRequest, service: tuple[Path, int, str]) -> Ite
 
 
 def fetch(proxy: list[str], path: str, *more: str) -> tuple[int, str]:
-    line = [*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path]
-    said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
+    """Status and body."""
+    said = printed(*proxy[:-1], *more, "--write-out", "\n%{http_code}", proxy[-1] + path)
     body, _, status = said.rpartition("\n")
     return int(status), body
 

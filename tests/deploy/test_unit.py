@@ -1,7 +1,6 @@
 """The systemd unit is one that systemd takes, and takes from the service what it never needs."""
 
 import configparser
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import ROOT, document
+from tests.programs import ran
 
 UNIT = ROOT / "deploy" / "edge-service.service"
 ANALYZE = shutil.which("systemd-analyze")
@@ -19,14 +19,7 @@ needs_systemd = pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is n
 
 
 def analysed(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        ["systemd-analyze", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        env=os.environ | {"SYSTEMD_PAGER": ""},
-    )
+    return ran("systemd-analyze", *arguments, SYSTEMD_PAGER="")
 
 
 @needs_systemd

@@ -1,8 +1,6 @@
 """No part of the program loads modules that an installation leaves out of its packages."""
 
-import os
 import shutil
-import subprocess
 import sys
 import sysconfig
 from pathlib import Path
@@ -10,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.documents import ROOT
+from tests.programs import printed
 
 RUN = """
 import pkgutil, sys
@@ -40,9 +39,7 @@ print(Path("/proc/self/maps").read_text())
 def test_nothing_that_is_loaded_is_left_out(tmp_path: Path) -> None:
     packages = Path(sysconfig.get_path("purelib"))
     environment = packages.parents[2]
-    line = ["sh", str(ROOT / "deploy" / "unused.sh"), str(environment)]
-    said = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60).stdout
-    unused = said.splitlines()
+    unused = printed("sh", ROOT / "deploy" / "unused.sh", environment).splitlines()
     assert all(Path(path).exists() for path in unused)
     assert sum(path.endswith("/tests") for path in unused) > 5
     # Arrow looks for each of its parts and does without: here it runs as it is installed.
@@ -50,15 +47,6 @@ def test_nothing_that_is_loaded_is_left_out(tmp_path: Path) -> None:
     left_out = [Path(path).name for path in unused if Path(path).parent == packages / "pyarrow"]
     assert any(name.startswith("libarrow_s3") for name in left_out)
     shutil.copytree(packages / "pyarrow", arrow, ignore=lambda *_: left_out, symlinks=True)
-    run = subprocess.run(
-        [sys.executable, "-c", RUN],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(arrow.parent)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert f"{arrow}/libarrow.so" in run.stdout
-    assert [path for path in unused if path in run.stdout] == []
+    told = printed(sys.executable, "-c", RUN, folder=tmp_path, PYTHONPATH=str(arrow.parent))
+    assert f"{arrow}/libarrow.so" in told
+    assert [path for path in unused if path in told] == []

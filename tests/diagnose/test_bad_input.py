@@ -2,7 +2,6 @@
 
 import json
 import resource
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ import pyarrow.parquet
 import pytest
 
 from edge_service.cli.entry import main
+from tests.programs import ran
 
 from ..bench.real_machines import written
 from .conftest import diagnosed, recorded
@@ -51,13 +51,8 @@ def test_two_hours_in_bounded_memory(machine_file, tmp_path, capsys, form):
         "print(status['VmHWM'].split()[0], file=sys.stderr); sys.exit(code)"
     )
     command = ["gap", "--machine", str(machine_file), str(path), "--json"]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *command],
-        check=True,
-        timeout=500,
-        capture_output=True,
-        text=True,
-    )
+    done = ran(sys.executable, "-c", script, *command)
+    assert done.returncode == 0
     once = written(tmp_path / "once.csv", {"time_s": sound()["time_s"], **columns})
     assert main(["gap", "--machine", str(machine_file), once, "--json"]) == 0
     expected = json.loads(capsys.readouterr().out)

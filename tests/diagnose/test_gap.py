@@ -37,6 +37,9 @@ def test_the_command_prints_one_json_object(
     assert printed == {
         name: pytest.approx(rows.rms, rel=1e-3) for name, rows in session.channels.items()
     }
+    assert main(["gap", "--machine", str(machine_file), str(trace)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[2:] for line in said] == [["N", "m"], ["µm"]]
 
 
 MODELLED = (

@@ -1,13 +1,14 @@
 """The example package of the drivers' README is installed and run, as a stranger would."""
 
 import asyncio
-import subprocess
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import httpx
 import pytest
+
+from tests.programs import ran
 
 from ..documents import ROOT, block
 
@@ -30,7 +31,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (source / "csv_over_tcp.py").write_text(block(README, "python", "class CsvTcpDriver"))
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     options = ["--no-deps", "--target", str(target), str(source)]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    done = ran(*command, *options)
     if "No matching distribution" in done.stderr:
         pytest.skip("pip cannot reach a package index for setuptools")
     assert done.returncode == 0, done.stderr

@@ -1,11 +1,10 @@
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from edge_service.models.compiled import cache_folder, compiled, is_private
+from tests.programs import printed
 
 KERNEL = """
 import numba
@@ -36,13 +35,6 @@ def test_machine_code_is_never_kept_where_others_may_write(
 
 def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
     def hits() -> list[str]:
-        run = subprocess.run(
-            [sys.executable, "-c", KERNEL],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return run.stdout.split()
+        return printed(sys.executable, "-c", KERNEL, NUMBA_CACHE_DIR=str(tmp_path)).split()
 
     assert [hits(), hits()] == [[str(tmp_path), "0"], [str(tmp_path), "1"]]

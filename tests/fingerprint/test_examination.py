@@ -21,12 +21,10 @@ from edge_service.messages.samples import (
     Floats,
     SampleFrame,
 )
-from edge_service.models.effects.registry import parse_effect
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
 
 from ..estimate.commissioning.plain_axis import PlainAxis
+from ..nodes.conftest import production
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 FRESH = 6.85
@@ -37,12 +35,7 @@ SPEEDS = (MOTOR_SPEED, TABLE_SPEED)
 
 
 def recorded(machine: Machine = MACHINE, *effects: str, rows: int = 15_000) -> SampleFrame:
-    """Production motion of the simulated axis at 1 kHz."""
-    limits = motion_limits(machine)
-    segments = MOTIONS["production"](limits, np.random.default_rng(3))
-    setpoints = Setpoints(segments, limits.low_m, 1000.0).take(rows)
-    settings = FeedDriveSettings.of_machine(machine, 1000.0, [parse_effect(e) for e in effects])
-    return FeedDrive(settings, limits.low_m, FRESH, 3).advance(setpoints, np.full(rows, FRESH))
+    return production(machine, FRESH, rows, *effects, seed=3)
 
 
 @pytest.fixture(scope="module")

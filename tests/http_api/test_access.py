@@ -191,7 +191,8 @@ async def test_a_change_is_noted_with_who_made_it_and_from_where(
     await box.delete(f"{TOKENS}/nobody", headers=headers)
     await box.delete(f"{TOKENS}/Jo", headers=guarded.bearer("screen"))
     assert guarded.noted == [
-        (Caller(name="Kim", role="operator", origin="192.0.2.7"), f"POST {TOKENS}")
+        (Caller(name="Kim", role="operator", origin="192.0.2.7"), f"POST {TOKENS}"),
+        (Caller(name="screen", role="viewer", origin="192.0.2.7"), f"refused DELETE {TOKENS}/Jo"),
     ]
 
 

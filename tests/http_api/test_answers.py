@@ -1,10 +1,14 @@
 """The JSON routes against the contract."""
 
+from unittest.mock import AsyncMock, Mock
+
 import pytest
 
+from edge_service.health.store.outbox import Counts
+from edge_service.http_api.routes.service import Outputs, output_items
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import ComponentStatus
+from edge_service.messages.health import ComponentHealth, ComponentStatus
 
 NUMBERS = ("preload_percent", "low", "high", "preload_n", "drag_torque_nm", "stiffness_n_per_m")
 
@@ -81,6 +85,11 @@ async def test_axes_the_worst_first_with_limits_and_percent_of_fresh(scene, clie
     assert axes[1]["of_fresh"]["value"] == pytest.approx(67.1)
     assert axes[1]["measured_at"] == "2026-01-31T12:00:00.000Z"
     assert axes[0]["of_fresh"] is None
+    drop = {"alarm": "sudden_drop", "level": "FAULT", "text": "d", "raised_at": 1, "active": True}
+    scene.hear_health("X", alarms=(drop,))
+    scene.hear_health("Y", AxisCondition.WARNING)
+    axes = (await client.get("/api/v1/axes")).json()["axes"]
+    assert [axis["axis"] for axis in axes] == ["X", "Y"]
 
 
 async def test_health_of_an_axis(scene, client):
@@ -192,3 +201,17 @@ async def test_bad_parameter_is_named(client, parameter, value):
     problem = answer.json()
     assert [error["parameter"] for error in problem["errors"]] == [parameter]
     assert problem["detail"].startswith(f"{parameter}: ")
+
+
+@pytest.mark.parametrize(
+    ("sent_s", "waits_s", "state"),
+    [(0.4, 0.0, "ok"), (0.4, 2.0, "ok"), (0.4, 300.0, "degraded"), (9.0, 0.0, "degraded")],
+)
+async def test_an_output_is_degraded_by_its_oldest_answer_and_by_what_waits(sent_s, waits_s, state):
+    now_ns = 10**18
+    report = ComponentHealth(component="mqtt", status="ok", readings={"age_s": sent_s})
+    counts = AsyncMock(return_value=Counts(160, 0, now_ns - round(waits_s * 1e9)))
+    service = Mock(components=lambda _now_ns, _axis: (report,))
+    (item,) = await output_items(service, now_ns, Outputs(("mqtt",), counts, AsyncMock()))
+    assert (item.state, item.waiting) == (state, 160)
+    assert item.age_s == pytest.approx(max(sent_s, waits_s))

@@ -19,6 +19,7 @@ from edge_service.http_api import guard
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import Jobs
 from edge_service.http_api.recordings import Recordings
+from tests.programs import ran, serving
 
 from ..documents import ROOT
 from .hostile_requests import HostileRequest, hostile_requests
@@ -39,19 +40,11 @@ def test_every_route_keeps_what_its_schema_says(tmp_path: Path) -> None:
     before `to`, or that a comparison needs two recordings. A fresh service has no jobs and no
     dead letters: their routes answer mostly that there is none.
     """
-    command = [sys.executable, "-m", "edge_service", "run", "--port", "0"]
-    command += ["--bus", "tcp/127.0.0.1:0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=tmp_path, text=True
-    ) as service:
-        try:
-            assert service.stdout is not None
-            line = next(each for each in service.stdout if "http://" in each)
-            address = line[line.index("http://") :].split()[0]
-            assert httpx.get(f"{address}openapi.json", timeout=120.0).status_code == 200
-            said = _examined(f"{address}openapi.json", tmp_path)
-        finally:
-            service.terminate()
+    line = (sys.executable, "-m", "edge_service", "run", "--port", "0", "--bus", "tcp/127.0.0.1:0")
+    with serving(*line, folder=tmp_path) as printed:
+        address = printed.readline().split()[2]
+        assert httpx.get(f"{address}openapi.json", timeout=120.0).status_code == 200
+        said = _examined(f"{address}openapi.json", tmp_path)
     assert said.returncode == 0, said.stdout[-4000:] + said.stderr[-4000:]
     routes = json.loads((tmp_path / REPORT).read_text())["operations"]
     assert routes["tested"] == routes["total"] - 1, routes
@@ -62,14 +55,7 @@ def _examined(schema: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     options += ["--exclude-path", STREAM, "--request-timeout", "30"]
     options += ["--exclude-checks", "positive_data_acceptance"]
     options += ["--report", "json", "--report-json-path", REPORT]
-    return subprocess.run(
-        [sys.executable, "-m", "schemathesis.cli", "run", schema, *options],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=3 * LONGEST_S,
-    )
+    return ran(sys.executable, "-m", "schemathesis.cli", "run", schema, *options, folder=folder)
 
 
 CONFIG = '[service]\nmachine = "mill"\n[[axes]]\nname = "X"\nmachine = "machines/x.toml"\n'

@@ -25,8 +25,9 @@ from edge_service.config import (
 from edge_service.config.service import BusConfig
 from edge_service.estimate.interface import PreloadEstimator
 from edge_service.messages.health import ComponentHealth, ComponentStatus
-from edge_service.messages.samples import SampleFrame
+from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.messages.topics import STATUS
+from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
@@ -172,13 +173,16 @@ async def done(client: Any, path: str, command: dict[str, str], key: str) -> Any
     return await until(accepted)
 
 
-def production(machine: Machine, percent: float, rows: int) -> SampleFrame:
-    """Production motion of the simulated axis at a preload, sampled at 1 kHz."""
+def production(
+    machine: Machine, percent: float | Floats, rows: int, *effects: str, seed: int = 1
+) -> SampleFrame:
+    """Production motion of the simulated axis at a preload, one or one a row, at 1 kHz."""
     limits = motion_limits(machine)
-    segments = MOTIONS["production"](limits, np.random.default_rng(1))
+    segments = MOTIONS["production"](limits, np.random.default_rng(seed))
     setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(rows)
-    drive = FeedDrive(FeedDriveSettings.of_machine(machine, RATE_HZ), limits.low_m, percent, 1)
-    return drive.advance(setpoints, np.full(rows, percent))
+    settings = FeedDriveSettings.of_machine(machine, RATE_HZ, [parse_effect(e) for e in effects])
+    each = np.broadcast_to(np.asarray(percent, dtype=np.float64), (rows,))
+    return FeedDrive(settings, limits.low_m, float(each[0]), seed).advance(setpoints, each)
 
 
 @pytest.fixture

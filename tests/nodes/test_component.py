@@ -5,6 +5,7 @@ import logging
 import socket
 from collections.abc import AsyncGenerator
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import pytest
 
@@ -12,10 +13,11 @@ from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.simulated import SimulatedDriver
 from edge_service.bus.session import Bus
 from edge_service.config import ConfigError
+from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.health import Command, ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import RAW, STATUS
-from edge_service.nodes import acquire_node, health_node
+from edge_service.nodes import acquire_node, health_node, output_node
 from edge_service.nodes.component import Component, PartFailedError
 from edge_service.nodes.context import NodeContext
 from edge_service.nodes.service import notify_systemd
@@ -154,6 +156,30 @@ async def test_an_output_has_closed_before_it_begins_anew(monkeypatch: pytest.Mo
         await until(lambda: len(seen) == 3)
         assert [what for what, _ in seen] == ["open", "closed", "open"]
         assert seen[0][1] == seen[1][1]
+
+
+async def test_all_axes_are_told_at_once_and_the_one_told_longest_ago_is_the_age(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A round trip is as long with many axes; an axis that is not told is not hidden by others."""
+    pair = asyncio.Barrier(2)
+
+    async def take(_output: MqttOutput, message: AxisAnswer) -> None:
+        await pair.wait()
+        if message.axis == "Y":
+            await asyncio.Event().wait()
+
+    for name, value in (("open", AsyncMock()), ("take", take), ("receivers", ())):
+        monkeypatch.setattr(MqttOutput, name, value)
+    monkeypatch.setattr(output_node, "TAKE_S", 0.2)
+    monkeypatch.setattr(output_node, "new_retry", lambda: AT_ONCE)
+    config = two_axes(outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
+    async with running(config, ("mqtt",)) as service:
+        reports = service.bus.subscribe(config.keys.all_components(STATUS), STATUS, depth=4096)
+        async for _, _, each in reports:
+            if each.component == "mqtt" and each.counters["sent"] > 4:
+                assert each.readings["age_s"] > 0.2 * 4
+                break
 
 
 async def test_an_axis_that_comes_back_goes_on_where_it_was(bus: Bus) -> None:

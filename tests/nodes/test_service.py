@@ -1,10 +1,7 @@
 """From the drive to the answer: the whole service in one process and in several."""
 
 import asyncio
-import os
 import shutil
-import signal
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,6 +26,7 @@ from edge_service.nodes.service import PIPELINE, reread, run_nodes
 from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
+from tests.programs import serving
 
 from .conftest import config_of, once, reported, running, served
 
@@ -225,27 +223,13 @@ async def test_a_recording_of_the_bus_is_what_was_published(
 
 @pytest.mark.slow
 def test_the_command_serves_and_stops_cleanly_in_processes_of_their_own(tmp_path: Path) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-m", "edge_service", "run", "--port", "0", "--bus", "tcp/127.0.0.1:0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-    ) as process:
-        assert process.stdout is not None
-        try:
-            line = process.stdout.readline()
-            assert line.startswith("edge-service: serving http://127.0.0.1:")
-            address = line.split()[2]
-            more = f"version {__version__}, state in memory alone; Ctrl-C ends it"
-            assert process.stdout.readline() == f"edge-service: {more}\n"
-            assert httpx.get(address + "healthz").status_code == 200
-        finally:
-            process.send_signal(signal.SIGTERM)
-            _, errors = process.communicate(timeout=20.0)
-    assert process.returncode == 0
-    assert "Traceback" not in errors
+    line = (sys.executable, "-m", "edge_service", "run", "--port", "0", "--bus", "tcp/127.0.0.1:0")
+    with serving(*line, folder=tmp_path, PYTHONPATH=str(Path(__file__).parents[2])) as said:
+        first = said.readline()
+        assert first.startswith("edge-service: serving http://127.0.0.1:")
+        more = f"version {__version__}, state in memory alone; Ctrl-C ends it"
+        assert said.readline() == f"edge-service: {more}\n"
+        assert httpx.get(first.split()[2] + "healthz").status_code == 200
 
 
 async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(

@@ -5,24 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.config import DEFAULT_MACHINE, ConfigError, EdgeConfig
+from edge_service.config import ConfigError
 from edge_service.nodes.stub_node import make_stub, stub_axis
 
-CONFIG = EdgeConfig.model_validate(
+from .conftest import config_of
+
+CONFIG = config_of(
+    "modbus",
     {
-        "axes": [
-            {
-                "name": "X",
-                "driver": "modbus",
-                "machine": DEFAULT_MACHINE,
-                "settings": {
-                    "url": "modbus://127.0.0.1:1",
-                    "poll_groups": {"all": 0.02},
-                    "registers": [{"channel": "torque_command_nm", "address": 0}],
-                },
-            }
-        ]
-    }
+        "url": "modbus://127.0.0.1:1",
+        "poll_groups": {"all": 0.02},
+        "registers": [{"channel": "torque_command_nm", "address": 0}],
+    },
 )
 
 

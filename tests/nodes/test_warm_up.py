@@ -1,7 +1,6 @@
 """Nothing is left to compile when the first sample comes, and a service says that it compiles."""
 
 import asyncio
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -16,6 +15,7 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import Task
 from edge_service.messages.topics import HEALTH
 from edge_service.nodes import stages
+from tests.programs import ran
 
 from .conftest import PATIENCE_S, config_of, running
 
@@ -71,13 +71,7 @@ print(len(late.buffer), estimator.estimate().status)
 @pytest.mark.slow
 def test_production_needs_no_kernel_that_was_not_warmed_up() -> None:
     """Twelve seconds of both encoders: the event loop would stand still while one is compiled."""
-    run = subprocess.run(
-        [sys.executable, "-c", AFTER_WARMING_UP],
-        check=False,
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
+    run = ran(sys.executable, "-c", AFTER_WARMING_UP, folder=ROOT)
     assert (run.stdout, run.stderr) == ("0 estimated\n", "")
 
 
@@ -105,10 +99,15 @@ async def test_the_condition_waits_for_the_estimator(monkeypatch: pytest.MonkeyP
 async def test_kernels_are_compiled_once_in_a_process_that_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Or by the set-up, which leaves nothing to compile for the first run."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(stages, "finished", finished := AsyncMock(side_effect=[(1, ""), (0, "")]))
-    monkeypatch.setattr(stages, "warm_up", lambda *_args: None)
+    monkeypatch.setattr(stages, "finished", finished := AsyncMock(return_value=(1, "")))
     config = config_of("simulated", {}).of_file(tmp_path / "edge.toml")
-    for _ in range(3):
-        await stages.prepare(config, tuple(stages.load_machines(config).values()))
-    assert finished.await_count == 2
+    machines = tuple(stages.load_machines(config).values())
+    await stages.prepare(config, machines)
+    await stages.prepare(config, machines)
+    assert finished.await_count == 1
+    other = config.model_copy(update={"estimator": EstimatorConfig(engine="filterpy")})
+    stages.warm_up(other.estimator, machines)
+    await stages.prepare(other, machines)
+    assert finished.await_count == 1

@@ -1,7 +1,6 @@
 """The way through `convert`: any form in, another out, and a true account of it."""
 
 import math
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from edge_service.offline.convert import convert
 from edge_service.offline.recordings import read_recording
 from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import open_trace, read_trace
+from tests.programs import printed
 
 LEAD_M = 0.01
 SPEED_MM_S = 5.0
@@ -176,10 +176,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     def peak_kib(rows: int) -> int:
         path = tmp_path / "big.xml"
         path.write_text(_xml(rows=rows))
-        done = subprocess.run(
-            [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
-        )
-        read, peak = (int(word) for word in done.stdout.split())
+        read, peak = map(int, printed(sys.executable, "-c", PEAK, path).split())
         assert read == rows
         return peak
 

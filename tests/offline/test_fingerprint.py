@@ -64,7 +64,8 @@ def test_the_five_steps_name_what_was_changed(walked: Path) -> None:
     lost = changes["backlash.lost_motion_at_400_mm_m"]
     assert lost["change"] == pytest.approx(8e-6, rel=0.03)
     assert {name.partition(".")[0] for name in changes} <= {"backlash", "reversal_error"}
-    assert "backlash: lost motion at 400 mm" in (walked / "summary.txt").read_text()
+    said = (walked / "summary.txt").read_text().splitlines()[0]
+    assert re.search(r"against the baseline: backlash(: lost motion)? at \d+ mm [78]\.\d+ µm", said)
 
 
 def test_every_section_says_what_it_has_or_needs(walked: Path) -> None:
@@ -79,7 +80,7 @@ def test_every_section_says_what_it_has_or_needs(walked: Path) -> None:
 
 def test_the_page_stands_alone_and_shows_the_baseline(walked: Path) -> None:
     page = (walked / "worn" / "report.html").read_text()
-    assert "Changed against the baseline: backlash" in page
+    assert "Against the baseline: backlash" in page
     assert "baseline, lost motion" in page
     assert "edge-service motion friction" in page
     assert not re.search(r"<(script|link|img)|src=|url\(http|\bnan\b|\binf\b", page)
@@ -103,8 +104,8 @@ def test_nothing_that_changed_is_said_with_what_was_compared(
     line = said.words.splitlines()[0]
     changes = json.loads((tmp_path / "fingerprint.json").read_text())["changes"]
     assert changes and not any(each["significant"] and each["material"] for each in changes)
-    assert f"nothing of {len(changes)} figures: " in line
-    assert all(plain(each["figure"]) in line for each in changes)
+    assert f"nothing has changed against the baseline ({len(changes)} figures of " in line
+    assert all(plain(each["figure"].partition(".")[0]) in line for each in changes)
     none = json.loads(old.read_text())
     for section in none["sections"].values():
         section |= {"status": "undetermined", "reason": "left out", "figures": {}}

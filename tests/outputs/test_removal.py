@@ -1,11 +1,11 @@
 """An output is one file: without it everything else loads, and says what is missing."""
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 from edge_service.plugins import plugins
+from tests.programs import ran
 
 OWN = {"mqtt": ("mqtt", "sparkplug"), "opcua": ("opcua", "opcua_nodes")}
 TABLES = {
@@ -63,8 +63,7 @@ def test_everything_stays_without_one_output(tmp_path: Path) -> None:
         paths[name] = tmp_path / f"without_{name}.toml"
         paths[name].write_text("\n".join(tables) + axis)
     cases = [(name, OWN.get(name, (name,)), str(paths[name]), str(paths[None])) for name in TABLES]
-    line = [sys.executable, "-c", CHILD, json.dumps(cases)]
-    run = subprocess.run(line, capture_output=True, text=True, check=False)
+    run = ran(sys.executable, "-c", CHILD, json.dumps(cases))
     assert run.returncode == 0, run.stderr
     for name in TABLES:
         assert f"no output '{name}'" in run.stderr

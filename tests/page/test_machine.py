@@ -1,5 +1,6 @@
 """The page of a machine with several axes, of the real service, in a real browser."""
 
+import re
 from typing import Any
 
 import pytest
@@ -27,6 +28,13 @@ def test_two_axes_in_fault_are_the_first_thing_that_is_seen(
     rows = page.locator(".axis-row")
     assert [rows.nth(i).get_attribute("data-level") for i in (0, 1)] == ["FAULT", "FAULT"]
     assert rows.count() == len(AXES)
+    page.wait_for_function(
+        """async () => {
+            const { axes } = await (await fetch("/api/v1/axes")).json();
+            const rows = [...document.querySelectorAll(".axis-row b")];
+            return axes.map(({ axis }) => axis).join() === rows.map((row) => row.innerText).join();
+        }"""
+    )
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     # In one step: the rows are drawn anew at every answer.
     bottom = "document.querySelector('.axis-row').getBoundingClientRect().bottom"
@@ -127,6 +135,35 @@ MODEL_ALARM = f"""(health) => ({{ ...health, alarms: [{{
     alarm: "model", code: "model_misfit", text: "the model does not fit", values: {{ times: 9 }},
     {ALARM}
 }}] }})"""
+
+
+@pytest.mark.slow
+def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_page: Any) -> None:
+    """Meanwhile no axis is claimed to be anything, and no alarm to be there or not."""
+    service = make_service(axes=dict.fromkeys("XYZ", HEALTHY))
+    seen = [open_page(f"{service.address}{place}") for place in ("", "#/X")]
+    machine, axis = (each.page for each in seen)
+    doctored(machine, MODEL_ALARM)
+    machine.wait_for_selector("#machine-alarms:has-text('X: Model does not fit')")
+    axis.wait_for_selector("#answer[data-level=NORMAL]")
+    service.stop()
+    for page, part in ((machine, "#machine"), (axis, "#overview")):
+        page.wait_for_selector("#banner:not([hidden])")
+        said = r"No connection to the service since .*\. Everything on this page is old"
+        assert re.match(said, page.inner_text("#banner"))
+        page.wait_for_selector(f"{part}:has-text('Not known without a connection.')")
+        claims = "NORMAL|FAULT|UNAVAILABLE|No alarm|Model does|judged|% of fresh"
+        assert not re.search(claims, page.inner_text(part))
+        assert page.title() == "connection lost"
+    service.start()
+    for page in (machine, axis):
+        page.wait_for_selector("#banner", state="hidden")
+    axis.wait_for_selector("#answer[data-level=NORMAL]")
+    lost = re.compile("ERR_(CONNECTION_REFUSED|INCOMPLETE_CHUNKED|CONNECTION_RESET)")
+    for each in seen:
+        each.faults[:] = [fault for fault in each.faults if not lost.search(fault)]
+
+
 DISAGREES = """(health) => ({
     ...health,
     consistency: {

@@ -46,7 +46,7 @@ class OutputAnswer(Frozen):
 
     output: str = Field(examples=["mqtt"])
     state: ComponentStatus | Literal["degraded"]
-    age_s: float | None = Field(description="Time since it took the last answer, s.")
+    age_s: float | None = Field(description="Age of the oldest that it has or that waits, s.")
     waiting: int = Field(description="Events that are still to be delivered.")
     dead: int = Field(description="Events that it refused, kept for 30 days.")
     reason: str
@@ -255,6 +255,8 @@ async def output_items(
         counts, report = await outputs.counts(name), reports.get(name)
         status = ComponentStatus.STARTING if report is None else report.status
         age_s = None if report is None else report.readings.get("age_s")
+        if age_s is not None and counts.oldest_ns is not None:
+            age_s = max(age_s, (now_ns - counts.oldest_ns) / 1e9)
         is_late = status is ComponentStatus.OK and age_s is not None and age_s > STALE_S
         items.append(
             OutputAnswer(

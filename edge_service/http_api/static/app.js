@@ -9,7 +9,7 @@ import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
 import { loadDrift } from "./drift.js";
 import { clock } from "./format.js";
 import { renderHistory } from "./history.js";
-import { levelOf, levelWords, worstFirst } from "./level.js";
+import { isHeard, levelOf, levelWords, worstFirst } from "./level.js";
 import { loadLog } from "./log.js";
 import { renderMachine } from "./machine.js";
 import { loadOutputs } from "./outputs.js";
@@ -173,7 +173,7 @@ function renderAxes() {
   const key = JSON.stringify([isMachine, all.map((state) => [state.axis, levelWords(state), state === shown])]);
   refill(byId("axes"), key, () => (isMachine ? [] : all.map(chip)));
   const [first] = worstFirst(all);
-  document.title = levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${levelWords(first)}: ${first.axis}`;
+  document.title = !isHeard(first) ? levelWords(first) : levelOf(first) === "NORMAL" ? t("title.NORMAL") : `${levelWords(first)}: ${first.axis}`;
 }
 
 function chip(state) {

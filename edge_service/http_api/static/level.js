@@ -9,10 +9,14 @@ export const levelOf = (state) => headlineOf(state)?.level ?? "UNAVAILABLE";
 // Without a connection, or before the first answer, nothing is claimed.
 export const isHeard = (state) => state.connected && state.health !== null;
 export const levelWords = (state) => (isHeard(state) ? t(`condition.${levelOf(state)}`) : t(state.connected ? "connection.waiting" : "connection.lost"));
-export const openAlarms = (state) => state.health?.alarms ?? [];
+export const openAlarms = (state) => (state.connected ? state.health?.alarms : null) ?? [];
 export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);
 
-export const worstFirst = (states) => [...states].sort((a, b) => ORDER.indexOf(levelOf(a)) - ORDER.indexOf(levelOf(b)));
+// As the service sorts: by level, date of the next limit, and preload unless that is NORMAL.
+const byUrgency = (a, b) => ORDER.indexOf(levelOf(a)) - ORDER.indexOf(levelOf(b)) || limitMs(a) - limitMs(b) || percentOf(a) - percentOf(b);
+const limitMs = ({ health }) => Date.parse(health?.next_limit?.likely ?? health?.next_limit?.earliest ?? "9999-12-31");
+const percentOf = (state) => (levelOf(state) === "NORMAL" ? 0 : (state.health?.of_fresh?.value ?? 1e9));
+export const worstFirst = (states) => [...states].sort(byUrgency);
 
 // Alarms that every axis has, for they are the service's: as text that tells them apart.
 export function alarmsOfAll(states) {

@@ -13,6 +13,7 @@ from ...command_answer import Answer
 from ...config import load_machine
 from ...diagnose.session.recordings import runs_of, unbroken_runs
 from ...diagnose.session.session import (
+    CHANNEL_UNITS,
     TORQUE_GAP,
     TRANSMISSION_GAP,
     Session,
@@ -25,6 +26,7 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...regression.run import Run
 from ..recordings import Progress, open_recording, reported, require_sound, silent
+from ..report.quantities import amount
 
 NOTHING_TO_COMPARE = (
     "nothing to compare: expected a second or more of motion with a torque or both encoders"
@@ -107,5 +109,5 @@ def gap(
             known[name] = float(np.sqrt(square))
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
-    words = "\n".join(f"{name}: {rms:.4g}" for name, rms in known.items())
+    words = "\n".join(f"{name}: {amount(rms, CHANNEL_UNITS[name])}" for name, rms in known.items())
     return Answer(words, known)

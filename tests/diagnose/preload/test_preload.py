@@ -19,9 +19,8 @@ from edge_service.diagnose.result import Diagnosis, ParameterValue, Verdict, lea
 from edge_service.diagnose.session.session import Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.library.preload_loss import lost_percent
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from tests.nodes.conftest import production
 
 from ..conftest import session_of
 from ..test_diagnosis import diagnosed
@@ -37,15 +36,10 @@ def axis() -> Machine:
 
 def recorded(lost: Floats) -> Session:
     """Production of an axis that has lost so much of its fresh preload at each second, percent."""
-    machine = axis()
-    limits = motion_limits(machine)
-    segments = MOTIONS["production"](limits, np.random.default_rng(5))
-    setpoints = Setpoints(segments, limits.low_m, RATE_HZ).take(round(SECONDS * RATE_HZ))
+    machine, time_s = axis(), np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     fresh = machine.fresh_preload_percent or 0.0
-    time_s = np.arange(len(setpoints)) / RATE_HZ
     percent = fresh * (1.0 - np.interp(time_s, np.arange(len(lost)), lost) / 100.0)
-    drive = FeedDrive(FeedDriveSettings.of_machine(machine), limits.low_m, float(percent[0]), 3)
-    return session_of(machine, drive.advance(setpoints, percent))
+    return session_of(machine, production(machine, percent, len(time_s), seed=5))
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import asyncio
 import shutil
-import subprocess
 from collections.abc import AsyncIterator
 from contextlib import aclosing
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 
 from drivers.modbus.driver import ModbusDriver
 from edge_service.messages.samples import ANGLE, TEMPERATURE, TORQUE, Quality
+from tests.programs import ran
 
 from ..bench import CONTEXT, free_port
 from .bench import config_of
@@ -25,19 +25,8 @@ def compiled(name: str, folder: Path) -> Path:
     if compiler is None:
         pytest.skip("no C compiler")
     program = folder / name
-    built = subprocess.run(
-        [
-            compiler,
-            "-I/usr/include/modbus",
-            str(HERE / f"{name}.c"),
-            "-o",
-            str(program),
-            "-lmodbus",
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    line = (compiler, "-I/usr/include/modbus", HERE / f"{name}.c", "-o", program, "-lmodbus")
+    built = ran(*line)
     if "modbus.h" in built.stderr or "-lmodbus" in built.stderr:
         pytest.skip("libmodbus is not installed (apt-get install libmodbus-dev)")
     assert built.returncode == 0, built.stderr

@@ -14,9 +14,8 @@ from edge_service.estimate.imm.estimator import ImmPreloadEstimator
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import ANGLE, TORQUE, Floats, SampleFrame
-from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
-from edge_service.models.motions.registry import MOTIONS, Setpoints, motion_limits
+from tests.nodes.conftest import production
 
 MACHINE = load_machine(DEFAULT_MACHINE)
 RATE_HZ = 1000.0
@@ -28,12 +27,7 @@ def recording(name: str, seconds: float, seed: int) -> tuple[SampleFrame, Floats
     """A production run of the bench, with the true preload at each sample, percent."""
     time_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     preload = PROFILES[name](time_s / seconds)
-    limits = motion_limits(MACHINE)
-    segments = MOTIONS["production"](limits, np.random.default_rng(seed))
-    setpoints = Setpoints(segments, limits.low_m, RATE_HZ)
-    settings = FeedDriveSettings.of_machine(MACHINE, RATE_HZ)
-    drive = FeedDrive(settings, limits.low_m, float(preload[0]), seed)
-    return drive.advance(setpoints.take(len(time_s)), preload), preload
+    return production(MACHINE, preload, len(time_s), seed=seed), preload
 
 
 PROFILES: dict[str, Profile] = {
