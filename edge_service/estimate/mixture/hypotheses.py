@@ -25,6 +25,9 @@ _LEAST_SHARE = math.log(1e-3)
 _ALIVE = 2.0
 _GAINED = 1.0
 BOTH = 3
+TOTAL_SHARE = 0.25
+"""Of the motion that confirms a step, for a loss of all: the next stop may change load or lubricant
+before the rest is seen, and those begin with what is accepted."""
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
@@ -115,7 +118,8 @@ def _is_confirmed(bank: Bank, process: Process, leader: int, base: int, calm: bo
     """Return whether a challenger has led for long enough, in both directions, by a margin."""
     if leader in (state.STEADY, state.WEARING) or not calm:
         return False
-    seen = bank.age_s[leader] >= process.assumed.confirm_s and bank.directions[leader] == BOTH
+    least_s = process.assumed.confirm_s * (TOTAL_SHARE if leader == state.TOTAL_LOSS else 1.0)
+    seen = bank.age_s[leader] >= least_s and bank.directions[leader] == BOTH
     return bool(seen and bank.log_weight[leader] > bank.log_weight[base] + process.assumed.margin)
 
 
@@ -128,6 +132,7 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
     bank.log_weight[slot] = log_weight
     bank.force[slot] = bank.force[source]
     bank.force_n[slot] = bank.force_n[source]
+    bank.cost[slot] = bank.cost[source]
     bank.alive[slot] = 1
     bank.age_s[slot] = 0.0
     bank.directions[slot] = 0
@@ -161,10 +166,11 @@ def _succeed(
 ) -> None:
     """Accept a hypothesis, and let another go on beside it as what was believed before."""
     mean, covariance = bank.mean[other].copy(), bank.covariance[other].copy()
-    force, force_n = bank.force[other], bank.force_n[other]
+    force, force_n, cost = bank.force[other], bank.force_n[other], bank.cost[other]
     _accept(bank, process, slot, least)
     bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
     bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
+    bank.cost[state.BEFORE] = cost
     copy_to(bank, state.BEFORE, state.BEFORE, log_weight)
 
 
@@ -279,6 +285,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     the table, and even another nut may be in. As at the start, these stand for themselves until
     the likeliest is accepted.
     """
+    bank.cost[:] = 0.0
     if bank.moments[state.LEARNING] > 0.0:
         for k in range(len(bank.alive)):
             _age(bank, k, start, stopped_s)

@@ -33,6 +33,10 @@ from .state import AxisModel, Bank, Process, Reading
 _STRAIGHT = 0.05
 _FARTHEST = 1.5
 _STRIBECK_ERROR = 0.3
+_TOLD = 2.0
+"""Standard deviations of the torque from which on an inertia torque is told from noise. Less tells
+nothing of a mass: friction that varies accelerates an axis without a torque, and so do time stamps
+that jitter."""
 _decay = inlined(stribeck_decay)
 
 
@@ -180,6 +184,7 @@ class Noise(NamedTuple):
     slow_nm: float  # St(v)
     torque_var: float
     stretch_var: float
+    accelerates: bool  # by more than noise
 
 
 @inlined
@@ -190,7 +195,9 @@ def noise_of(model: AxisModel, r: Reading) -> Noise:
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     torque += (_STRIBECK_ERROR * slow_nm) ** 2
-    return Noise(stroke_factor(model, r.table_m), slow_nm, torque, stretch)
+    inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2
+    accelerates = inertia_nm * inertia_nm > _TOLD * _TOLD * torque
+    return Noise(stroke_factor(model, r.table_m), slow_nm, torque, stretch, accelerates)
 
 
 @inlined
@@ -230,6 +237,8 @@ def innovate(
             loose = process.loose_m * math.exp(-math.exp(at[state.PRELOAD]) / 0.3)
             s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
             s[0, 1] = axial * ratio * compliance
+        if not noise.accelerates:
+            innovation.slopes[:, state.PAYLOAD] = 0.0
         for i in range(size):
             away = x[i] - at[i]
             e[0] -= innovation.slopes[0, i] * away

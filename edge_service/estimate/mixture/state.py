@@ -197,6 +197,7 @@ class Bank(NamedTuple):
     directions: npt.NDArray[np.int64]  # (HYPOTHESES,), 1 forward, 2 backward, 3 both seen since
     force: Floats  # (HYPOTHESES,), probability that a process force acts
     force_n: Floats  # (HYPOTHESES,), the force it would be, N
+    cost: Floats  # (HYPOTHESES,), log-weight that improbable frictions have cost
     moments: Floats  # (MOMENTS,)
 
 
@@ -209,6 +210,7 @@ def empty_bank(size: int) -> Bank:
         np.zeros(HYPOTHESES, dtype=np.int64),
         np.zeros(HYPOTHESES),
         np.zeros(HYPOTHESES, dtype=np.int64),
+        np.zeros(HYPOTHESES),
         np.zeros(HYPOTHESES),
         np.zeros(HYPOTHESES),
         np.zeros(MOMENTS),
@@ -255,7 +257,7 @@ def _check(bank: Bank) -> None:
         raise ValueError("a damaged snapshot: no hypothesis is left")
     rows = alive > 0
     numbers = (bank.log_weight[rows], bank.mean[rows], bank.covariance[rows], bank.age_s[rows])
-    whole = (bank.force, bank.force_n, bank.moments)
+    whole = (bank.force, bank.force_n, bank.cost, bank.moments)
     if not all(np.isfinite(array).all() for array in (*numbers, *whole)):
         raise ValueError("a damaged snapshot: it contains values that are not finite")
     if not np.isin(bank.directions, (0, 1, 2, 3)).all():

@@ -17,7 +17,7 @@ from ...models.compiled import compiled, inlined
 from . import state
 from .hypotheses import FORCED, STOP_S, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, mapped, noise_of
-from .state import AxisModel, Bank, Process, Reading
+from .state import AxisModel, Bank, MixtureSettings, Process, Reading
 
 _INERTIA_S = 30.0
 _MOST_INERTIA_ERROR = 0.4
@@ -85,7 +85,8 @@ def step(
         _correct_unforced(bank, k, model, assessed, two, innovation)
     _reweigh(bank, process, assessed)
     leader = leader_of(bank)
-    _watch_inertia(bank, model, reading, error_nm[leader], 1.0 - assessed.persists[leader])
+    counts = (1.0 - assessed.persists[leader]) * noise.accelerates
+    _watch_inertia(bank, model, reading, error_nm[leader], counts)
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm)
@@ -218,7 +219,8 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
 
     A phase that all take for one under a force is left out: the axis' compliance under a force is
     known too badly. While a force lasts, only the misfit to it counts, not how closely a rival
-    that learns from the phase expects it.
+    that learns from the phase expects it. Improbable frictions count in full: they are assumed
+    once, and errors that outlast a phase do not excuse them.
     """
     most, least = -math.inf, 1.0
     for k in range(bank.alive.shape[0]):
@@ -231,7 +233,26 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
             behind = min(most - assessed.log_likelihood[k], process.assumed.most_nats)
             behind -= assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
             bank.log_weight[k] -= process.assumed.evidence * behind
+            cost = (1.0 - process.assumed.evidence) * _improbability(bank.mean[k], process.assumed)
+            bank.log_weight[k] += bank.cost[k] - cost
+            bank.cost[k] = cost
     normalise(bank, process.assumed.floor)
+
+
+@inlined
+def _improbability(x: Floats, assumed: MixtureSettings) -> float:
+    """Half of the squared distance of the frictions from commissioned ones, by what they may do."""
+    together, apart = assumed.together * assumed.together, assumed.apart * assumed.apart
+    if together <= 0.0 or apart <= 0.0:
+        return 0.0
+    total, square = 0.0, 0.0
+    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+        total += x[i]
+        square += x[i] * x[i]
+    distance = (square - together * total * total / (apart + 5.0 * together)) / apart
+    if x.shape[0] > state.TORQUE_STATES:
+        distance += (x[state.REVERSAL] / assumed.reversal) ** 2
+    return float(0.5 * distance)
 
 
 @inlined

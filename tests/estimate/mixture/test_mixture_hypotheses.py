@@ -35,7 +35,16 @@ from edge_service.estimate.mixture.state import (
 )
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import FRESH, SETTINGS, Truth, idle, parts, production
+from .mixture_axis import (
+    FRESH,
+    SETTINGS,
+    TORQUE_NOISE_NM,
+    Truth,
+    idle,
+    measured,
+    parts,
+    production,
+)
 
 MODEL, START, PROCESS = parts()
 TICK = idle(np.random.default_rng(0), direction=1.0)
@@ -60,13 +69,14 @@ class Challenger:
     directions: int = 3
     ahead: float = 2.5
     calm: bool = True
+    slot: int = LOSS
 
     def bank(self) -> Bank:
-        bank = settled()
-        bank.mean[LOSS], bank.covariance[LOSS] = bank.mean[STEADY], bank.covariance[STEADY]
-        bank.mean[LOSS, PRELOAD] = math.log(1.0)
-        bank.alive[LOSS], bank.log_weight[LOSS] = 1, self.ahead
-        bank.age_s[LOSS], bank.directions[LOSS] = self.age_s - TICK.steady_s, self.directions
+        bank, k = settled(), self.slot
+        bank.mean[k], bank.covariance[k] = bank.mean[STEADY], bank.covariance[STEADY]
+        bank.mean[k, PRELOAD] = math.log(1.0)
+        bank.alive[k], bank.log_weight[k] = 1, self.ahead
+        bank.age_s[k], bank.directions[k] = self.age_s - TICK.steady_s, self.directions
         return bank
 
 
@@ -124,6 +134,13 @@ def test_a_challenger_does_not_take_over_too_soon(less: dict[str, Any]) -> None:
     np.testing.assert_array_equal(bank.mean[STEADY], before)
     assert bank.alive[LOSS]
     assert bank.mean[LOSS, PRELOAD] == 0.0
+
+
+@pytest.mark.parametrize(("age_s", "accepted"), [(1.9, False), (2.1, True)])
+def test_a_loss_of_all_is_accepted_after_two_seconds(age_s: float, accepted: bool) -> None:
+    bank = Challenger(age_s=age_s, slot=TOTAL_LOSS).bank()
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    assert bool(bank.mean[STEADY, PRELOAD] == 0.0) is accepted
 
 
 @pytest.mark.parametrize(
@@ -208,3 +225,29 @@ def test_a_challenger_gets_older_only_by_what_it_explains_and_has_led_where_it_l
         hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
         assert bank.directions[LOSS] == seen
         assert bank.age_s[LOSS] == age_s + TICK.steady_s * (force == 0.0)
+
+
+def test_improbable_frictions_cost_in_full_and_once() -> None:
+    """Phases far too short to teach anything: two hypotheses that differ in frictions alone."""
+    bank, rng, ahead = settled(), np.random.default_rng(0), []
+    hypotheses.copy_to(bank, BEFORE, STEADY, 0.0)
+    bank.mean[BEFORE, NUT_FRICTION : GUIDE_VISCOUS + 1] = 3.0 * SETTINGS.together
+    for _ in range(3):
+        short = measured(rng, Truth(), idle(rng))._replace(steady_s=1e-9)
+        step(bank, MODEL, PROCESS, short, 1e-9)
+        ahead.append(bank.log_weight[STEADY] - bank.log_weight[BEFORE])
+    spread = SETTINGS.together**2 + SETTINGS.apart**2 / 5.0
+    full = 0.5 * (3.0 * SETTINGS.together) ** 2 / spread
+    assert ahead == pytest.approx([(1.0 - SETTINGS.evidence) * full] * 3, rel=0.01)
+
+
+@pytest.mark.parametrize(("over_noise", "tells"), [(1.9, False), (100.0, True)])
+def test_an_acceleration_within_the_noise_tells_nothing_of_a_load(
+    over_noise: float, tells: bool
+) -> None:
+    bank, rng = settled(), np.random.default_rng(1)
+    hypotheses.spawn_challenger(bank, PROCESS, LOAD, STEADY, -1.0)
+    calm = idle(rng)._replace(acceleration_rad_s2=over_noise * TORQUE_NOISE_NM / 1.5e-3)
+    for _ in range(5):
+        step(bank, MODEL, PROCESS, measured(rng, Truth(payload_kg=8.0), calm), 0.1)
+    assert bool(abs(bank.mean[LOAD, PAYLOAD]) > 0.01) is tells
