@@ -5,7 +5,7 @@ from unittest.mock import AsyncMock, Mock
 import pytest
 
 from edge_service.health.store.outbox import Counts
-from edge_service.http_api.routes.service import Outputs, output_items
+from edge_service.http_api.routes.service import output_items
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import ComponentHealth, ComponentStatus
@@ -212,6 +212,6 @@ async def test_an_output_is_degraded_by_its_oldest_answer_and_by_what_waits(sent
     report = ComponentHealth(component="mqtt", status="ok", readings={"age_s": sent_s})
     counts = AsyncMock(return_value=Counts(160, 0, now_ns - round(waits_s * 1e9)))
     service = Mock(components=lambda _now_ns, _axis: (report,))
-    (item,) = await output_items(service, now_ns, Outputs(("mqtt",), counts, AsyncMock()))
+    (item,) = await output_items(service, now_ns, Mock(names=("mqtt",), counts=counts))
     assert (item.state, item.waiting) == (state, 160)
     assert item.age_s == pytest.approx(max(sent_s, waits_s))
