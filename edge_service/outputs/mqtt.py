@@ -161,7 +161,7 @@ class MqttOutput(Output):
         is_test, name = self.context.is_test, self.context.name
         who = f"edge-service-{self._machine.replace('/', '-')}-{'test' if is_test else name}"
         client: aiomqtt.Client = self.config.client(who, will=None if is_test else will)
-        client.pending_calls_threshold += len(_TOLD) * len(self.context.axes)  # else it warns of them
+        client.pending_calls_threshold += len(_TOLD) * len(self.context.axes)  # or it warns
         return client
 
     async def _publish(
