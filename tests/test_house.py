@@ -161,7 +161,7 @@ MOST_LINES = {
     "recordings": 3273,
     "regression": 1006,
     "beside the rooms": 766,
-    "tests": 46224,
+    "tests": 46223,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 379

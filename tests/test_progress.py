@@ -42,7 +42,6 @@ def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it imports may take seconds."""
     monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     monkeypatch.setattr("sys.stderr", stderr := Terminal())
 
