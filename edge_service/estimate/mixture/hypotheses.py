@@ -234,9 +234,9 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         return
     if slot == state.LOAD:
         _renew(bank, slot, state.PAYLOAD, 0.0, 0.0)
-    if slot == state.LOOSENING:
-        x[state.LOOSENESS] += process.loosened_m_per_n
-        x[state.COUPLING] += process.loosened_m_per_n
+    if slot in (state.LOOSENING, state.BREAKAGE):
+        x[state.LOOSENESS] += process.loosened_m_per_n[slot]
+        x[state.COUPLING] += process.loosened_m_per_n[slot]
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):
             p[i, j] += process.jumps[slot, i, j]

@@ -154,7 +154,7 @@ def process_of(
         priors=_priors(state.CHALLENGERS, settings.hazard, two),
         stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, two),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
-        loosened_m_per_n=0.5 * settings.loosened * model.compliance_m_per_n,
+        loosened_m_per_n=0.5 * _loosened(model, settings),
         force_n=settings.force * rating,
     )
 
@@ -185,14 +185,22 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
         for i in (state.LOOSENESS, state.COUPLING):
-            jumps[state.LOOSENING, i, i] = (settings.loosened * model.compliance_m_per_n) ** 2
+            jumps[:, i, i] += _loosened(model, settings) ** 2
     return jumps
+
+
+def _loosened(model: AxisModel, settings: MixtureSettings) -> Floats:
+    """Standard deviation of what each hypothesis loosens each joint by, (HYPOTHESES,), m/N."""
+    loosened = np.zeros(state.HYPOTHESES)
+    loosened[state.LOOSENING] = settings.loosened * model.compliance_m_per_n
+    loosened[state.BREAKAGE] = settings.loosened_more * model.compliance_m_per_n
+    return loosened
 
 
 def _priors(slots: tuple[int, ...], hazard: float, two: bool) -> Floats:
     """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
     priors = np.full(state.HYPOTHESES, -np.inf)
     for slot in slots:
-        if two or slot not in (state.LOAD, state.LOOSENING):
+        if two or slot not in (state.LOAD, state.LOOSENING, state.BREAKAGE):
             priors[slot] = math.log(hazard)
     return priors

@@ -37,11 +37,11 @@ STRETCH_STATES = MAP + MAP_STATES
 MOST_SHARE = 1.05
 """Bound on the preload over the fresh one: it is lost, never gained, except by heat."""
 
-STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BEFORE = range(8)
+STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BREAKAGE, BEFORE = range(9)
 """The preload stays, or falls steadily; steps of the preload, of it to almost nothing, of all
-friction, of the load, of the compliance; the belief before the last accepted step."""
-HYPOTHESES = 8
-CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING)
+friction, of the load, of the compliance by little or much; the belief before the last accepted step."""
+HYPOTHESES = 9
+CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BREAKAGE)
 STOP_CHALLENGERS = (LUBRICATION, LOAD)
 """Steps that are likelier after a stop."""
 
@@ -126,6 +126,9 @@ class MixtureSettings(NamedTuple):
     scale: float = 0.3
     load: float = 0.4
     loosened: float = 0.15
+    loosened_more: float = 0.5
+    ffull: float = 1.0
+    fdec: float = 1.0
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
     hazard: float = 3e-5  # of each step per second of motion
     stop_hazard: float = 1e-3  # of lubrication and load per second of a stop
@@ -169,7 +172,7 @@ class Process(NamedTuple):
     priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
     lost_log_percent: float  # ln of the preload of a total loss, in percent
-    loosened_m_per_n: float  # mean of a loosening, of each joint
+    loosened_m_per_n: Floats  # (HYPOTHESES,), mean of a loosening, of each joint
     force_n: float  # standard deviation of large process forces
 
 
