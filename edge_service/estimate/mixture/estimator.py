@@ -20,7 +20,7 @@ from .posterior import fault_limits, posterior_of
 from .state import MixtureSettings, Reading, bank_snapshot, restored_bank
 from .step import step
 
-_SNAPSHOT_SCHEMA = "mixture-preload/10"
+_SNAPSHOT_SCHEMA = "mixture-preload/11"
 VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""

@@ -234,7 +234,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         return
     if slot == state.LOAD:
         _renew(bank, slot, state.PAYLOAD, 0.0, 0.0)
-    if slot in (state.LOOSENING, state.BREAKAGE):
+    if x.shape[0] > state.TORQUE_STATES:
         x[state.LOOSENESS] += process.loosened_m_per_n[slot]
         x[state.COUPLING] += process.loosened_m_per_n[slot]
     for i in range(x.shape[0]):

@@ -193,7 +193,7 @@ def _loosened(model: AxisModel, settings: MixtureSettings) -> Floats:
     """Standard deviation of what each hypothesis loosens each joint by, (HYPOTHESES,), m/N."""
     loosened = np.zeros(state.HYPOTHESES)
     loosened[state.LOOSENING] = settings.loosened * model.compliance_m_per_n
-    loosened[state.BREAKAGE] = settings.loosened_more * model.compliance_m_per_n
+    loosened[state.LARGE_LOOSENING] = settings.loosened_large * model.compliance_m_per_n
     return loosened
 
 
@@ -201,6 +201,6 @@ def _priors(slots: tuple[int, ...], hazard: float, two: bool) -> Floats:
     """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
     priors = np.full(state.HYPOTHESES, -np.inf)
     for slot in slots:
-        if two or slot not in (state.LOAD, state.LOOSENING, state.BREAKAGE):
+        if two or slot not in (state.LOAD, state.LOOSENING, state.LARGE_LOOSENING):
             priors[slot] = math.log(hazard)
     return priors

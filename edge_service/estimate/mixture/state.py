@@ -37,11 +37,12 @@ STRETCH_STATES = MAP + MAP_STATES
 MOST_SHARE = 1.05
 """Bound on the preload over the fresh one: it is lost, never gained, except by heat."""
 
-STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BREAKAGE, BEFORE = range(9)
+STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, LARGE_LOOSENING, BEFORE = range(9)
 """The preload stays, or falls steadily; steps of the preload, of it to almost nothing, of all
-friction, of the load, of the compliance by little or much; the belief before the last accepted step."""
+friction, of the load, of the compliance by little and by much; the belief before the last accepted
+step."""
 HYPOTHESES = 9
-CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, BREAKAGE)
+CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, LARGE_LOOSENING)
 STOP_CHALLENGERS = (LUBRICATION, LOAD)
 """Steps that are likelier after a stop."""
 
@@ -125,10 +126,8 @@ class MixtureSettings(NamedTuple):
     lubricated_apart: float = 0.08
     scale: float = 0.3
     load: float = 0.4
-    loosened: float = 0.15
-    loosened_more: float = 0.5
-    ffull: float = 1.0
-    fdec: float = 1.0
+    loosened: float = 0.15  # of each joint, over the compliance of the axis
+    loosened_large: float = 0.5  # a broken element of a coupling, a slack belt
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
     hazard: float = 3e-5  # of each step per second of motion
     stop_hazard: float = 1e-3  # of lubrication and load per second of a stop

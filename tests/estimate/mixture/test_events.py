@@ -11,6 +11,7 @@ from edge_service.offline.reproduce.simulation import ThesisCase, run_case
 
 from ...bench.estimator.axis import downsampled
 from ...bench.estimator.plants.thesis import thesis_blocks, thesis_estimator, thesis_machine
+from .mixture_axis import COMPLIANCE
 from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
 
 
@@ -189,15 +190,15 @@ HEALTHY_S, STOPPED_S, CHANGED_S = 40.0, 5.0, 60.0
 PAYLOAD = "10 kg on the table"
 
 
-def answer_to(effect: str) -> PreloadEstimate:
+def answer_to(effect: str, seed: int = 7) -> PreloadEstimate:
     """Production, healthy at first; then, after a stop, the axis has the effect."""
     percent = np.full(round(1000 * CHANGED_S), FRESH)
-    frames = list(AXIS.frames("production", percent[: round(1000 * HEALTHY_S)], 7))
+    frames = list(AXIS.frames("production", percent[: round(1000 * HEALTHY_S)], seed))
     effects = (effect,) if effect != PAYLOAD else ()
     loads = {"added_mass_kg": np.full(len(percent), 10.0)} if effect == PAYLOAD else {}
     frames += [
         replace(frame, time_s=frame.time_s + HEALTHY_S + STOPPED_S)
-        for frame in AXIS.frames("production", percent, 8, effects, **loads)
+        for frame in AXIS.frames("production", percent, seed + 1, effects, **loads)
     ]
     return run(downsampled(frames, machine()))[-1]
 
@@ -217,6 +218,15 @@ def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
     assert said.low is not None
     assert said.high is not None
     assert said.low <= FRESH <= said.high
+
+
+@pytest.mark.parametrize("seed", [20, 22, 24])
+def test_an_axis_that_gets_far_softer_by_a_joint_has_lost_nothing(seed: int) -> None:
+    """As by a broken element of a coupling: the axis yields twice as much."""
+    said = answer_to(f"compliance:level_m_per_n={COMPLIANCE}", seed)
+    assert said.fault_probability["looseness"] > 0.9
+    assert said.preload_percent is not None
+    assert said.preload_percent > 0.9 * FRESH
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from edge_service.estimate.mixture.state import (
     COUPLING,
     GUIDE_FRICTION,
     GUIDE_VISCOUS,
+    LARGE_LOOSENING,
     LEARNING,
     LOAD,
     LOOSENESS,
@@ -180,13 +181,15 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     torques = {*range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: torques}
-    touched |= {LOAD: {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}, LOOSENING: {LOOSENESS, COUPLING}}
+    touched[LOAD] = {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}
+    touched[LOOSENING] = touched[LARGE_LOOSENING] = {LOOSENESS, COUPLING}
     for k in CHALLENGERS:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
         assert set(np.flatnonzero(changed)) == touched[k], k
     assert bank.mean[TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(0.02 * FRESH))
     grown = bank.covariance[LOSS, PRELOAD, PRELOAD] - p[PRELOAD, PRELOAD]
     assert grown == pytest.approx(SETTINGS.loss**2)
+    assert (bank.mean[LARGE_LOOSENING] - x)[COUPLING] > (bank.mean[LOOSENING] - x)[COUPLING] > 0.0
 
 
 def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
