@@ -38,7 +38,6 @@ class Check:
 
     @property
     def name(self) -> str:
-        """Name by which it is told."""
         return self.run.__name__.removeprefix("check_")
 
 

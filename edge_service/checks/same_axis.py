@@ -55,7 +55,6 @@ class _Axis:
 
 
 def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
-    """Runs of each recording, in their order."""
     found: dict[int, list[Run]] = {}
     for run in runs:
         found.setdefault(run.recording, []).append(run)

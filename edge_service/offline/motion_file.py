@@ -34,8 +34,6 @@ _FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
 
 @dataclass(frozen=True, slots=True)
 class MotionFileSettings:
-    """Settings for writing a motion."""
-
     duration_s: float | None = None  # of the whole; the motion's own unless given
     rate_hz: float = 1000.0  # of the setpoints; an NC program has none
     seed: int = 1  # of what is left to chance

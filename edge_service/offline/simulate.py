@@ -53,8 +53,6 @@ class CommandedMotion:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of a simulation."""
-
     motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
     # beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20 is weight
     # on the table that the drive does not know of, external_force:file=f.csv (time_s, force_n) a

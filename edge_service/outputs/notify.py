@@ -62,8 +62,6 @@ class _Status(logging.Handler):
 
 
 class NotifyConfig(OutputConfig):
-    """`[outputs.notify]`."""
-
     urls_file: Path  # a URL of apprise a line, for its owner alone, as it may hold secrets
     # kinds of the events that are told
     events: tuple[str, ...] = Field(("alarm_raised", "alarm_cleared"), min_length=1)
@@ -107,7 +105,6 @@ class NotifyOutput(Output):
         return frozenset(self.config.events)
 
     async def open(self) -> None:
-        """Be ready; each letter has a connection of its own."""
         self._is_open = True
 
     async def take(self, message: Message) -> None:
@@ -121,7 +118,6 @@ class NotifyOutput(Output):
             await _SENDERS.run(self._send, message.receiver, told)
 
     async def close(self) -> None:
-        """Send no more."""
         self._is_open = False
 
     def _send(self, receiver: str, events: Sequence[Event]) -> None:

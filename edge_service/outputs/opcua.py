@@ -55,8 +55,6 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all th
 
 
 class OpcuaConfig(ListeningConfig):
-    """`[outputs.opcua]`."""
-
     scheme, usual_port = "opc.tcp", 4840
     endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
     # certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both are
@@ -119,7 +117,6 @@ class OpcuaOutput(Output):
                 raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
 
     async def take(self, message: Message) -> None:
-        """Put an answer into the address space; subscribers hear of what has changed."""
         if self._server is None or self._server.bserver is None or self._space is None:
             raise OutputUnavailableError("not open")
         assert isinstance(message, AxisAnswer)

@@ -105,7 +105,6 @@ class Source:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Close the file; safe twice."""
         self._file.close()
 
     def _number_rows(self, count: int) -> Floats:

@@ -131,7 +131,6 @@ class Ability:
     motion: str = ""
 
     def as_text(self) -> str:
-        """One line."""
         if not self.reason:
             return f"{self.what}: yes"
         remedy = f"; record `edge-service motion {self.motion}`" if self.motion else ""

@@ -129,7 +129,6 @@ def unit_of(text: str, quantity: Quantity = Quantity.OTHER) -> str:
 
 
 def units_below(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, str]:
-    """Units in a row of them below the names of a file, by name."""
     for texts in ([cell.strip("[]() ") for cell in row] for row in rows):
         if 2 * sum(bool(units_spelled(text)) for text in texts) > sum(map(bool, texts)):
             return dict(zip(names, texts, strict=False))

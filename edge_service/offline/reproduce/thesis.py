@@ -76,7 +76,6 @@ class Reproduction:
     windows: tuple[WindowRow, ...]
 
     def window(self, steps: int) -> WindowRow:
-        """The row of one window."""
         return next(row for row in self.windows if row.window_steps == steps)
 
     def as_text(self) -> str:
