@@ -57,7 +57,7 @@ def init(
     found = source_of(source or click.prompt("Device or recording"))
     progress("looking for the source")
     request = Request(found, out, machine, axis, known, force)
-    return run(request, ask_number if at_terminal() else None, progress)
+    return run(request, ask_number if at_terminal() else None)
 
 
 @command("adopt move1.csv move2.csv --lead 10 --out machine.toml")
@@ -101,7 +101,7 @@ def adopt(
     lead_m = sheet.get("lead_m")
     known = Known(None if lead_m is None else float(lead_m), torque_constant, period)
     given = traces, out, axis_number, known, axis or "", sheet, columns, plot
-    return run(*given, ask_number if at_terminal() else None, progress)
+    return run(*given, ask_number if at_terminal() else None)
 
 
 @command("doctor deploy/drivers/modbus.toml --duration 30")
@@ -123,7 +123,7 @@ def doctor(
     if sources[0].suffix != ".toml":
         if send_test:
             raise BadInputError("--send-test: expected a configuration, which states the outputs")
-        return examine_traces(machine, sources, axis_number, progress)
+        return examine_traces(machine, sources, axis_number)
     if len(sources) > 1:
         raise BadInputError(f"doctor: {sources[1]}: expected one configuration, or recordings")
     if send_test:
@@ -218,10 +218,10 @@ def convert(
     from ..recordings.sinumerik.signals import ControllerAxis
 
     if is_database(source):
-        return convert_history(source, out, progress)
+        return convert_history(source, out)
     model = load_machine(machine)
     axis = ControllerAxis(axis_number or model.axis.number, model.axis.lead_m, interpolate)
-    return convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
+    return convert_trace(source, out, model, axis, keep_all=keep_all)
 
 
 @command("stub modbus deploy/drivers/modbus.toml --fault delay:0.3", answers=False)

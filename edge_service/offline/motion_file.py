@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import replaced_file
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..models.machine import Machine
 from ..models.motions.excitation import Chirp, Shaken
 from ..models.motions.limits import assumed_limits
@@ -21,7 +21,6 @@ from ..models.motions.registry import (
     motion_limits,
 )
 from ..models.motions.route import samples_of
-from .recordings import Progress, silent
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"
@@ -63,7 +62,6 @@ def write_motion(
     machine: Machine,
     out: Path,
     settings: MotionFileSettings = MotionFileSettings(),
-    progress: Progress = silent,
 ) -> Answer:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 
