@@ -31,7 +31,6 @@ class RecordedRows:
         return await self.run(opened)
 
     def is_open(self) -> bool:
-        """Return whether a recording is open."""
         return self.reader is not None
 
     def open_now(self, path: Path) -> TraceReader:
@@ -43,7 +42,6 @@ class RecordedRows:
         return await self.run(lambda: next(reader, None) if self.reader is reader else None)
 
     async def close(self) -> None:
-        """Close what is open, once a read that is under way has ended; safe twice."""
         self._turn += 1
         reader, self.reader = self.reader, None
 

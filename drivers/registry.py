@@ -6,7 +6,6 @@ from .base import ENTRY_POINT_GROUP, Driver
 
 
 def driver_names() -> list[str]:
-    """Names of the installed drivers."""
     return list(plugins(ENTRY_POINT_GROUP))
 
 

@@ -63,7 +63,6 @@ class ReplayDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Rows read, faults met and restarts of a loop, since the driver was made."""
         total, reader = self._finished.copy(), self._rows.reader
         if reader is not None:
             total["rows"] += reader.rows_read
@@ -80,7 +79,6 @@ class ReplayDriver:
                 raise DriverMisconfiguredError("path", str(error)) from None
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
-        """Frames of about `frame_s` until the end of the trace, or until `close`."""
         if not self._rows.is_open():
             raise DriverUnavailableError(f"{self._config.path}: the recording is not open")
         pace: Pace | None = None
@@ -112,7 +110,6 @@ class ReplayDriver:
         return Probe(f"recording {self._config.path.name}", reader.channels, rate_hz)
 
     async def close(self) -> None:
-        """Close the trace, once a read that is under way has ended; safe twice."""
         self._finished = self.counters
         await self._rows.close()
 

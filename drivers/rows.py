@@ -46,7 +46,6 @@ class QualityCounts:
         self.counts: dict[str, int] = {}
 
     def count(self, frame: SampleFrame) -> SampleFrame:
-        """Count the cells of a frame; returns it."""
         for codes in frame.quality.values():
             for code, count in zip(*np.unique(codes, return_counts=True), strict=True):
                 if code != Quality.GOOD:

@@ -246,6 +246,5 @@ class SimulatedDriver:
         return Probe(words, tuple(CHANNELS), self._config.rate_hz)
 
     async def close(self) -> None:
-        """End `frames`; the next `open` starts from home again."""
         self._running = None
         self.readings = {}

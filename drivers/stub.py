@@ -113,7 +113,6 @@ class Following:
         await asyncio.gather(*(axis.begun.wait() for axis in self._axes))
 
     async def close(self) -> None:
-        """Stop; safe twice."""
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             task.cancel()

@@ -102,7 +102,9 @@ def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
-            _keep_owner(handle, path)
+            if os.geteuid() == 0 and path.exists():
+                old = path.stat()
+                os.fchown(handle, old.st_uid, old.st_gid)
             yield handle
             os.fsync(handle)
         finally:
@@ -112,10 +114,3 @@ def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
         part.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
-
-
-def _keep_owner(handle: int, path: Path) -> None:
-    """Give what root writes to whoever owns the file in whose place it comes."""
-    if os.geteuid() == 0 and path.exists():
-        old = path.stat()
-        os.fchown(handle, old.st_uid, old.st_gid)

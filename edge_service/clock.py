@@ -22,16 +22,11 @@ def steady_ns() -> int:
     return time.clock_gettime_ns(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
-def wall_ns() -> int:
-    """The clock that people and time servers set: UNIX time, ns."""
-    return time.time_ns()
-
-
 class ServiceClock:
     """UNIX time of this process."""
 
     def __init__(
-        self, wall_ns: Callable[[], int] = wall_ns, steady_ns: Callable[[], int] = steady_ns
+        self, wall_ns: Callable[[], int] = time.time_ns, steady_ns: Callable[[], int] = steady_ns
     ) -> None:
         self._wall_ns = wall_ns
         self._steady_ns = steady_ns
@@ -47,11 +42,15 @@ class ServiceClock:
 
     def follow(self) -> None:
         """Look at the wall clock, about once a second; follow it, and tell of a step."""
-        ahead_ns = self._wall_ns() - self._base_ns - self._steady_ns()
+        now_ns = self._steady_ns()
+        ahead_ns = self._wall_ns() - self._base_ns - now_ns
         if abs(ahead_ns) < STEP_NS:
             self._base_ns += ahead_ns
             self._step = None
-        elif self._has_lasted(ahead_ns):
+            return
+        if self._step is None or abs(self._step[0] - ahead_ns) >= STEP_NS:
+            self._step = ahead_ns, now_ns
+        if now_ns - self._step[1] >= HOLD_S * NS_PER_S:
             self._base_ns += ahead_ns
             self._newest_ns, self._step = 0, None
             for moved in tuple(self._listeners):
@@ -65,12 +64,6 @@ class ServiceClock:
             yield
         finally:
             self._listeners.remove(moved)
-
-    def _has_lasted(self, ahead_ns: int) -> bool:
-        now_ns = self._steady_ns()
-        if self._step is None or abs(self._step[0] - ahead_ns) >= STEP_NS:
-            self._step = ahead_ns, now_ns
-        return now_ns - self._step[1] >= HOLD_S * NS_PER_S
 
 
 CLOCK = ServiceClock()

@@ -1,9 +1,14 @@
 """Answer of a command: words for people, and the same as a typed document for programs."""
 
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
 from .exit_status import DONE
+
+LISTENER: ContextVar[Callable[[str], None]] = ContextVar("LISTENER", default=lambda _line: None)
+"""Takes a line on what is being done; nobody does beyond the command line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,3 +25,8 @@ class Answer:
 
         written = TypeAdapter(type(self.document)).dump_json(self.document, by_alias=True)
         return written.decode("utf-8")
+
+
+def progress(line: str) -> None:
+    """Say what is being done, `stage` or `stage: N %`, to whoever listens."""
+    LISTENER.get()(line)

@@ -9,4 +9,3 @@ class BadInputError(Exception):
     """Input that a person can mend; the text is one line."""
 
     status = BAD_INPUT
-    """Exit status of the command."""

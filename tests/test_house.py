@@ -142,29 +142,29 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 818,
-    "checks": 3592,
-    "cli": 1335,
+    "bus": 814,
+    "checks": 3484,
+    "cli": 1333,
     "config": 583,
     "diagnose": 5003,
-    "downsample": 1244,
-    "drivers": 3704,
+    "downsample": 1216,
+    "drivers": 3681,
     "estimate": 5159,
-    "fingerprint": 2783,
-    "health": 4580,
+    "fingerprint": 2769,
+    "health": 4548,
     "http_api": 2435,
-    "messages": 2029,
-    "models": 5678,
-    "nodes": 2909,
-    "offline": 5641,
-    "outputs": 1808,
-    "recordings": 3273,
-    "regression": 1006,
-    "beside the rooms": 766,
-    "tests": 46223,
+    "messages": 2027,
+    "models": 5668,
+    "nodes": 2901,
+    "offline": 5596,
+    "outputs": 1793,
+    "recordings": 3022,
+    "regression": 1005,
+    "beside the rooms": 763,
+    "tests": 46178,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 379
+MOST_FILES = 378
 """Modules of the product."""
 
 

@@ -219,7 +219,6 @@ class FolderDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Files and rows read, files that cannot be, and cells without a number."""
         unsaved = 0 if self._ledger is None else self._ledger.unsaved
         return self._counts | {"unsaved_ledger": unsaved}
 
@@ -233,7 +232,6 @@ class FolderDriver:
             self._arrivals = Arrivals(config.folder, config.pattern, self._settle_s)
 
     async def frames(self) -> AsyncGenerator[SampleFrame, None]:
-        """Frames of one trace after the other, until `close` or the folder is gone."""
         arrivals, ledger = self._arrivals, self._ledger
         if arrivals is None or ledger is None:
             raise DriverUnavailableError(f"{self._config.folder}: the folder is not open")
@@ -254,8 +252,6 @@ class FolderDriver:
                 await self._sleep(POLL_S)
 
     async def probe(self) -> Probe:
-        """Channels of the first trace that can be read; none while there is none."""
-
         def channels() -> tuple[str, ...]:
             for path in self._complete_now():
                 with suppress(TraceError), self._rows.open_now(path) as reader:

@@ -64,7 +64,6 @@ class ModbusDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Polls, failures, connections, and samples that were not good, by reason."""
         return self._counts | self._qualities.counts
 
     @property

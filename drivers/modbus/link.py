@@ -103,7 +103,6 @@ class ModbusLink:
         return Reply(words, quality, problem, sent_s, loop.time())
 
     def close(self) -> None:
-        """Let go of the connection; a read that is under way ends at once. Safe twice."""
         stream, self._stream = self._stream, None
         if stream is not None:
             stream[1].transport.abort()

@@ -46,7 +46,6 @@ class RegisterConfig(SignalConfig):
 
     @property
     def words(self) -> int:
-        """Registers that it takes."""
         return _type(self.type).value[1]
 
 
@@ -122,7 +121,6 @@ class ModbusConfig(DriverConfig):
         return min(self.poll_groups, key=lambda name: self.poll_groups[name])
 
     def group_of(self, register: RegisterConfig) -> str:
-        """The poll group of a register."""
         return register.group or next(iter(self.poll_groups))
 
 

@@ -65,7 +65,6 @@ class MqttDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Messages; samples lost, repeated, late; samples that were not good, by reason."""
         return self._counts | self._stream.counters | self._qualities.counts
 
     @property
@@ -149,7 +148,6 @@ class MqttDriver:
         return Probe(described, stream.channels, rate_hz)
 
     async def close(self) -> None:
-        """End `frames` and leave; the next `open` starts afresh. Safe twice."""
         await self._leave()
         self._stream, self._lateness = self._new_stream(), Lateness()
 

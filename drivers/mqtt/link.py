@@ -147,7 +147,6 @@ class MqttLink:
         return message
 
     async def close(self) -> None:
-        """Say goodbye, or hang up if the broker does not listen; safe twice."""
         self._ended = True
         client, self._client = self._client, None
         if client is None or self._entering is None:

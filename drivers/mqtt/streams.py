@@ -225,7 +225,6 @@ class EdgeStream:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Samples lost, repeated and late, gaps, restarts of the count, and rows set aside."""
         return self._order.counts | self._sums()
 
     @property

@@ -150,7 +150,6 @@ class OpcuaDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Publications, changes, sessions, and samples that were not good, by reason."""
         return self._counts | self._qualities.counts
 
     @property

@@ -93,7 +93,6 @@ class OpcuaSession:
             raise
 
     async def close(self) -> None:
-        """Leave, which ends `next`; safe twice."""
         client, self._client = self._client, None
         self._is_closed = True
         self._put(None)

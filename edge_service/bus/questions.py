@@ -59,7 +59,6 @@ class Answering:
             query.drop()
 
     def close(self) -> None:
-        """Answer no more; safe twice."""
         if not self._closed:
             self._closed = True
             self._queryable.undeclare()

@@ -37,12 +37,10 @@ class Refusals:
         self._counts: Counter[Refusal] = Counter()
 
     def add(self, reason: Refusal) -> None:
-        """Count one."""
         with self._lock:
             self._counts[reason] += 1
 
     def counts(self) -> Counter[Refusal]:
-        """The counts so far."""
         with self._lock:
             return Counter(self._counts)
 

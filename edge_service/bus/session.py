@@ -111,7 +111,6 @@ class Bus:
         self._tokens.append(self._session.liveliness().declare_token(key))
 
     async def close(self) -> None:
-        """Undeclare everything and close; safe twice."""
         if self._session.is_closed():
             return
         declared: list[Any] = [*self._subscribers, *self._publishers.values(), *self._answering]

@@ -30,15 +30,10 @@ STANDSTILL_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class ChannelRegression:
-    """target = factor * source(t - lag) + the mechanics.
+    """target = factor * source(t - lag) + the mechanics."""
 
-    Attributes:
-        factor: of the target's unit over the source's.
-        lag: by how much the target comes later, s.
-    """
-
-    factor: IntervalEstimate
-    lag: IntervalEstimate
+    factor: IntervalEstimate  # of the target's unit over the source's
+    lag: IntervalEstimate  # by how much the target comes later, s
 
 
 def regress_channel(

@@ -23,22 +23,15 @@ SLACK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One entry of the registry.
-
-    Attributes:
-        compared: what is held against what.
-        remedy: what to do where it doubts.
-        needed: channels without which there is nothing to check.
-    """
+    """One entry of the registry."""
 
     run: Callable[[Machine, Sequence[SampleFrame]], Finding]
-    compared: str
-    remedy: str
-    needed: Sequence[str] = ()
+    compared: str  # what is held against what
+    remedy: str  # what to do where it doubts
+    needed: Sequence[str] = ()  # channels without which there is nothing to check
 
     @property
     def name(self) -> str:
-        """Name by which it is told."""
         return self.run.__name__.removeprefix("check_")
 
 

@@ -25,25 +25,16 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding of one check.
+    """Finding of one check."""
 
-    Attributes:
-        name: of the check.
-        sentence: what it found, for people.
-        figure: the number behind it; None where there is none.
-        expected: what the machine file says, in the figure's unit.
-        compared: what was held against what.
-        remedy: what to do about a doubt.
-        forbids: no answer can be right while this is so, in a unit or a sign for instance.
-    """
-
-    name: str
+    name: str  # of the check
     verdict: Verdict
-    sentence: str
-    figure: IntervalEstimate | None = None
-    expected: float | None = None
-    compared: str = ""
-    remedy: str = ""
+    sentence: str  # what it found, for people
+    figure: IntervalEstimate | None = None  # the number behind it; None where there is none
+    expected: float | None = None  # what the machine file says, in the figure's unit
+    compared: str = ""  # what was held against what
+    remedy: str = ""  # what to do about a doubt
+    # no answer can be right while this is so, in a unit or a sign for instance
     forbids: bool = False
 
     @property

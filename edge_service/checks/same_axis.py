@@ -33,18 +33,13 @@ _NOTHING = undetermined("", "not recorded")
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """Axis as one file shows it.
+    """Axis as one file shows it."""
 
-    Attributes:
-        leads_m: of table and setpoint; NaN if unknown.
-        travel_m, middle_m: range of the motor's angle, as way of the table, and its median.
-        zero_m: median of table position minus that of the angle.
-    """
-
-    leads_m: tuple[float, float]
+    leads_m: tuple[float, float]  # of table and setpoint; NaN if unknown
+    # travel_m, middle_m: range of the motor's angle, as way of the table, and its median
     travel_m: float
     middle_m: float
-    zero_m: float
+    zero_m: float  # median of table position minus that of the angle
     inertia: IntervalEstimate
     friction: IntervalEstimate
 
@@ -55,7 +50,6 @@ class _Axis:
 
 
 def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
-    """Runs of each recording, in their order."""
     found: dict[int, list[Run]] = {}
     for run in runs:
         found.setdefault(run.recording, []).append(run)

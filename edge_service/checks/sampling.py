@@ -23,23 +23,14 @@ _WRAP_SLACK = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Clock of one or several recordings.
+    """Clock of one or several recordings."""
 
-    Attributes:
-        period_s: median step.
-        gaps: steps in which a row or more is missing.
-        longest_s: step of all.
-        jitter: 95th percentile of a step's distance from the median, as its share.
-        restarts: steps back from which the clock starts anew.
-        backwards: others that repeat a time or lead back.
-    """
-
-    period_s: float
-    gaps: int
-    longest_s: float
-    jitter: float
-    restarts: int
-    backwards: int
+    period_s: float  # median step
+    gaps: int  # steps in which a row or more is missing
+    longest_s: float  # step of all
+    jitter: float  # 95th percentile of a step's distance from the median, as its share
+    restarts: int  # steps back from which the clock starts anew
+    backwards: int  # others that repeat a time or lead back
 
     @property
     def rate_hz(self) -> float:

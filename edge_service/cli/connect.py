@@ -57,7 +57,7 @@ def init(
     found = source_of(source or click.prompt("Device or recording"))
     progress("looking for the source")
     request = Request(found, out, machine, axis, known, force)
-    return run(request, ask_number if at_terminal() else None, progress)
+    return run(request, ask_number if at_terminal() else None)
 
 
 @command("adopt move1.csv move2.csv --lead 10 --out machine.toml")
@@ -101,7 +101,7 @@ def adopt(
     lead_m = sheet.get("lead_m")
     known = Known(None if lead_m is None else float(lead_m), torque_constant, period)
     given = traces, out, axis_number, known, axis or "", sheet, columns, plot
-    return run(*given, ask_number if at_terminal() else None, progress)
+    return run(*given, ask_number if at_terminal() else None)
 
 
 @command("doctor deploy/drivers/modbus.toml --duration 30")
@@ -123,7 +123,7 @@ def doctor(
     if sources[0].suffix != ".toml":
         if send_test:
             raise BadInputError("--send-test: expected a configuration, which states the outputs")
-        return examine_traces(machine, sources, axis_number, progress)
+        return examine_traces(machine, sources, axis_number)
     if len(sources) > 1:
         raise BadInputError(f"doctor: {sources[1]}: expected one configuration, or recordings")
     if send_test:
@@ -207,10 +207,10 @@ def convert(
 ) -> Answer:
     """Convert a recording or the kept history to another format.
 
-    SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
-    MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
-    and, under [columns], names that take precedence. Of edge-service.sqlite the history of all axes
-    is written, with a column `axis`.
+    SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace or a recording of Industrial Edge;
+    SINUMERIK and Industrial Edge names are known. The machine file gives the lead and, under
+    [columns], names that take precedence. Of edge-service.sqlite the history of all axes is
+    written, with a column `axis`.
     """
     from ..config import load_machine
     from ..offline.convert import convert as convert_trace
@@ -218,10 +218,10 @@ def convert(
     from ..recordings.sinumerik.signals import ControllerAxis
 
     if is_database(source):
-        return convert_history(source, out, progress)
+        return convert_history(source, out)
     model = load_machine(machine)
     axis = ControllerAxis(axis_number or model.axis.number, model.axis.lead_m, interpolate)
-    return convert_trace(source, out, model, axis, keep_all=keep_all, progress=progress)
+    return convert_trace(source, out, model, axis, keep_all=keep_all)
 
 
 @command("stub modbus deploy/drivers/modbus.toml --fault delay:0.3", answers=False)

@@ -23,7 +23,6 @@ from .options import (
     batch_options,
     command,
 )
-from .terminal import progress
 
 By = Annotated[
     tuple[str, ...],
@@ -58,9 +57,7 @@ def commission(
     """Learn what is normal from a healthy, cold axis."""
     from ..offline.commission import commission_to_file as run
 
-    return run(
-        machine, traces, out, axis_number, tests, interval, progress, assume_fresh=assume_fresh
-    )
+    return run(machine, traces, out, axis_number, tests, interval, assume_fresh=assume_fresh)
 
 
 @command("estimate --machine m.toml trace.csv --out estimates.csv")
@@ -92,7 +89,7 @@ def estimate(
         raise BadInputError(f"--method: no estimator {method!r}; there are {there}")
     config = EstimatorConfig(method=method)
     if batch is None:
-        return estimate_to_csv(traces[0], machine, out, config, state, axis_number, progress)
+        return estimate_to_csv(traces[0], machine, out, config, state, axis_number)
     if state is not None:
         raise BadInputError("--state: goes with one recording, not with several")
     work = partial(estimate_case, machine, config=config, axis_number=axis_number)
@@ -122,7 +119,7 @@ def fingerprint(
     if baseline is not None and baseline.resolve().is_relative_to(written.resolve()):
         raise BadInputError(f"--out {out}: would overwrite the baseline; choose another folder")
     work = partial(run, machine, baseline_file=baseline, axis_number=axis_number, by=by)
-    return batch(work, traces, out) if batch else work(traces, out, progress=progress)
+    return batch(work, traces, out) if batch else work(traces, out)
 
 
 @command("drift monday.csv friday.csv --machine m.toml", hidden=True)
@@ -136,7 +133,7 @@ def drift(
     """Compare the same moves in recordings of several days, as fingerprint does."""
     from ..offline.drift import drift as compare
 
-    return compare(machine, traces, out, axis_number, by, progress)
+    return compare(machine, traces, out, axis_number, by)
 
 
 @command("motion next out/diagnosis.json --out setpoints.csv")
@@ -173,16 +170,16 @@ def motion(
                 "motion next: expected one DIAGNOSIS.json, or --effect twice or more"
             )
         tied = next_motion.tied_effects(Path(file)) if file else {each: {} for each in effects}
-        return next_motion.next_motion(axis, tied, out, settings, progress)
+        return next_motion.next_motion(axis, tied, out, settings)
     if name == "isolability":
         if file is None:
             raise BadInputError("motion isolability: expected the NAME of a motion, or a TRACE")
-        return next_motion.isolability(axis, file, progress)
+        return next_motion.isolability(axis, file)
     if file is not None:
         raise BadInputError(f"motion: {file}: {name} takes no file")
     if out is None:
         raise BadInputError(f"motion: {name}: expected --out FILE")
-    return motion_file.write_motion(name, axis, out, settings, progress)
+    return motion_file.write_motion(name, axis, out, settings)
 
 
 @command("gap --machine m.toml trace.csv --json")
@@ -193,7 +190,7 @@ def gap(traces: Traces, machine: MachineFile, axis_number: AxisNumber) -> Answer
     """
     from ..offline.diagnosis.gap import gap as measure
 
-    return measure(machine, traces, progress, axis_number)
+    return measure(machine, traces, axis_number)
 
 
 @command("diagnose --machine m.toml trace.csv --out out/diagnosis", cls=Greedy)
@@ -220,4 +217,4 @@ def diagnose(
     from ..offline.diagnosis.diagnose import diagnose as run
 
     work = partial(run, machine, reference=reference, axis_number=axis_number, without=without)
-    return batch(work, traces, out) if batch else work(traces, out, progress=progress)
+    return batch(work, traces, out) if batch else work(traces, out)

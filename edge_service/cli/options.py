@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 import click
 
 from .. import DEFAULTS
-from ..command_answer import Answer
+from ..command_answer import LISTENER, Answer
 from ..exit_status import DONE
 from .terminal import pause_progress, progress
 
@@ -98,6 +98,7 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
     @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
     @wraps(function)
     def told(*, as_json: bool, **named: Any) -> int:
+        LISTENER.set(progress)
         progress("loading")  # what the command imports may take seconds
         answers, status = function(**named), DONE
         for answer in [answers] if isinstance(answers, Answer) else answers:
@@ -222,7 +223,7 @@ def batch_options(*written: str, implied: bool = False) -> Decorator:
                 named = {name: _resolved(value) for name, value in work.keywords.items()}
                 work = partial(work.func, *map(_resolved, work.args), **named)
                 where = jobs or 1, cluster, insecure
-                return run_batch(function.__name__, work, written, traces, out, *where, progress)
+                return run_batch(function.__name__, work, written, traces, out, *where)
 
             each = len(named["traces"]) > 1 if implied else named.pop("each")
             return function(**named, batch=batch if each or jobs or cluster else None)

@@ -52,7 +52,9 @@ def progress(line: str) -> None:
     At a terminal it is one line with elapsed and left time, which goes at the end; otherwise a line
     every ten seconds, and at once for a service that asks.
     """
-    context = click.get_current_context()
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return
     if _LINE not in context.meta:
         command = context.find_root().invoked_subcommand or context.command.name or ""
         context.meta[_LINE] = shown = ProgressLine(command)

@@ -53,10 +53,10 @@ def simulate(
 
     settings = SimulationSettings(motions[0], effects, duration, preload, seed or 0)
     if len(motions) == 1:
-        return run_simulation(load_machine(machine), settings, out, progress)
+        return run_simulation(load_machine(machine), settings, out)
     if duration is not None:
         raise BadInputError("--duration: with several motions expected NAME:duration_s=SECONDS")
-    return simulate_session(load_machine(machine), settings, motions, out, progress=progress)
+    return simulate_session(load_machine(machine), settings, motions, out)
 
 
 @command('model --screw "20x20 C7450 P510" --export model.mat')
@@ -118,12 +118,10 @@ def reproduce(
     if study == "puzzle":
         from ..offline.reproduce import puzzle
 
-        return puzzle.reproduce_puzzle(out, puzzle.SEED if seed is None else seed, progress)
+        return puzzle.reproduce_puzzle(out, puzzle.SEED if seed is None else seed)
     from ..offline.reproduce import thesis
 
-    found = thesis.reproduce(
-        out, seed=seed or 0, window_steps=window, exponent=exponent, progress=progress
-    )
+    found = thesis.reproduce(out, seed=seed or 0, window_steps=window, exponent=exponent)
     return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)
 
 

@@ -47,22 +47,16 @@ _Faults = Annotated[
 
 @dataclass(slots=True, eq=False)
 class _Segment:
-    """Rows without a gap between them.
+    """Rows without a gap between them."""
 
-    Attributes:
-        rows: (n, 8), from the reach before the current interval on.
-        fault: (n,), bits of Fault found just before each row.
-        first: first row of the current interval.
-        seen: rows that were searched for gaps.
-        mended: rows that were searched for samples that no drive can make.
-        history: motion before the current interval.
-    """
-
+    # (n, 8), from the reach before the current interval on
     rows: _Rows = field(default_factory=lambda: np.empty((0, 8)))
+    # (n,), bits of Fault found just before each row
     fault: _Faults = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    first: int = 0
-    seen: int = 0
-    mended: int = 0
+    first: int = 0  # first row of the current interval
+    seen: int = 0  # rows that were searched for gaps
+    mended: int = 0  # rows that were searched for samples that no drive can make
+    # motion before the current interval
     history: MotionHistory = field(default_factory=MotionHistory)
 
     def split(self, row: int) -> "_Segment":
@@ -87,33 +81,24 @@ class _Segment:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """Everything that the next samples meet, as it is stored.
-
-    Attributes:
-        longest: rows of the longest excursion that is looked for.
-        ahead: rows behind an interval that its statistics and that search need.
-        absent: interval -> bits of Fault, of values that its rows lack.
-        doubted: intervals with samples that the source doubts.
-        pending_fault: end of a segment without an interval left to report it.
-        last_kept: interval of the last row that was kept.
-        expected_faults: bits of Fault that can be.
-        faults: name of a fault -> intervals that had it.
-    """
+    """Everything that the next samples meet, as it is stored."""
 
     schema: Literal["downsampler/5"] = _SNAPSHOT_SCHEMA
     screen: RowScreen | None = None
     segment: _Segment = field(default_factory=_Segment)
     period_s: float | None = None
     reach: int = 1
-    longest: int = 0
-    ahead: int = 1
+    longest: int = 0  # rows of the longest excursion that is looked for
+    ahead: int = 1  # rows behind an interval that its statistics and that search need
+    # interval -> bits of Fault, of values that its rows lack
     absent: dict[int, int] = field(default_factory=dict)
+    # intervals with samples that the source doubts
     doubted: Annotated[set[int], PlainSerializer(sorted)] = field(default_factory=set)
-    pending_fault: int = 0
-    last_kept: int = -sys.maxsize
-    expected_faults: int = -1
+    pending_fault: int = 0  # end of a segment without an interval left to report it
+    last_kept: int = -sys.maxsize  # interval of the last row that was kept
+    expected_faults: int = -1  # bits of Fault that can be
     channels: ChannelState = field(default_factory=ChannelState)
-    faults: dict[str, int] = field(default_factory=dict)
+    faults: dict[str, int] = field(default_factory=dict)  # name of a fault -> intervals that had it
 
 
 _STORED: Stored[_State] = Stored(_State)

@@ -78,17 +78,11 @@ class Screened:
 
 @dataclass(slots=True)
 class RowScreen:
-    """Screen that sets aside rows without time or values, repeats and rows out of order.
+    """Screen that sets aside rows without time or values, repeats and rows out of order."""
 
-    Attributes:
-        has_torque: rows without torque are set aside too.
-        newest_s: time of the newest row.
-        pending: bits of Fault found since the last good row.
-    """
-
-    has_torque: bool
-    newest_s: Number = -np.inf
-    pending: int = 0
+    has_torque: bool  # rows without torque are set aside too
+    newest_s: Number = -np.inf  # time of the newest row
+    pending: int = 0  # bits of Fault found since the last good row
 
     @property
     def _required(self) -> list[int]:

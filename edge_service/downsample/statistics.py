@@ -27,20 +27,13 @@ from . import interval_kernels as kernels
 
 @dataclass(frozen=True, slots=True)
 class DownsampleSettings:
-    """Settings for the reduction of samples to intervals.
+    """Settings for the reduction of samples to intervals."""
 
-    Attributes:
-        interval_s: length of an interval, s.
-        max_torque_nm: the drive's torque limit; None if unknown.
-        min_speed_rad_s: slower rows are not steady (Stribeck friction, creeping jogs).
-        cruise_rad_s2: up to this acceleration the axis cruises.
-        channels: limits between the encoders; those of the lead alone unless given.
-    """
-
-    interval_s: float = 0.1
-    max_torque_nm: float | None = None
-    min_speed_rad_s: float = 2.0
-    cruise_rad_s2: float = 30.0
+    interval_s: float = 0.1  # length of an interval, s
+    max_torque_nm: float | None = None  # the drive's torque limit; None if unknown
+    min_speed_rad_s: float = 2.0  # slower rows are not steady (Stribeck friction, creeping jogs)
+    cruise_rad_s2: float = 30.0  # up to this acceleration the axis cruises
+    # limits between the encoders; those of the lead alone unless given
     channels: ChannelLimits | None = None
 
 

@@ -48,8 +48,6 @@ _HEAT_C = 2.0
 
 @dataclass(frozen=True, slots=True)
 class FigureChange:
-    """One figure then and now."""
-
     name: str  # `section.figure`
     old: IntervalEstimate
     new: IntervalEstimate
@@ -182,8 +180,6 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class SectionDrift:
-    """All quantities of one section."""
-
     section: Section
     drifts: tuple[Drift, ...]
     temperature_c: tuple[float, ...]  # mean of each recording; NaN where it is not recorded

@@ -33,8 +33,6 @@ SPREAD_NM, TEMPERATURE_C = "torque_spread_nm", "temperature_c"
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One move of the table."""
-
     # values of what a section is told by beside its course (tool, block), in order
     context: tuple[float, ...]
     # start_m, end_m: of its course: the set point where there is one, else the position

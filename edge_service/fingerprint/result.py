@@ -45,8 +45,6 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """A measured curve."""
-
     name: str
     # x, y: (n,) each, in SI units
     x: Values

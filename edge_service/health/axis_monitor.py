@@ -110,7 +110,6 @@ class AxisMonitor:
     def on_preload(
         self, header: Header, estimate: PreloadEstimate, now_ns: int
     ) -> tuple[Event, ...]:
-        """Take an estimate in."""
         events = self._condition.on_preload(header, estimate, now_ns)
         sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
         if sudden:
@@ -121,7 +120,6 @@ class AxisMonitor:
         return (*events, *sudden, *(self._look_at_alarms(now_ns) if events else ()))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
-        """Take an interval in."""
         self._use.add(block)
         self._friction.add(block)
         self._heard = (header.source_time_ns, block.time_s)

@@ -41,7 +41,6 @@ class ComponentWatch:
         return self.tick(now_ns)
 
     def forget(self, axis: str) -> None:
-        """Forget the components of an axis."""
         self._reports = {key: each for key, each in self._reports.items() if key[1] != axis}
 
     def missing(self, preload: Heard[PreloadEstimate], axis: str, now_ns: int) -> str | None:

@@ -43,13 +43,11 @@ class ConditionMonitor:
 
     @property
     def estimate(self) -> PreloadEstimate | None:
-        """The newest estimate."""
         return self._preload.payload
 
     def on_preload(
         self, header: Header, estimate: PreloadEstimate, now_ns: int
     ) -> tuple[Event, ...]:
-        """Take an estimate in."""
         before = self.estimate
         self._preload.hear(header, estimate, now_ns)
         if estimate.status is EstimateStatus.ESTIMATED:

@@ -27,7 +27,6 @@ class Heard(Generic[T]):
         self.payload: T | None = None
 
     def hear(self, header: Header, payload: T, now_ns: int) -> None:
-        """Take a payload in."""
         self.header, self.payload, self._arrival_ns = header, payload, now_ns
 
     def age_s(self, now_ns: int) -> float | None:
@@ -67,7 +66,6 @@ class DataFaults:
         self.counts: dict[str, int] = {}
 
     def count(self, fault: Fault, now_ns: int) -> tuple[Event, ...]:
-        """Count the faults of one interval."""
         events = []
         for kind in fault:
             name = fault_name(kind)

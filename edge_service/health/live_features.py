@@ -53,7 +53,6 @@ class LiveFeatures:
         self.temperature_c = math.nan
 
     def add(self, time_ns: int, block: FeatureBlock) -> None:
-        """Take an interval in."""
         position, way = block.table_mean_m, block.angle_mean_rad * self._ratio
         self.temperature_c = block.temperature_c
         self._points.append(

@@ -67,11 +67,9 @@ class ServiceState:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
         return tuple(self._axes)
 
     def on_preload(self, axis: str, header: Header, estimate: PreloadEstimate, now_ns: int) -> None:
-        """Take an estimate in."""
         if self._knows(axis):
             self._axes[axis].preload.hear(header, estimate, now_ns)
             if now_ns - header.source_time_ns < _LATEST_NS:
@@ -80,7 +78,6 @@ class ServiceState:
             self._mark(PRELOAD.name, axis)
 
     def on_opinion(self, axis: str, header: Header, opinion: ImmEstimate, now_ns: int) -> None:
-        """Take a second opinion in."""
         if self._knows(axis):
             self._axes[axis].imm.hear(header, opinion, now_ns)
 
@@ -91,7 +88,6 @@ class ServiceState:
             self._mark(FEAT.name, axis)
 
     def on_health(self, header: Header, health: AxisHealth, now_ns: int) -> None:
-        """Take the condition of an axis in."""
         if self._knows(health.axis):
             self._axes[health.axis].health.hear(header, health, now_ns)
             self._mark(HEALTH.name, health.axis)
@@ -101,7 +97,6 @@ class ServiceState:
         return not event.axis or self._knows(event.axis)
 
     def on_component(self, report: ComponentHealth, now_ns: int) -> None:
-        """Take a component's report in."""
         if report.axis is None or self._knows(report.axis):
             self._components.on_report(report, now_ns)
 

@@ -105,7 +105,6 @@ class MachineKeys:
         return f"{self.root}/{ALIVE}"
 
     def key(self, axis: str, topic: Named) -> str:
-        """Key of one topic of one axis."""
         return f"{self.root}/{axis}/{topic.name}"
 
     def all_axes(self, topic: Named) -> str:

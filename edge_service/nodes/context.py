@@ -88,7 +88,6 @@ class NodeContext:
         self.bus.forget(f"{self.config.keys.root}/{axis}/")
 
     def publisher(self, axis: str, topic: Topic[T]) -> Publisher[T]:
-        """Declare the publisher of one topic of one axis."""
         return self.bus.publisher(self.config.keys.key(axis, topic), topic, axis)
 
     def publishers(self, topic: Topic[T]) -> dict[str, Publisher[T]]:
@@ -117,7 +116,6 @@ class NodeContext:
         return any(each.has_unread for each in self._subscribers)
 
     def subscribe_to_components(self, topic: Topic[T]) -> Subscriber[T]:
-        """Subscribe to one topic of every component."""
         names = self.config.keys
         keys = {*names.of_components((), topic)}
         self._for_every_axis(lambda axis: keys.update(names.of_components((axis,), topic)))

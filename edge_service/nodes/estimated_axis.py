@@ -56,7 +56,6 @@ class Kept:
     snapshot: dict[str, Any]
 
     def document(self, axis: str, identity: str) -> dict[str, Any]:
-        """Document of the state of an axis."""
         return {"schema": SCHEMA, "axis": axis, "machine": identity, **asdict(self)}
 
     @classmethod

@@ -30,7 +30,6 @@ SAVE_PERIOD_S = 10.0
 
 
 def alarm_settings(config: EdgeConfig, axis: str) -> AlarmsConfig:
-    """Limits of an axis from the configuration."""
     warning, fault = config.limits_percent(axis)
     own = {"warning_percent": warning, "fault_percent": fault}
     return config.alarms.model_copy(update=own)
@@ -89,16 +88,13 @@ class Monitors:
         return self._made(axis)
 
     def keep(self, axis: str) -> None:
-        """Keep the state of an axis."""
         self._announce(axis, (), at_once=True, keeps=True)
 
     def take_preload(self, axis: str, header: Header, estimate: PreloadEstimate) -> None:
-        """Take an estimate in."""
         if axis in self.axes:
             self._announce(axis, self.axes[axis].on_preload(header, estimate, now_ns()))
 
     def take_features(self, axis: str, header: Header, block: FeatureBlock) -> None:
-        """Take an interval in."""
         if axis in self.axes:
             self._announce(axis, self.axes[axis].on_feature(header, block, now_ns()))
 

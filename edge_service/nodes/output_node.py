@@ -27,12 +27,11 @@ from ..outputs.base import (
     Message,
     Output,
     OutputContext,
-    OutputMisconfiguredError,
     OutputUnavailableError,
     RefusedError,
     load_output,
 )
-from ..plugins import UnknownPluginError
+from ..plugins import MisconfiguredError, UnknownPluginError
 from ..retry import Retry, all_of, heed_cancellation
 from .component import Component
 from .context import NodeContext
@@ -73,7 +72,7 @@ def make_output(
     )
     try:
         return kind(settings, context)
-    except OutputMisconfiguredError as error:
+    except MisconfiguredError as error:
         raise ConfigError(f"{place}.{error}") from None
 
 

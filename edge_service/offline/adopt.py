@@ -21,7 +21,7 @@ from ..checks.columns.names import Quantity
 from ..checks.columns.understand import understand
 from ..checks.finding import Finding
 from ..checks.sampling import clock_of
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..config import ConfigError, load_machine
 from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, ColumnMap, SampleFrame
 from ..models.screw.ball_screw import transmission_ratio
@@ -30,7 +30,7 @@ from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 from .machine_text import Ask, asked, machine_text
 from .raw_columns import RawColumns, read_columns
-from .recordings import Progress, examine, silent
+from .recordings import examine
 from .report.page import ESTIMATE, STYLE, write_png
 
 ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
@@ -47,7 +47,6 @@ def adopt(
     columns: Sequence[str] = (),
     picture: Path | None = None,
     ask: Ask | None = None,
-    progress: Progress = silent,
 ) -> Answer:
     """Write the machine file; returns what was understood.
 
@@ -59,7 +58,7 @@ def adopt(
     raw = read_columns(files[0], columns)
     axis, number = raw.axis(files[0], axis_number)
     understood = _understand(raw, axis, known or Known(), ask)
-    frames = [_read(path, understood, number, progress) for path in files]
+    frames = [_read(path, understood, number) for path in files]
     mechanics = _mechanics(frames, understood)
     named = name or (axis if axis and not axis.isdigit() else "X")
     stated = asked(sheet, ASKED, ask)
@@ -68,7 +67,7 @@ def adopt(
     write_whole(out, machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
     if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
-        findings = examine(load_machine(out), files, progress)
+        findings = examine(load_machine(out), files)
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
     rated = {"dynamic_load_rating_n", "preload_n"} <= stated.keys()
     doubt = next((e.sentence for e in findings or () if e.is_doubtful and e.name == "torque"), "")
@@ -146,9 +145,7 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
     return found
 
 
-def _read(
-    path: Path, understood: Understanding, number: int | None, progress: Progress
-) -> SampleFrame:
+def _read(path: Path, understood: Understanding, number: int | None) -> SampleFrame:
     """The recording as the proposed columns give it: what any later command will read."""
     found = understood.columns.items()
     columns = {channel: each for channel, each in found if each != ColumnMap(channel)}

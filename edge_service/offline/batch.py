@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextvars import Context
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -17,10 +18,9 @@ from typing import Any
 
 from .. import exit_status
 from ..atomic import made_folder, replaced_bytes
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..config import ConfigError
 from ..recordings.forms import is_recording
-from .recordings import Progress, silent
 
 log = logging.getLogger(__name__)
 TABLE = "table.parquet"
@@ -56,7 +56,6 @@ def run_batch(
     jobs: int = 1,
     cluster: str | None = None,
     insecure: bool = False,
-    progress: Progress = silent,
 ) -> Answer:
     """Write `out/CASE/` for every case and `out/table.parquet`; returns a summary.
 
@@ -125,7 +124,7 @@ def done(work: Work, written: Sequence[str], out: Path, case: Case) -> Outcome:
         made_folder(folder)
         for name in written:
             (folder / name).unlink(missing_ok=True)  # of an earlier run
-        answer = work(case.traces, folder)
+        answer = Context().run(work, case.traces, folder)  # whose stages nobody is told
         document = json.loads(answer.as_json().replace(f"{out}{os.sep}", ""))
         return Outcome(case, answer.status, document=document)
     except exit_status.BadInputError as refused:

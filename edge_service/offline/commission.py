@@ -8,7 +8,7 @@ import numpy as np
 import tomlkit
 
 from ..atomic import write_whole
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
@@ -22,7 +22,7 @@ from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .machine_text import drag_of
-from .recordings import Progress, open_recording, read_recording, reported, require_sound, silent
+from .recordings import open_recording, read_recording, reported, require_sound
 from .report.quantities import tolerated
 
 READ_BACK = 6000
@@ -40,7 +40,6 @@ def commission_to_file(
     axis_number: int | None = None,
     tests: Sequence[Path] = (),
     interval_s: float | None = None,
-    progress: Progress = silent,
     *,
     assume_fresh: bool = False,
 ) -> Answer:
@@ -58,15 +57,15 @@ def commission_to_file(
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     stated = load_machine(machine_file, axis_number)
     nominal = _with_drag(stated)
-    require_sound(nominal, traces, strict=("columns", "torque"), progress=progress)
+    require_sound(nominal, traces, strict=("columns", "torque"))
     if interval_s is None and nominal.commissioned is not None:
         interval_s = nominal.commissioned.interval_s
     uncommissioned = nominal.model_copy(update={"commissioned": None})
     limits = steady_limits(uncommissioned)
-    recordings, hold_s = _read(traces, uncommissioned, limits, interval_s, progress)
+    recordings, hold_s = _read(traces, uncommissioned, limits, interval_s)
     observed = observed_limits(recordings)
     if observed != limits:
-        recordings, hold_s = _read(traces, uncommissioned, observed, interval_s, progress)
+        recordings, hold_s = _read(traces, uncommissioned, observed, interval_s)
     progress("identifying the axis")
     try:
         machine = commissioned(recordings, nominal, observed)
@@ -140,14 +139,13 @@ def _read(
     machine: Machine,
     limits: SteadyLimits,
     interval_s: float | None,
-    progress: Progress,
 ) -> tuple[list[list[FeatureBlock]], Floats]:
     """Blocks of each recording, and for how long its channels repeat a value, s, (3,)."""
     found, hold_s = [], np.zeros(3)
     for trace in traces:
         downsampler = make_downsampler(machine, limits, interval_s)
         with open_recording(machine, trace) as reader:
-            frames = reported(reader, f"reading {trace.name}", progress)
+            frames = reported(reader, f"reading {trace.name}")
             found.append([block for frame in frames for block in downsampler.push(frame)])
         hold_s = np.maximum(hold_s, downsampler.hold_s)
     return found, hold_s

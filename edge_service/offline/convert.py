@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..atomic import replaced_bytes
 from ..checks.positions import speed_doubts
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..health.store.history import History, HistoryForm, write_history
 from ..health.store.store import Store, StoreFailedError
 from ..messages.samples import SampleFrame
@@ -14,7 +14,7 @@ from ..models.machine import Machine
 from ..recordings.columns import TraceError
 from ..recordings.sinumerik.signals import ControllerAxis
 from ..recordings.writer import CSV_SUFFIX, TraceWriter
-from .recordings import Progress, open_recording, reported, silent, spread
+from .recordings import open_recording, reported, spread
 
 
 def convert(
@@ -24,7 +24,6 @@ def convert(
     axis: ControllerAxis | None = None,
     *,
     keep_all: bool = False,
-    progress: Progress = silent,
 ) -> Answer:
     """Read a recording as the machine file says and write it in the form of the name `out`.
 
@@ -42,7 +41,7 @@ def convert(
 
         def written() -> Iterator[SampleFrame]:
             nonlocal rows
-            for frame in reported(reader, f"converting {source.name}", progress):
+            for frame in reported(reader, f"converting {source.name}"):
                 writer.write(frame)
                 rows += len(frame)
                 yield frame
@@ -77,7 +76,7 @@ def is_database(source: Path) -> bool:
         return False
 
 
-def convert_history(source: Path, out: Path, progress: Progress = silent) -> Answer:
+def convert_history(source: Path, out: Path) -> Answer:
     """Write the history of all axes, also of a running service. Raises TraceError, one line."""
     forms: dict[str, HistoryForm] = {CSV_SUFFIX: "csv", ".parquet": "parquet"}
     form = forms.get(out.suffix)

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..atomic import write_whole
 from ..checks.torque import judge_sign
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..config import ConfigError, load_machine
 from ..fingerprint.compare import Drift, SectionDrift, compare_moves
 from ..fingerprint.moves import CUTOFF_HZ, Move, described, find_moves, most_frequent
@@ -19,7 +19,7 @@ from ..models.screw.ball_screw import transmission_ratio
 from ..recordings.columns import TraceError
 from ..regression.interval_estimate import LEVEL
 from ..regression.prepared_run import PreparationSettings
-from .recordings import ExaminationError, Progress, read_recording, silent
+from .recordings import ExaminationError, read_recording
 from .report.quantities import amount, estimate, words
 
 BLOCK_COLUMNS = ("HFBlockEvent.ActiveTool", "HFBlockEvent.GCode")
@@ -133,7 +133,6 @@ def drift(
     out: Path | None = None,
     axis_number: int | None = None,
     by: Sequence[str] = (),
-    progress: Progress = silent,
 ) -> Answer:
     """Compare recordings, oldest first; with `out` write `drift.json` there.
 

@@ -19,7 +19,7 @@ from ..nodes.estimated_axis import DAMAGED, LONGEST_STOP_S, Kept, StateError, id
 from ..nodes.stages import make_downsampler, make_estimator
 from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
-from .recordings import Progress, open_recording, reported, require_sound, silent
+from .recordings import open_recording, reported, require_sound
 
 COLUMNS = (
     *("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons"),
@@ -92,7 +92,6 @@ def estimate_to_csv(
     config: EstimatorConfig,
     state: Path | None = None,
     axis_number: int | None = None,
-    progress: Progress = silent,
 ) -> Answer:
     """Write the estimates of a trace; a state that is there is gone on from, and left behind.
 
@@ -104,7 +103,7 @@ def estimate_to_csv(
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
     machine = load_machine(machine_file, axis_number)
-    require_sound(machine, [trace], progress=progress)
+    require_sound(machine, [trace])
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)
@@ -116,7 +115,7 @@ def estimate_to_csv(
     with open_recording(machine, trace) as frames, replaced_file(out) as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        live = offline.estimates(reported(frames, f"estimating {trace.name}", progress))
+        live = offline.estimates(reported(frames, f"estimating {trace.name}"))
         for last in live if tested is None else (tested,):
             rows += 1
             drag_nm = None if last.drag_torque_nm is None else last.drag_torque_nm.value

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ..atomic import write_whole
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..config import ConfigError, load_machine
 from ..fingerprint.compare import FigureChange, appeared_figures, compare_fingerprints
 from ..fingerprint.fingerprint import fingerprint_axis
@@ -21,7 +21,7 @@ from ..recordings.columns import TraceError
 from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
 from .drift import DriftReport, compare_days
-from .recordings import Progress, read_recording, require_sound, silent
+from .recordings import read_recording, require_sound
 from .report.fingerprint_figures import draw_drift, draw_sections
 from .report.fingerprint_wording import WORDING, headline, plain
 from .report.page import as_svg, rendered
@@ -50,7 +50,6 @@ def fingerprint(
     baseline_file: Path | None = None,
     axis_number: int | None = None,
     by: Sequence[str] = (),
-    progress: Progress = silent,
 ) -> Answer:
     """Write `fingerprint.json` and `report.html` into `out_dir`; returns a summary.
 
@@ -82,7 +81,7 @@ def fingerprint(
     if machine is not None:
         several = len(recorded) > 1
         frames = {path: read_recording(machine, path, keep_all=several) for path in recorded}
-        require_sound(machine, recorded, progress=progress)
+        require_sound(machine, recorded)
         progress("friction, stiffness, backlash, modes")
         found = fingerprint_axis(machine, {p.name: each for p, each in frames.items()}, baseline)
         if several:

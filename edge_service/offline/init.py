@@ -17,7 +17,6 @@ from ..exit_status import DONE, INTERNAL_FAILURE
 from .adopt import adopt
 from .configuration import check_configuration
 from .machine_text import Ask, Sheet, asked, stated_text
-from .recordings import Progress, silent
 
 EXAMPLES = DEFAULT_CONFIG.parent / "drivers"
 EXPECTED = "expected a recording, or modbus://, opc.tcp:// or mqtt:// with host and port"
@@ -50,7 +49,7 @@ class Request:
     force: bool = False  # overwrite what is there
 
 
-def init(request: Request, ask: Ask | None = None, progress: Progress = silent) -> Answer:
+def init(request: Request, ask: Ask | None = None) -> Answer:
     """Write configuration and machine file; returns what to do next.
 
     Raises ConfigError, TraceError: one line; then nothing was written.
@@ -67,7 +66,7 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
     try:
         made_folder(out.parent)
         with tempfile.TemporaryDirectory(prefix=".init-", dir=out.parent) as folder:
-            lines, status, is_right = _drafted(request, Path(folder), ask, progress)
+            lines, status, is_right = _drafted(request, Path(folder), ask)
             for path in wanted:
                 write_whole(path, (Path(folder) / path.name).read_text("utf-8"))
     except OSError as error:
@@ -79,9 +78,7 @@ def init(request: Request, ask: Ask | None = None, progress: Progress = silent) 
     return Answer("\n".join([*words, *(f"  {each}" for each in steps)]), document, status)
 
 
-def _drafted(
-    request: Request, folder: Path, ask: Ask | None, progress: Progress
-) -> tuple[list[str], int, bool]:
+def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str], int, bool]:
     """Both files, in a folder where nobody looks for them.
 
     Returns:
@@ -93,7 +90,7 @@ def _drafted(
         lead_m = request.sheet.get("lead_m")
         known = Known(None if lead_m is None else float(lead_m))
         given = (request.source.recording,), machine, None, known, request.axis, request.sheet
-        lines = adopt(*given, ask=ask, progress=progress).words.splitlines()
+        lines = adopt(*given, ask=ask).words.splitlines()
         said = [line for line in lines if not line.startswith(str(machine))]
     elif request.machine is None:
         sheet = asked(request.sheet, ASKED, ask)

@@ -97,7 +97,6 @@ def asked(sheet: Mapping[str, float | str], keys: Sequence[str], ask: Ask | None
 
 
 def stated_text(name: str, sheet: Sheet) -> str:
-    """A machine file with what is stated."""
     tables: dict[str, dict[str, Any]] = {"axis": {"name": name}, "model": {}}
     for key, value in sheet.items():
         tables.setdefault(SECTIONS[key], {})[key] = value

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import replaced_file
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..models.machine import Machine
 from ..models.motions.excitation import Chirp, Shaken
 from ..models.motions.limits import assumed_limits
@@ -21,7 +21,6 @@ from ..models.motions.registry import (
     motion_limits,
 )
 from ..models.motions.route import samples_of
-from .recordings import Progress, silent
 
 COLUMNS = ("time_s", "position_setpoint_m", "speed_setpoint_m_s", "acceleration_setpoint_m_s2")
 SETPOINTS, NC_PROGRAM = ".csv", ".mpf"
@@ -34,8 +33,6 @@ _FORMAT = ("%.6f", "%.10f", "%.9f", "%.7f")
 
 @dataclass(frozen=True, slots=True)
 class MotionFileSettings:
-    """Settings for writing a motion."""
-
     duration_s: float | None = None  # of the whole; the motion's own unless given
     rate_hz: float = 1000.0  # of the setpoints; an NC program has none
     seed: int = 1  # of what is left to chance
@@ -65,7 +62,6 @@ def write_motion(
     machine: Machine,
     out: Path,
     settings: MotionFileSettings = MotionFileSettings(),
-    progress: Progress = silent,
 ) -> Answer:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 

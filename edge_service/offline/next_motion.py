@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..diagnose.experiment import (
     DECISIVE,
     Separation,
@@ -22,7 +22,6 @@ from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
 from .diagnosis.gap import DiagnosisError, read_runs
 from .motion_file import MotionFileSettings, write_motion
-from .recordings import Progress, silent
 
 LONGEST_S = 300.0
 _SHOWN = 4
@@ -59,7 +58,6 @@ def next_motion(
     tied: Mapping[str, Values],
     out: Path | None,
     settings: MotionFileSettings,
-    progress: Progress = silent,
 ) -> Answer:
     """Propose the shortest motion that decides, write it to `out` if given, and say why.
 
@@ -94,13 +92,13 @@ def next_motion(
     document = {"decides": best.decides, "hardest_pair": pair, "proposals": shown, "file": None}
     if out is not None:
         chosen = replace(settings, duration_s=settings.duration_s or best.given_s)
-        written = write_motion(best.motion, machine, out, chosen, progress)
+        written = write_motion(best.motion, machine, out, chosen)
         document |= {"file": written.document}
         lines.append(written.words)
     return Answer("\n".join(lines), document)
 
 
-def isolability(machine: Machine, subject: str, progress: Progress = silent) -> Answer:
+def isolability(machine: Machine, subject: str) -> Answer:
     """A table: each effect, the strength from which it shows, and what it may be taken for.
 
     The motion is a named one, or that of a recording; what was measured there is not looked at.

@@ -3,28 +3,23 @@
 A machine file names foreign columns and the controller's axis; the checks are those of `doctor`.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ..checks.examination import check_plausibility
 from ..checks.finding import Finding
+from ..command_answer import progress
 from ..config import ConfigError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.reader import TraceReader, joined, open_trace, read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 
-Progress = Callable[[str], None]
-"""Takes a line on what is being done."""
 MOST_ROWS = 600_000
 """Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
 
 
-def silent(_line: str) -> None:
-    """Tell nobody."""
-
-
-def reported(reader: TraceReader, words: str, progress: Progress) -> Iterator[SampleFrame]:
+def reported(reader: TraceReader, words: str) -> Iterator[SampleFrame]:
     """Frames of a recording; each tenth that is read is reported."""
     told = -1
     for frame in reader:
@@ -53,13 +48,13 @@ class ExaminationError(ConfigError):
     """Recordings that contradict the machine file, so that no answer is right; one line."""
 
 
-def examine(machine: Machine, traces: Sequence[Path], progress: Progress = silent) -> list[Finding]:
+def examine(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
     """Every check that these files allow; errors as `open_trace`."""
     frames: list[SampleFrame] = []
     unread: dict[str, None] = {}
     for path in traces:
         with open_recording(machine, path) as reader:
-            frames += spread(reported(reader, f"examining {path.name}", progress))
+            frames += spread(reported(reader, f"examining {path.name}"))
             unread |= dict.fromkeys(reader.ignored)
     return check_plausibility(machine, frames, tuple(unread))
 
@@ -68,7 +63,6 @@ def require_sound(
     machine: Machine,
     traces: Sequence[Path],
     strict: Collection[str] = (),
-    progress: Progress = silent,
 ) -> None:
     """Examine recordings, and go on only where an answer can be right.
 
@@ -77,7 +71,7 @@ def require_sound(
 
     Raises ExaminationError: a mistake of unit, sign or column; the text names the worst.
     """
-    for each in examine(machine, traces, progress):
+    for each in examine(machine, traces):
         if each.forbids or (each.is_doubtful and each.name in strict):
             names = ", ".join(str(path) for path in traces)
             raise ExaminationError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..command_answer import Answer
+from ..command_answer import Answer, progress
 from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, Floats
 from ..models.effects.registry import parse_effect
@@ -28,7 +28,6 @@ from ..models.motions.route import samples_of
 from ..models.screw.nut_law import CATALOGUE_PRELOAD_PERCENT
 from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
-from .recordings import Progress, silent
 
 ENDLESS_DURATION_S = 60.0
 """Duration of an endless motion unless one is given."""
@@ -53,8 +52,6 @@ class CommandedMotion:
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings:
-    """Settings of a simulation."""
-
     motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
     # beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20 is weight
     # on the table that the drive does not know of, external_force:file=f.csv (time_s, force_n) a
@@ -67,13 +64,11 @@ class SimulationSettings:
     rate_hz: float = 1000.0
 
 
-def simulate(
-    machine: Machine, settings: SimulationSettings, out: Path, progress: Progress = silent
-) -> Answer:
+def simulate(machine: Machine, settings: SimulationSettings, out: Path) -> Answer:
     """Write the recording to `out`, .csv or .parquet. Raises SimulationError, TraceError."""
     axis = _Axis(machine, settings)
     commanded = axis.commanded(1, settings.motion, settings.duration_s)
-    return axis.recorded([commanded], [out], progress)
+    return axis.recorded([commanded], [out])
 
 
 def simulate_session(
@@ -81,7 +76,6 @@ def simulate_session(
     settings: SimulationSettings,
     motions: Sequence[str],
     out: Path,
-    progress: Progress = silent,
 ) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
 
@@ -93,7 +87,7 @@ def simulate_session(
     """
     axis = _Axis(machine, settings)
     session = [axis.commanded(k, motion, returns=True) for k, motion in enumerate(motions, 1)]
-    return axis.recorded(session, _numbered(out, [each.name for each in session]), progress)
+    return axis.recorded(session, _numbered(out, [each.name for each in session]))
 
 
 class _Axis:
@@ -132,9 +126,7 @@ class _Axis:
         except ValueError as error:
             raise SimulationError(str(error)) from error
 
-    def recorded(
-        self, session: Sequence[CommandedMotion], paths: Sequence[Path], progress: Progress
-    ) -> Answer:
+    def recorded(self, session: Sequence[CommandedMotion], paths: Sequence[Path]) -> Answer:
         """Run motions one after another and write what the drive reports."""
         recordings, lines, first = [], [], 0
         effects = [each.effect.name for each in self._drive.settings.effects]

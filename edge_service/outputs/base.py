@@ -15,10 +15,9 @@ from ..config_tables import Table
 from ..messages.addresses import is_loopback
 from ..messages.answer import AxisAnswer
 from ..messages.event import Event
-from ..plugins import MisconfiguredError, load_plugin
+from ..plugins import load_plugin
 
 ENTRY_POINT_GROUP = "edge_service.outputs"
-OutputMisconfiguredError = MisconfiguredError
 
 
 class OutputUnavailableError(Exception):

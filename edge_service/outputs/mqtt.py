@@ -40,8 +40,6 @@ _TOLD = PRELOAD.name, HEALTH.name, IMM.name
 
 
 class MqttConfig(BrokerConfig, OutputConfig):
-    """`[outputs.mqtt]`."""
-
     format: Literal["json", "home-assistant", "sparkplug"] = "json"
     prefix: str = "feeddrive"  # first part of the topics of JSON
 
@@ -72,7 +70,6 @@ class MqttOutput(Output):
         self._sent_s: dict[str, float] = {}
 
     async def open(self) -> None:
-        """Connect, and say that we are there."""
         if self._client is not None:
             return
         client = self._new_client()
@@ -102,7 +99,6 @@ class MqttOutput(Output):
         await self._publish(f"{self._root}/status", ONLINE, retain=True)
 
     async def take(self, message: Message) -> None:
-        """Send an answer, once in a period, or an event."""
         if self._client is None:
             raise OutputUnavailableError("not open")
         if self._listening is not None and self._listening.done():

@@ -50,8 +50,6 @@ Values = dict[tuple[str, str], tuple[str, ...]]
 
 
 class MtconnectConfig(ListeningConfig):
-    """`[outputs.mtconnect]`."""
-
     scheme, usual_port = "tcp", 7878
     endpoint: str = "tcp://127.0.0.1:7878"  # where agents connect
     # also beyond loopback, where others may read along; the protocol has neither encryption nor
@@ -87,7 +85,6 @@ class MtconnectOutput(Output):
         return 0 if self._server is None else int(self._server.sockets[0].getsockname()[1])
 
     async def open(self) -> None:
-        """Write the description of the machine, and listen."""
         if self._server is not None:
             return
         host, port = self.config.place

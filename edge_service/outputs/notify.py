@@ -13,6 +13,7 @@ import apprise
 from pydantic import Field
 
 from ..messages.event import AxisCondition, Event, Statement
+from ..plugins import MisconfiguredError
 from ..secret_files import SecretError, read_secret
 from ..threads import Threads
 from .base import (
@@ -21,7 +22,6 @@ from .base import (
     Output,
     OutputConfig,
     OutputContext,
-    OutputMisconfiguredError,
     OutputUnavailableError,
     RefusedError,
 )
@@ -62,8 +62,6 @@ class _Status(logging.Handler):
 
 
 class NotifyConfig(OutputConfig):
-    """`[outputs.notify]`."""
-
     urls_file: Path  # a URL of apprise a line, for its owner alone, as it may hold secrets
     # kinds of the events that are told
     events: tuple[str, ...] = Field(("alarm_raised", "alarm_cleared"), min_length=1)
@@ -88,18 +86,18 @@ class NotifyOutput(Output):
         try:
             lines = [line.strip() for line in read_secret(file).splitlines()]
         except SecretError as error:
-            raise OutputMisconfiguredError("urls_file", str(error)) from None
+            raise MisconfiguredError("urls_file", str(error)) from None
         for number, url in enumerate(lines, 1):
             if not url or url.startswith("#"):
                 continue
             service = apprise.Apprise.instantiate(url, asset=_ASSET)
             if service is None:
                 problem = f"{file}: line {number} is no URL of apprise"
-                raise OutputMisconfiguredError("urls_file", problem)
+                raise MisconfiguredError("urls_file", problem)
             scheme = re.sub(r"[^a-z0-9]", "", url.partition(":")[0].lower())
             self._services[f"{scheme}-{sha256(url.encode()).hexdigest()[:6]}"] = service
         if not self._services:
-            raise OutputMisconfiguredError("urls_file", f"{file}: holds no URL")
+            raise MisconfiguredError("urls_file", f"{file}: holds no URL")
         self.receivers = tuple(self._services)
 
     @property
@@ -107,7 +105,6 @@ class NotifyOutput(Output):
         return frozenset(self.config.events)
 
     async def open(self) -> None:
-        """Be ready; each letter has a connection of its own."""
         self._is_open = True
 
     async def take(self, message: Message) -> None:
@@ -121,7 +118,6 @@ class NotifyOutput(Output):
             await _SENDERS.run(self._send, message.receiver, told)
 
     async def close(self) -> None:
-        """Send no more."""
         self._is_open = False
 
     def _send(self, receiver: str, events: Sequence[Event]) -> None:

@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from pydantic import model_validator
 
 from ..messages.answer import AxisAnswer
+from ..plugins import MisconfiguredError
 from ..secret_files import SecretError, expanded, read_secret
 from ..threads import Threads
 from .base import (
@@ -28,7 +29,6 @@ from .base import (
     Message,
     Output,
     OutputContext,
-    OutputMisconfiguredError,
     OutputUnavailableError,
 )
 from .opcua_nodes import AddressSpace, data_values
@@ -55,8 +55,6 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all th
 
 
 class OpcuaConfig(ListeningConfig):
-    """`[outputs.opcua]`."""
-
     scheme, usual_port = "opc.tcp", 4840
     endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
     # certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both are
@@ -85,7 +83,7 @@ class OpcuaOutput(Output):
         super().__init__(config, context)
         if context.knows is None and not config.is_local:
             problem = "beyond loopback it needs a token (edge-service token)"
-            raise OutputMisconfiguredError("endpoint", problem)
+            raise MisconfiguredError("endpoint", problem)
         self._uri = URI
         if config.certificate is not None and config.private_key is not None:
             self._uri = application_uri(config.certificate, config.private_key)
@@ -119,7 +117,6 @@ class OpcuaOutput(Output):
                 raise OutputUnavailableError(f"{host}:{port}: {error.strerror}") from None
 
     async def take(self, message: Message) -> None:
-        """Put an answer into the address space; subscribers hear of what has changed."""
         if self._server is None or self._server.bserver is None or self._space is None:
             raise OutputUnavailableError("not open")
         assert isinstance(message, AxisAnswer)
@@ -179,7 +176,7 @@ class OpcuaOutput(Output):
 
 
 def application_uri(certificate: Path, private_key: Path) -> str:
-    """Name of the server that its certificate states. Raises OutputMisconfiguredError."""
+    """Name of the server that its certificate states. Raises MisconfiguredError."""
     key, problem = "private_key", f"{private_key}: expected a key in PEM, without a password"
     try:
         own = load_pem_private_key(read_secret(private_key).encode(), None).public_key()
@@ -192,12 +189,12 @@ def application_uri(certificate: Path, private_key: Path) -> str:
         if held.public_key() != own or "rsa" not in type(own).__module__:
             raise ValueError(problem)
     except SecretError as error:
-        raise OutputMisconfiguredError(key, str(error)) from None
+        raise MisconfiguredError(key, str(error)) from None
     except OSError as error:
         problem = f"{certificate}: cannot be read ({error.strerror})"
-        raise OutputMisconfiguredError(key, problem) from None
+        raise MisconfiguredError(key, problem) from None
     except (ValueError, TypeError, x509.ExtensionNotFound):
-        raise OutputMisconfiguredError(key, problem) from None
+        raise MisconfiguredError(key, problem) from None
     return str(uri)
 
 

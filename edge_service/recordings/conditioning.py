@@ -60,17 +60,11 @@ _DECIMATION_PASS = 0.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UniformRun:
-    """Samples at start_s + k period_s without a gap.
+    """Samples at start_s + k period_s without a gap."""
 
-    Attributes:
-        start_s: on the axis' clock, s.
-        period_s: s.
-        channels: channel name -> values, shape (n,) each, all finite.
-    """
-
-    start_s: float
-    period_s: float
-    channels: Mapping[str, Floats]
+    start_s: float  # on the axis' clock, s
+    period_s: float  # s
+    channels: Mapping[str, Floats]  # channel name -> values, shape (n,) each, all finite
 
     def __len__(self) -> int:
         return len(next(iter(self.channels.values())))

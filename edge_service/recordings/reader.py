@@ -127,7 +127,6 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
                 return SampleFrame(time_s[timed], kept)
 
     def close(self) -> None:
-        """Close the file; safe twice."""
         self._source.close()
 
     def __exit__(self, *_: object) -> None:

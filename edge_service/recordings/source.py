@@ -39,17 +39,13 @@ NO_TEXT = Text(0, {})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Rows of some columns.
+    """Rows of some columns."""
 
-    Attributes:
-        values: column name -> values as they stand in the file, shape (n,); NaN where a cell
-            holds no number.
-        row_number: number of each row in the file, from 0, rows set aside included, shape (n,).
-        text: what stands in place of numbers, for the columns where something does.
-    """
-
+    # column name -> values as they stand in the file, shape (n,); NaN where a cell holds no number
     values: dict[str, Floats]
+    # number of each row in the file, from 0, rows set aside included, shape (n,)
     row_number: Floats
+    # what stands in place of numbers, for the columns where something does
     text: dict[str, Text] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -105,7 +101,6 @@ class Source:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Close the file; safe twice."""
         self._file.close()
 
     def _number_rows(self, count: int) -> Floats:

@@ -123,7 +123,6 @@ class Run:
         return self.low_pass(np.where(self.moving, values, 0.0))
 
     def at_rows(self, values: Floats) -> Floats:
-        """Unfiltered `values` at the rows."""
         return values[:: self.low_pass.step]
 
     @property

@@ -16,7 +16,7 @@ import duckdb
 import pyarrow.parquet
 import pytest
 
-from edge_service.command_answer import Answer
+from edge_service.command_answer import LISTENER, Answer
 from edge_service.config import DEFAULT_MACHINE, ConfigError, EstimatorConfig, load_machine
 from edge_service.offline import batch
 from edge_service.offline.estimate import estimate_case
@@ -56,7 +56,8 @@ def rows(folder: Path) -> list[dict[str, object]]:
 
 def test_what_is_wrong_with_one_case_stops_no_other(recordings: list[Path], tmp_path: Path) -> None:
     said: list[str] = []
-    answer = estimated(recordings, tmp_path, progress=said.append)
+    LISTENER.set(said.append)
+    answer = estimated(recordings, tmp_path)
     assert answer.status == 2
     assert json.loads(answer.as_json())["answered"] == 5
     assert "notes" in answer.words

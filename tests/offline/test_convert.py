@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edge_service.command_answer import Answer
+from edge_service.command_answer import LISTENER, Answer
 from edge_service.models.machine import Machine
 from edge_service.offline.convert import convert
 from edge_service.offline.recordings import read_recording
@@ -111,7 +111,8 @@ def test_unreadable_rows_are_counted(tmp_path: Path) -> None:
     rows = "".join(f"{time},{index}\n" for index, time in enumerate(times))
     source.write_text("time_s,motor_angle_rad\n" + rows + "6\n5.1,\n")
     seen: list[str] = []
-    answer = convert(source, tmp_path / "out.csv", _machine(), progress=seen.append)
+    LISTENER.set(seen.append)
+    answer = convert(source, tmp_path / "out.csv", _machine())
     summary = answer.document
     assert (summary["rows"], summary["set_aside"]) == (8, 1)
     assert summary["missing"] == {"motor_angle_rad": 1}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from edge_service.command_answer import LISTENER
 from edge_service.estimate.imm.bank import run_bank
 from edge_service.estimate.imm.modes import THESIS_MODE_TRANSITION, weighted_level
 from edge_service.offline.reproduce import simulation as drive
@@ -96,7 +97,8 @@ def test_scores() -> None:
 def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduction, list[str]]:
     folder = tmp_path_factory.mktemp("study") / "made" / "here"
     said: list[str] = []
-    return folder, reproduce(folder, seeds=1, progress=said.append), said
+    LISTENER.set(said.append)
+    return folder, reproduce(folder, seeds=1), said
 
 
 def test_writes_both_files_and_nothing_else(written: tuple[Path, Reproduction, list[str]]) -> None:

@@ -7,47 +7,30 @@ from ...messages.samples import ColumnMap
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """One thing that was found, or assumed.
+    """One thing that was found, or assumed."""
 
-    Attributes:
-        subject: a key of the machine file, or what else it is about.
-        words: what, and why, in one line.
-        assumed: nothing in the recordings says so; the owner should look at it.
-    """
-
-    subject: str
-    words: str
-    assumed: bool = False
+    subject: str  # a key of the machine file, or what else it is about
+    words: str  # what, and why, in one line
+    assumed: bool = False  # nothing in the recordings says so; the owner should look at it
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One thing that recordings cannot tell.
+    """One thing that recordings cannot tell."""
 
-    Attributes:
-        option: of the command, which answers it.
-        words: question with its unit.
-        why: what cannot be answered without.
-    """
-
-    option: str
-    words: str
-    why: str
+    option: str  # of the command, which answers it
+    words: str  # question with its unit
+    why: str  # what cannot be answered without
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Statements of the owner; None where nothing is said.
+    """Statements of the owner; None where nothing is said."""
 
-    Attributes:
-        lead_m: travel of the table per revolution of the motor.
-        torque_constant: N m at the motor per A, or per unit of the column that tells the torque.
-        period_s: of the samples, where no column holds the time.
-    """
-
-    lead_m: float | None = None
+    lead_m: float | None = None  # travel of the table per revolution of the motor
+    # N m at the motor per A, or per unit of the column that tells the torque
     torque_constant: float | None = None
-    period_s: float | None = None
+    period_s: float | None = None  # of the samples, where no column holds the time
 
     def answered(self, question: Question, value: float | None) -> "Known":
         """The same with the answer to a question; the lead is asked for in mm."""

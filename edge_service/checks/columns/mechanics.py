@@ -23,23 +23,16 @@ _NO_SIGN = "a torque without a sign is wrong while the axis brakes"
 
 @dataclass(frozen=True, slots=True)
 class Mechanics:
-    """Parameters of torque = J a + D v + F sgn(v) + offset, at the motor.
-
-    Attributes:
-        is_inverted: the torque counts against the motion; the parameters are already turned.
-        most_inertia: kg m2 that explain all of the torque; the inertia is less.
-        seconds: of motion behind it.
-        sign_is_told: inertia or friction shows which way the torque counts.
-    """
+    """Parameters of torque = J a + D v + F sgn(v) + offset, at the motor."""
 
     inertia: IntervalEstimate
     viscous: IntervalEstimate
     coulomb: IntervalEstimate
     offset: IntervalEstimate
-    is_inverted: bool
-    most_inertia: float
-    seconds: float
-    sign_is_told: bool = True
+    is_inverted: bool  # the torque counts against the motion; the parameters are already turned
+    most_inertia: float  # kg m2 that explain all of the torque; the inertia is less
+    seconds: float  # of motion behind it
+    sign_is_told: bool = True  # inertia or friction shows which way the torque counts
 
     def named(self) -> dict[str, IntervalEstimate]:
         """The parameters by their names in words."""
@@ -118,20 +111,13 @@ def _most_inertia(frames: Sequence[SampleFrame], settings: PreparationSettings) 
 
 @dataclass(frozen=True, slots=True)
 class Ability:
-    """One thing that a user asks for.
+    """One thing that a user asks for."""
 
-    Attributes:
-        what: in the user's words.
-        reason: why not; empty if it can be answered.
-        motion: of `edge-service motion`, which would answer it; empty if none would.
-    """
-
-    what: str
-    reason: str
-    motion: str = ""
+    what: str  # in the user's words
+    reason: str  # why not; empty if it can be answered
+    motion: str = ""  # of `edge-service motion`, which would answer it; empty if none would
 
     def as_text(self) -> str:
-        """One line."""
         if not self.reason:
             return f"{self.what}: yes"
         remedy = f"; record `edge-service motion {self.motion}`" if self.motion else ""

@@ -53,23 +53,15 @@ class Quantity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ColumnName:
-    """Meaning of one name.
-
-    Attributes:
-        axis: of the controller, as the name spells it; empty where it names none.
-        unit: as `messages/units.toml` writes it; empty where the name gives none.
-        rank: the smaller, the better a column of the same quantity serves.
-        stranger: what stands where a unit stands, and is none that is known.
-        is_given: its owner says what it holds.
-    """
+    """Meaning of one name."""
 
     name: str
     quantity: Quantity
-    unit: str = ""
-    axis: str = ""
-    rank: int = 0
-    stranger: str = ""
-    is_given: bool = False
+    unit: str = ""  # as `messages/units.toml` writes it; empty where the name gives none
+    axis: str = ""  # of the controller, as the name spells it; empty where it names none
+    rank: int = 0  # the smaller, the better a column of the same quantity serves
+    stranger: str = ""  # what stands where a unit stands, and is none that is known
+    is_given: bool = False  # its owner says what it holds
 
     @property
     def is_position(self) -> bool:
@@ -129,7 +121,6 @@ def unit_of(text: str, quantity: Quantity = Quantity.OTHER) -> str:
 
 
 def units_below(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[str, str]:
-    """Units in a row of them below the names of a file, by name."""
     for texts in ([cell.strip("[]() ") for cell in row] for row in rows):
         if 2 * sum(bool(units_spelled(text)) for text in texts) > sum(map(bool, texts)):
             return dict(zip(names, texts, strict=False))

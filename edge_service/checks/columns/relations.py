@@ -25,20 +25,13 @@ _LEAST_WINDOWS, _LEAST_STRONG = 5, 3
 
 @dataclass(frozen=True, slots=True)
 class Proportion:
-    """target = factor * source over windows.
-
-    Attributes:
-        sigma: standard deviation of the factor.
-        correlation: of both over all windows.
-        residual: root mean square of what is left of the target, in its unit.
-        kept: share of the windows that it rests on.
-    """
+    """target = factor * source over windows."""
 
     factor: float
-    sigma: float
-    correlation: float
-    residual: float
-    kept: float
+    sigma: float  # standard deviation of the factor
+    correlation: float  # of both over all windows
+    residual: float  # root mean square of what is left of the target, in its unit
+    kept: float  # share of the windows that it rests on
 
 
 def whole_windows(time_s: Floats, window: int = WINDOW) -> Floats:

@@ -52,17 +52,11 @@ def channel_reasons(fault: Fault) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Verdict on an interval: its faults, and the channels that may be read.
+    """Verdict on an interval: its faults, and the channels that may be read."""
 
-    Attributes:
-        fault: bits of Fault.
-        has_table: the linear encoder may be read.
-        has_stretch: both encoders may be compared in the phases.
-    """
-
-    fault: Fault
-    has_table: bool
-    has_stretch: bool
+    fault: Fault  # bits of Fault
+    has_table: bool  # the linear encoder may be read
+    has_stretch: bool  # both encoders may be compared in the phases
 
 
 _MISSING = Verdict(Fault.NONE, False, False)
@@ -106,24 +100,20 @@ class _Trial:
 
 @dataclass(slots=True, eq=False)
 class ChannelState:
-    """Everything on which the next interval is checked.
+    """Everything on which the next interval is checked."""
 
-    Attributes:
-        agreement: of the encoders; `level` is that before the linear one was doubted.
-        table_run, angle_run: of a repeated value, in which the channels end.
-        least_step, hold_s: of torque, motor angle and table: least step from row to row, in their
-            units; time for which they repeat a value, s; (3,) each.
-        torque_nm: least and most of the interval before, and the value at which it is stuck, (3,).
-        noise_m: of the difference between the encoders from row to row.
-    """
-
+    # of the encoders; `level` is that before the linear one was doubted
     agreement: Agreement = field(default_factory=Agreement)
     level: Agreement = field(default_factory=Agreement)
-    noise_m: Number = 0.0
+    noise_m: Number = 0.0  # of the difference between the encoders from row to row
     trial: _Trial = field(default_factory=_Trial)
+    # table_run, angle_run: of a repeated value, in which the channels end
     table_run: OpenRun = field(default_factory=OpenRun)
     angle_run: OpenRun = field(default_factory=OpenRun)
+    # least and most of the interval before, and the value at which it is stuck, (3,)
     torque_nm: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
+    # least_step, hold_s: of torque, motor angle and table: least step from row to row, in their
+    # units; time for which they repeat a value, s; (3,) each
     least_step: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
     hold_s: StoredFloats = field(default_factory=lambda: np.zeros(3))
 

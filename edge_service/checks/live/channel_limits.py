@@ -27,22 +27,14 @@ LONGEST_SCREW_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ChannelLimits:
-    """Limits of the difference between the encoders of a sound axis.
+    """Limits of the difference between the encoders of a sound axis."""
 
-    Attributes:
-        ratio_m_per_rad: table travel per radian of the screw.
-        play_m: greatest play at one reversal.
-        compliance_m_per_n: stretch per force, on the generous side.
-        length_m: of the screw that warms up.
-        skew_s: lag of the table's samples at commissioning.
-        hold_s: for which torque, motor angle and table repeated a value then; None if unknown.
-    """
-
-    ratio_m_per_rad: float
-    play_m: float
-    compliance_m_per_n: float = 1.0 / SOFTEST_N_PER_M
-    length_m: float = LONGEST_SCREW_M
-    skew_s: float = 0.0
+    ratio_m_per_rad: float  # table travel per radian of the screw
+    play_m: float  # greatest play at one reversal
+    compliance_m_per_n: float = 1.0 / SOFTEST_N_PER_M  # stretch per force, on the generous side
+    length_m: float = LONGEST_SCREW_M  # of the screw that warms up
+    skew_s: float = 0.0  # lag of the table's samples at commissioning
+    # for which torque, motor angle and table repeated a value then; None if unknown
     hold_s: tuple[float, float, float] | None = None
 
     @classmethod

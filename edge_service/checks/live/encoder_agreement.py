@@ -52,13 +52,11 @@ class Agreement:
     `held` is the last piece of pushed motion, `rest` the last one at rest: a reversal may add the
     play to them. `begun` is where the present push began and `newest` its last piece: nothing may
     be added to them but what goes with way, torque and speed.
-
-    Attributes:
-        contact: of the nut: pushing the table with the same flank all the while, or not, (5,).
-        anchors: earlier pieces, (4, 5).
     """
 
+    # of the nut: pushing the table with the same flank all the while, or not, (5,)
     contact: _Contact = field(default_factory=lambda: np.array(_FREE))
+    # earlier pieces, (4, 5)
     anchors: _Anchors = field(default_factory=lambda: np.full((4, 5), np.nan))
 
     def interrupt(self) -> None:

@@ -21,16 +21,11 @@ more rows is at rest, or stuck."""
 
 
 class OpenRun(NamedTuple):
-    """Run of one value in which the rows so far end.
+    """Run of one value in which the rows so far end."""
 
-    Attributes:
-        value: repeated.
-        rows: that hold it.
-        low_m, high_m: reach of the other channel meanwhile.
-    """
-
-    value: Number = np.nan
-    rows: int = 0
+    value: Number = np.nan  # repeated
+    rows: int = 0  # that hold it
+    # low_m, high_m: reach of the other channel meanwhile
     low_m: Number = np.inf
     high_m: Number = -np.inf
 

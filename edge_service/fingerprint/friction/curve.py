@@ -68,8 +68,6 @@ def measure_friction(points: Sequence[FrictionPoint]) -> Contents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionParts:
-    """Parts of a friction curve."""
-
     parameters: Mapping[str, IntervalEstimate]  # with intervals
     # of the curve, by the same names; a part that is missing is not in it
     values: Mapping[str, float]
@@ -208,8 +206,6 @@ def _mean_of_ways(ways: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionTest:
-    """One friction test."""
-
     name: str  # of its recording
     # start_s, end_s: of its cruises, s
     start_s: float

@@ -64,11 +64,9 @@ class FrequencyResponse:
         return self._part((self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz))
 
     def coherent(self, least: float) -> "FrequencyResponse":
-        """The frequencies with at least so much coherence."""
         return self._part(self.coherence >= least)
 
     def every(self, step: int) -> "FrequencyResponse":
-        """Every `step`th frequency."""
         return self._part(np.arange(len(self.frequency_hz)) % step == 0)
 
     def _part(self, keep: Booleans) -> "FrequencyResponse":

@@ -56,8 +56,6 @@ class Subscription:
 
 
 class FanOut:
-    """All live readers."""
-
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
         self._subscriptions: set[Subscription] = set()

@@ -145,7 +145,6 @@ class Bucket(Frozen):
 
 
 def buckets(rows: Rows) -> tuple[Bucket, ...]:
-    """One bucket per row."""
     found = []
     for time_us, status, bounds, samples, counts, values in rows.tolist():
         low, high = (None if math.isnan(bound) else bound for bound in bounds)

@@ -104,7 +104,6 @@ class Tokens:
             raise TokenError(f"no token is named {name!r}; there are: {there}")
 
     def note_use(self, name: str, now_ns: int) -> None:
-        """Note that a token was used."""
         update = "UPDATE tokens SET used_ns = ? WHERE name = ?"
         self._store.write(lambda file: file.execute(update, (now_ns, name)))
 

@@ -48,8 +48,6 @@ _SENTENCES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreloadSteps:
-    """Steps of a preload history."""
-
     step_s: float  # length of a step, s
     # step number, count, preload (percent), half width (percent), distance (m), (n, 5)
     rows: StoredFloats

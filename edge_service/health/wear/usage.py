@@ -64,7 +64,6 @@ class UsageCounter:
             self._force_way_m[min(part, self._force_way_m.size - 1)] += way_m
 
     def use(self) -> Use:
-        """Use counted so far."""
         return Use(
             since_time_ns=self._since_ns,
             moving_s=self._moving_s,

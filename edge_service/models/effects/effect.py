@@ -56,8 +56,6 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of an effect."""
-
     name: str
     unit: str
     description: str

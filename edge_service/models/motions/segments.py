@@ -71,12 +71,10 @@ class Move:
 
     @property
     def peak_acceleration_m_s2(self) -> float:
-        """Acceleration that is reached, m/s^2."""
         return self.jerk_m_s3 * self.phases_s[0]
 
     @property
     def peak_speed_m_s(self) -> float:
-        """Speed that is reached, m/s."""
         jerk_s, hold_s, _cruise_s = self.phases_s
         return self.peak_acceleration_m_s2 * (jerk_s + hold_s)
 

@@ -15,8 +15,6 @@ LOOP_RATIO = 4.0
 
 
 class Gains(NamedTuple):
-    """Gains of the cascade."""
-
     position_gain_per_s: float
     speed_gain_nm_s_per_rad: float
     integral_gain_nm_per_rad: float

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...atomic import write_whole
 from ...checks.session import DataCheck, check_data
-from ...command_answer import Answer
+from ...command_answer import Answer, progress
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
@@ -33,7 +33,7 @@ from ...models.effects.registry import effects, fault, get_effect
 from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...regression.run import Run
-from ..recordings import Progress, examine, silent
+from ..recordings import examine
 from ..report.diagnosis_page import chance, places, points, render, verdict_sentence
 from ..report.quantities import amount
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
@@ -46,7 +46,6 @@ def diagnose(
     machine_file: Path,
     traces: Sequence[Path],
     out: Path,
-    progress: Progress = silent,
     reference: Sequence[Path] = (),
     axis_number: int | None = None,
     without: Sequence[str] = (),
@@ -62,8 +61,8 @@ def diagnose(
         library = library_without(without)
         text, healthy = machine_file.read_text("utf-8"), None
         if reference:
-            machine, healthy = _healthy(machine, reference, progress)
-        runs = read_runs(machine, traces, progress)
+            machine, healthy = _healthy(machine, reference)
+        runs = read_runs(machine, traces)
         names = [path.name for path in traces]
         check = _checked(machine, traces, runs)
         if check.faults:
@@ -160,13 +159,11 @@ def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
     return text
 
 
-def _healthy(
-    machine: Machine, reference: Sequence[Path], progress: Progress
-) -> tuple[Machine, Reference]:
+def _healthy(machine: Machine, reference: Sequence[Path]) -> tuple[Machine, Reference]:
     """The machine as healthy recordings show it, with their gap. Raises DiagnosisError."""
-    runs = read_runs(machine, reference, progress)
+    runs = read_runs(machine, reference)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
-    runs = read_runs(shown, reference, progress)
+    runs = read_runs(shown, reference)
     faults = _checked(machine, reference, runs).faults
     if faults:
         raise DiagnosisError(f"reference: {'; '.join(faults)}")

@@ -25,7 +25,7 @@ from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...regression.run import Run
-from ..recordings import Progress, open_recording, reported, require_sound, silent
+from ..recordings import open_recording, reported, require_sound
 from ..report.quantities import amount
 
 NOTHING_TO_COMPARE = (
@@ -43,12 +43,12 @@ class BadDataError(BadInputError):
     status = BAD_DATA
 
 
-def read_runs(machine: Machine, traces: Sequence[Path], progress: Progress = silent) -> list[Run]:
+def read_runs(machine: Machine, traces: Sequence[Path]) -> list[Run]:
     """Filtered runs of all recordings, read in bounded pieces, one file at a time."""
     if not traces:
         raise DiagnosisError("no recording given; expected one trace or more")
     with one_line():
-        return runs_of(opened_recordings(machine, traces, progress), rigid_baseline(machine))
+        return runs_of(opened_recordings(machine, traces), rigid_baseline(machine))
 
 
 @contextmanager
@@ -60,14 +60,12 @@ def one_line() -> Iterator[None]:
         raise DiagnosisError(str(error)) from error
 
 
-def opened_recordings(
-    machine: Machine, traces: Sequence[Path], progress: Progress
-) -> Iterator[Iterator[SampleFrame]]:
+def opened_recordings(machine: Machine, traces: Sequence[Path]) -> Iterator[Iterator[SampleFrame]]:
     """Each recording in turn; it is closed when the next is asked for."""
     for number, path in enumerate(traces, start=1):
         with open_recording(machine, path) as reader:
             name = f"{path.name}, {number} of {len(traces)}"
-            yield reported(reader, f"reading {name}", progress)
+            yield reported(reader, f"reading {name}")
 
 
 def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
@@ -81,7 +79,6 @@ def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
 def gap(
     machine_file: Path,
     traces: Sequence[Path],
-    progress: Progress = silent,
     axis_number: int | None = None,
 ) -> Answer:
     """Root mean square gap by channel, over every run of all recordings, one at a time.
@@ -94,7 +91,7 @@ def gap(
     parts: dict[str, list[tuple[int, float, float]]] = {TORQUE_GAP: [], TRANSMISSION_GAP: []}
     with one_line():
         baseline = rigid_baseline(machine)
-        for run in unbroken_runs(opened_recordings(machine, traces, progress), baseline):
+        for run in unbroken_runs(opened_recordings(machine, traces), baseline):
             there = {TORQUE_GAP: run.has_torque, TRANSMISSION_GAP: run.transmission_m is not None}
             for name in (name for name, is_there in there.items() if is_there):
                 values = channel_gap(name, run, baseline, modelled)

@@ -74,7 +74,6 @@ def amount(value: float, unit: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in whole percent."""
     return f"{100.0 * share:.0f} %"
 
 

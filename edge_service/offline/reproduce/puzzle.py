@@ -15,7 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...command_answer import Answer
+from ...command_answer import Answer, progress
 from ...config import DEFAULT_MACHINE, load_machine
 from ...diagnose.pipeline import diagnose_session
 from ...diagnose.session.recordings import runs_of
@@ -26,7 +26,6 @@ from ...models.effects.signature import transmission_signature
 from ...models.feed_drive import FeedDrive, FeedDriveSettings
 from ...models.machine import EffectConfig, Machine, Quantity
 from ...models.motions.registry import MOTIONS, Setpoints, motion_limits
-from ..recordings import Progress, silent
 from ..report.page import ESTIMATE, MUTED, STYLE, TRUTH, write_study
 
 BENCH = {"guide_force_n": 0.0, "table_mass_kg": 20.0}
@@ -82,16 +81,16 @@ def _line(name: str, gap: dict[str, float]) -> str:
     return f"  {name:<24}" + "  ".join(shown)
 
 
-def reproduce_puzzle(out: Path, seed: int = SEED, progress: Progress = silent) -> Answer:
+def reproduce_puzzle(out: Path, seed: int = SEED) -> Answer:
     """Write `report.html` and `puzzle.png` into `out`; returns the story."""
-    found = solve(seed, progress)
+    found = solve(seed)
     named = " and ".join(step.effect.replace("_", " ") for step in found.steps) or "nothing"
     verdict, title = f"The linear model lacks {named}.", "Why linear models did not fit the bench"
     write_study(out, "puzzle", title, verdict, found.as_text(), draw_puzzle(found))
     return Answer(f"{found.as_text()}\nreport: {out / 'report.html'}", found)
 
 
-def solve(seed: int = SEED, progress: Progress = silent) -> Puzzle:
+def solve(seed: int = SEED) -> Puzzle:
     """Rebuild the situation, and ask the diagnosis until it names nothing more."""
     progress("the bench runs")
     bench = bench_machine()

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ...atomic import write_whole
+from ...command_answer import progress
 from ...estimate.imm.modes import PUBLISHED_EXPONENT, moving_average, weighted_level
 from ...messages.samples import Floats
-from ..recordings import Progress, silent
 from ..report.page import rendered
 from .figures import drawn_figures
 from .simulation import (
@@ -76,7 +76,6 @@ class Reproduction:
     windows: tuple[WindowRow, ...]
 
     def window(self, steps: int) -> WindowRow:
-        """The row of one window."""
         return next(row for row in self.windows if row.window_steps == steps)
 
     def as_text(self) -> str:
@@ -119,7 +118,6 @@ def reproduce(
     seed: int = 0,
     window_steps: int = MAE_WINDOW_STEPS,
     exponent: float = PUBLISHED_EXPONENT,
-    progress: Progress = silent,
 ) -> Reproduction:
     """Run the study; write `report.html` and `reproduction.json` into `out_dir`."""
     runs = range(seed, seed + seeds)

@@ -124,23 +124,15 @@ class CycleClock:
 
 @dataclass(slots=True)
 class EdgeContext:
-    """Context beside the samples; tool and block may still come while the samples are read.
+    """Context beside the samples; tool and block may still come while the samples are read."""
 
-    Attributes:
-        period_s: of the count; None where nothing says it.
-        axis_names: number of an axis -> its name.
-        events: of each run, counts and [tool, next tool, place, block] from them on, in order.
-        event_count: of all runs.
-        has_events: whether there may be some.
-        remarks: one line each.
-    """
-
-    period_s: float | None = None
-    axis_names: dict[int, str] = field(default_factory=dict)
+    period_s: float | None = None  # of the count; None where nothing says it
+    axis_names: dict[int, str] = field(default_factory=dict)  # number of an axis -> its name
+    # of each run, counts and [tool, next tool, place, block] from them on, in order
     events: list[tuple[list[float], list[list[float]]]] = field(default_factory=lambda: [([], [])])
-    event_count: int = 0
-    has_events: bool = False
-    remarks: list[str] = field(default_factory=list)
+    event_count: int = 0  # of all runs
+    has_events: bool = False  # whether there may be some
+    remarks: list[str] = field(default_factory=list)  # one line each
 
     def name_axis(self, address: str, name: str) -> None:
         """Note the name of the axis that a signal belongs to."""

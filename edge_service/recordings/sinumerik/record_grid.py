@@ -18,21 +18,15 @@ _PRINTED_S = 0.6e-6
 
 @dataclass(slots=True)
 class SignalRecords:
-    """Records of one signal, and its sampling clock.
+    """Records of one signal, and its sampling clock."""
 
-    Attributes:
-        interval_s: time between two samples, s.
-        name, unit: as they stand in the file.
-        count: number of samples; None where the recording does not tell.
-        interpolate: between two samples a straight line instead of the older one.
-        times_s, values: of each record, times rising.
-    """
-
-    interval_s: float
+    interval_s: float  # time between two samples, s
+    # name, unit: as they stand in the file
     name: str = ""
     unit: str = ""
-    count: int | None = None
-    interpolate: bool = False
+    count: int | None = None  # number of samples; None where the recording does not tell
+    interpolate: bool = False  # between two samples a straight line instead of the older one
+    # times_s, values: of each record, times rising
     times_s: "array[float]" = field(default_factory=lambda: array("d"))
     values: "array[float]" = field(default_factory=lambda: array("d"))
 

@@ -30,18 +30,14 @@ from ..columns import AxisError
 
 @dataclass(frozen=True, slots=True)
 class ControllerAxis:
-    """Axis of a controller's recording that is wanted, and what turns its signals into channels.
+    """Axis of a controller's recording that is wanted, and what turns its signals into channels."""
 
-    Attributes:
-        number: the controller's number of the axis; None takes the only one there.
-        lead_m: table travel per revolution of the screw, m. Controllers give the rotary encoder in
-            mm of table travel, so without it there is no motor angle.
-        interpolate_positions: draw positions of a slower clock as straight lines between their
-            samples instead of holding them.
-    """
-
-    number: int | None = None
+    number: int | None = None  # the controller's number of the axis; None takes the only one there
+    # table travel per revolution of the screw, m. Controllers give the rotary encoder in mm of
+    # table travel, so without it there is no motor angle.
     lead_m: float | None = None
+    # draw positions of a slower clock as straight lines between their samples instead of holding
+    # them
     interpolate_positions: bool = False
 
     def scale(self, channel: str, unit: str | None) -> float | None:
@@ -69,35 +65,24 @@ _EDGE_NAME = re.compile(r"(?P<short>[A-Z][A-Z0-9_]*)\|(?P<axis>\d+)")
 
 @dataclass(frozen=True, slots=True)
 class ControllerSignal:
-    """One signal of a controller's recording.
+    """One signal of a controller's recording."""
 
-    Attributes:
-        column: its name in the file.
-        short: what it measures, in the controller's words.
-        axis: the controller's number of the axis.
-        unit: of its values; None where nothing is known about it.
-    """
-
-    column: str
-    short: str
-    axis: int
-    unit: str | None
+    column: str  # its name in the file
+    short: str  # what it measures, in the controller's words
+    axis: int  # the controller's number of the axis
+    unit: str | None  # of its values; None where nothing is known about it
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerColumns:
-    """Mapping of the signals of one axis to channels.
+    """Mapping of the signals of one axis to channels."""
 
-    Attributes:
-        columns: channel -> its column.
-        aliases: short name -> name of the column, for the chosen axis.
-        used: channel -> how its column is read, in words.
-        lacking: channel -> what would be needed to read a signal as this channel, in words.
-    """
-
-    columns: dict[str, ColumnMap] = field(default_factory=dict)
+    columns: dict[str, ColumnMap] = field(default_factory=dict)  # channel -> its column
+    # short name -> name of the column, for the chosen axis
     aliases: dict[str, str] = field(default_factory=dict)
+    # channel -> how its column is read, in words
     used: dict[str, str] = field(default_factory=dict)
+    # channel -> what would be needed to read a signal as this channel, in words
     lacking: dict[str, str] = field(default_factory=dict)
 
     def resolve(self, columns: Mapping[str, ColumnMap]) -> dict[str, ColumnMap]:

@@ -32,26 +32,17 @@ _SILENT_INTERVALS = 1.5
 
 @dataclass(slots=True)
 class DataFrame:
-    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals with their records.
+    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals with their records."""
 
-    Attributes:
-        start_time: wall-clock time as it stands there; empty where it does not.
-        stop_s: time of the last sample, s; None where it does not say.
-        drop_outs: how often the controller lost samples.
-        signals: by id.
-        newest_s: time of the last record, s.
-        records: number of them.
-        silences: stretches without a record, s.
-        text: what stands in place of numbers, by name of the signal.
-    """
-
-    start_time: str = ""
-    stop_s: float | None = None
-    drop_outs: int = 0
-    signals: dict[str, SignalRecords] = field(default_factory=dict)
-    newest_s: float = -math.inf
-    records: int = 0
+    start_time: str = ""  # wall-clock time as it stands there; empty where it does not
+    stop_s: float | None = None  # time of the last sample, s; None where it does not say
+    drop_outs: int = 0  # how often the controller lost samples
+    signals: dict[str, SignalRecords] = field(default_factory=dict)  # by id
+    newest_s: float = -math.inf  # time of the last record, s
+    records: int = 0  # number of them
+    # stretches without a record, s
     silences: list[tuple[float, float]] = field(default_factory=list)
+    # what stands in place of numbers, by name of the signal
     text: dict[str, Text] = field(default_factory=dict)
 
 

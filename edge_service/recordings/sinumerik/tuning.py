@@ -53,24 +53,15 @@ Curve = tuple[Floats, Complexes]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredResponse:
-    """A frequency response as a control has measured it.
+    """A frequency response as a control has measured it."""
 
-    Attributes:
-        axis: name of the axis, or its number; empty where the file has neither.
-        frequency_hz: rising, (n,).
-        response: complex, (n,).
-        coherence: share of the output's power that the input explains, 0 to 1, (n,).
-        unit: of the response; empty where the file does not say it, or of a linear motor.
-        averages: measurements behind each value; 1 where the file does not say it.
-        stated: what the control has taken from it, by name with its unit.
-    """
-
-    axis: str
-    frequency_hz: Floats
-    response: Complexes
-    coherence: Floats
-    unit: str
-    averages: float
+    axis: str  # name of the axis, or its number; empty where the file has neither
+    frequency_hz: Floats  # rising, (n,)
+    response: Complexes  # complex, (n,)
+    coherence: Floats  # share of the output's power that the input explains, 0 to 1, (n,)
+    unit: str  # of the response; empty where the file does not say it, or of a linear motor
+    averages: float  # measurements behind each value; 1 where the file does not say it
+    # what the control has taken from it, by name with its unit
     stated: dict[str, float] = field(default_factory=dict)
 
 

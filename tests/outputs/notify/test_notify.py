@@ -10,7 +10,8 @@ from edge_service.health.store.events import StoredEvent
 from edge_service.http_api.routes.docs import words_in
 from edge_service.messages.event import AxisCondition
 from edge_service.nodes.output_node import due
-from edge_service.outputs.base import Events, Output, OutputMisconfiguredError
+from edge_service.outputs.base import Events, Output
+from edge_service.plugins import MisconfiguredError
 
 from ...drivers.bench import free_port
 from ..bench import SECRET, event, output
@@ -50,7 +51,7 @@ def test_each_url_has_a_queue_and_no_secret_in_its_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("urls", ["", "# nobody", f"nothing://{SECRET}", f"{SECRET}"])
 def test_a_file_without_a_url_is_refused(urls: str, tmp_path: Path) -> None:
-    with pytest.raises(OutputMisconfiguredError, match=r"^urls_file: [^\n]*$") as caught:
+    with pytest.raises(MisconfiguredError, match=r"^urls_file: [^\n]*$") as caught:
         made(tmp_path, urls)
     assert SECRET not in str(caught.value)
 
@@ -59,7 +60,7 @@ def test_a_file_that_others_can_read_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "notify.urls"
     path.write_text("json://a/")
     path.chmod(0o644)
-    with pytest.raises(OutputMisconfiguredError, match="chmod 600"):
+    with pytest.raises(MisconfiguredError, match="chmod 600"):
         output("notify", {"urls_file": str(path)}, words=words_in)
 
 
