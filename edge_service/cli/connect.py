@@ -207,10 +207,10 @@ def convert(
 ) -> Answer:
     """Convert a recording or the kept history to another format.
 
-    SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace or a recording of Industrial Edge;
-    SINUMERIK and Industrial Edge names are known. The machine file gives the lead and, under
-    [columns], names that take precedence. Of edge-service.sqlite the history of all axes is
-    written, with a column `axis`.
+    SOURCE is text (CSV), Parquet, the XML of a SINUMERIK trace, a recording of Industrial Edge or a
+    MATLAB 5 file; SINUMERIK and Industrial Edge names are known. The machine file gives the lead
+    and, under [columns], names that take precedence. Of edge-service.sqlite the history of all axes
+    is written, with a column `axis`.
     """
     from ..config import load_machine
     from ..offline.convert import convert as convert_trace

@@ -13,6 +13,8 @@ from typing import IO
 
 from . import parquet
 from .columns import TraceError
+from .matlab import MAGIC as MAT_5
+from .matlab import MatlabSource
 from .parquet import ParquetSource
 from .sinumerik import edge_json
 from .sinumerik.edge_json import EdgeJsonSource
@@ -102,6 +104,7 @@ def foreign(head: bytes) -> str | None:
 
 FORMS = (
     Form("JSON of Industrial Edge", edge_json.recognises, lambda p, f, _: EdgeJsonSource(p, f)),
+    Form("MATLAB 5", lambda head, _: head.startswith(MAT_5), lambda p, f, _: MatlabSource(p, f)),
     Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
     Form("SINUMERIK trace XML", lambda head, _: TRACE in head, SinumerikSource),
     Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: TextSource(p, f)),

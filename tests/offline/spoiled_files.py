@@ -16,7 +16,7 @@ from ..recordings import form_files, tuning_files
 
 _DEPLOY = Path(__file__).parents[2] / "deploy"
 KINDS = (
-    *("csv", "text", "parquet", "xml", "json", "tuning"),
+    *("csv", "text", "parquet", "xml", "json", "matlab", "tuning"),
     *("config", "machine"),
 )
 _NUMBERED = """
@@ -46,6 +46,7 @@ def right_files() -> dict[str, Sequence[bytes]]:
         "parquet": form_files.parquets(),
         "xml": form_files.xmls(),
         "json": form_files.jsons(),
+        "matlab": form_files.matlabs(),
         "tuning": _tunings(),
         "config": [path.read_bytes() for path in configs],
         "machine": [path.read_bytes() for path in machines],

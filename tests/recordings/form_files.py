@@ -2,12 +2,15 @@
 
 import io
 import json
-from collections.abc import Callable, Sequence
+import struct
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
+import scipy.io
 
 ROWS = 300
 _XML = """<?xml version="1.0" encoding="UTF-8"?><traceSession><traceData><dataFrame>\
@@ -98,13 +101,44 @@ def xmls() -> list[bytes]:
     return [_XML.format(rows=records).encode()]
 
 
+def matlab(values: Mapping[str, object], *, compressed: bool = True) -> bytes:
+    file = io.BytesIO()
+    scipy.io.savemat(file, values, do_compression=compressed)
+    return file.getvalue()
+
+
+def matlabs() -> list[bytes]:
+    names = np.array(list(columns()), dtype=object)
+    matrix = np.column_stack(list(columns().values()))
+    return [
+        matlab(columns(), compressed=False),
+        matlab({"recording": {**columns(), "comment": "x"}}),
+        matlab({"data": matrix, "names": names}),
+    ]
+
+
 RIGHT: dict[str, Callable[[], list[bytes]]] = {
     "text (CSV)": csv,
     "JSON of Industrial Edge": jsons,
     "Parquet": parquets,
     "SINUMERIK trace XML": xmls,
+    "MATLAB 5": matlabs,
 }
 """Name of a form -> right files of it."""
+
+
+def _bomb_of_zeros() -> bytes:
+    """A packed variable of 300 MB of zeros."""
+    packer = zlib.compressobj()
+    packed = packer.compress(struct.pack("<II", 14, 300 << 20))
+    packed += b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")
+    return header + struct.pack("<II", 15, len(packed)) + packed
+
+
+def _length_beyond_the_file() -> bytes:
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")
+    return header + struct.pack("<II", 15, 0xFFFF_FFFF) + zlib.compress(bytes(100))
 
 
 def _endless_element() -> bytes:
@@ -116,7 +150,11 @@ def _long_line() -> bytes:
     return b"time_s,torque_command_nm\n" + b"1" * (6 << 20)
 
 
+LYING: dict[str, Callable[[], bytes]] = {"MATLAB 5": _length_beyond_the_file}
+"""Name of a form -> a file of it that states more than it holds."""
+
 GREEDY: dict[str, Callable[[], bytes]] = {
+    "MATLAB 5": _bomb_of_zeros,
     "JSON of Industrial Edge": _endless_element,
     "text (CSV)": _long_line,
 }

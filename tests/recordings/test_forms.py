@@ -12,7 +12,7 @@ from edge_service.recordings.forms import FORMS, HEAD_BYTES, open_source
 from edge_service.recordings.reader import open_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 
-from .form_files import GREEDY, RIGHT
+from .form_files import GREEDY, LYING, RIGHT
 
 AXIS = ControllerAxis(number=None, lead_m=0.01)
 NAMES = [form.name for form in FORMS]
@@ -31,7 +31,7 @@ def _check_answer(path: Path, folder: Path, capsys) -> int:
 
 def test_every_form_has_right_files_here_and_a_name_of_its_own() -> None:
     assert set(RIGHT) == set(NAMES)
-    assert len(set(NAMES)) == len(NAMES) >= 4
+    assert len(set(NAMES)) == len(NAMES) >= 5
 
 
 @pytest.mark.parametrize(("name", "index"), RIGHTS)
@@ -84,6 +84,18 @@ def test_a_file_that_asks_for_too_much_is_refused_within_the_limits(name, tmp_pa
         tracemalloc.stop()
     assert "\n" not in str(caught.value)
     assert "more than" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(LYING))
+def test_a_length_beyond_the_file_takes_no_memory(name, tmp_path, capsys) -> None:
+    path = tmp_path / "recording"
+    path.write_bytes(LYING[name]())
+    tracemalloc.start()
+    try:
+        assert _check_answer(path, tmp_path, capsys) == 2
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("name", NAMES)
