@@ -17,7 +17,7 @@ from ..checks.columns.mechanics import (
     identify_mechanics,
     steady_friction,
 )
-from ..checks.columns.names import Quantity
+from ..checks.columns.names import ColumnName, Quantity
 from ..checks.columns.understand import understand
 from ..checks.finding import Finding
 from ..checks.sampling import clock_of
@@ -75,11 +75,25 @@ def adopt(
     able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated, doubt=doubt)
     if picture is not None:
         _draw(frames[0], names[0], picture)
-    return _answer(out, understood, mechanics, findings, able, picture)
+    taken = _taken(raw.of_axis(axis), understood)
+    return _answer(out, taken, understood, mechanics, findings, able, picture)
+
+
+def _taken(names: Sequence[ColumnName], understood: Understanding) -> list[dict[str, str]]:
+    """Each column, the quantity of `--column` that it is taken for (other: not used), its unit."""
+    used = {each.column: channel for channel, each in understood.columns.items()}
+    used |= {each.minus: "position_error" for each in understood.columns.values() if each.minus}
+    used |= {
+        each.name: "current"
+        for each in names
+        if each.quantity is Quantity.CURRENT and each.name in used
+    }
+    return [{"name": e.name, "quantity": used.get(e.name, "other"), "unit": e.unit} for e in names]
 
 
 def _answer(
     out: Path,
+    taken: Sequence[Mapping[str, str]],
     understood: Understanding,
     mechanics: Mechanics | None,
     findings: Sequence[Finding] | None,
@@ -116,6 +130,7 @@ def _answer(
         lines.append(f"{picture}: the channels as they were understood")
     document = {
         "out": str(out),
+        "columns": taken,
         "understood": understood.guesses,
         "unknown": understood.questions,
         "motion_s": None if mechanics is None else mechanics.seconds,
