@@ -36,7 +36,7 @@ _LINES, _TAIL_BYTES = 40, 8192
 _PROGRESS = re.compile(
     r"edge-service [a-z-]+: (?P<stage>.+?)(, (?P<percent>\d+) %)?(, (?P<elapsed_s>[\d.]+) s)?"
 )
-_GIVEN = r"^--(set|column|torque-constant|period|axis-number)=[^\x00-\x1f]{1,300}$"
+_GIVEN = r"^--(assume-fresh|(set|column|torque-constant|period|axis-number)=[^\x00-\x1f]{1,300})$"
 JobCommand = Literal["record", "adopt", "doctor", "commission", "fingerprint", "diagnose"]
 JobState = Literal["running", "done", "failed", "cancelled", "interrupted"]
 """`interrupted`: the service ended while it ran."""
@@ -57,7 +57,7 @@ class JobOptions(Frozen):
     baseline: int | None = Field(None, description="Of `fingerprint`: job with an older one.")
     machine: int | None = Field(None, description="Job with the machine file; else the axis' own.")
     given: list[Annotated[str, Field(pattern=_GIVEN)]] = Field(
-        [], max_length=50, description="Of `adopt`: its options, as on the command line."
+        [], max_length=50, description="Of `adopt` and `commission`: options, as on a command line."
     )
 
 
@@ -229,10 +229,8 @@ class Jobs:
             words += ("--axis", body.axis, "--duration", f"{body.options.duration_s}")
             return (*words, "--out", str(out), *self._service)
         paths = [str(self._recordings.path(name)) for name in body.recordings]
-        if body.command == "adopt":
-            words += ("--axis", body.axis, *body.options.given)
-        else:
-            words += ("--machine", str(machine))
+        named = ("--axis", body.axis) if body.command == "adopt" else ("--machine", str(machine))
+        words += named + tuple(body.options.given)
         if body.options.baseline is not None and body.command == "fingerprint":
             baseline = await self.file(body.options.baseline, "fingerprint.json")
             words += ("--baseline", str(baseline))

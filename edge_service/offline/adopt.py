@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -59,7 +60,13 @@ def adopt(
     raw = read_columns(files[0], columns)
     axis, number = raw.axis(files[0], axis_number)
     understood = _understand(raw, axis, known or Known(), ask)
-    frames = [_read(path, understood, number, progress) for path in files]
+    told: dict[str, Any] = {"columns": _taken(raw.of_axis(axis), understood)}
+    told |= {"understood": understood.guesses, "unknown": understood.questions}
+    try:
+        frames = [_read(path, understood, number, progress) for path in files]
+    except TraceError as error:
+        error.document = told
+        raise
     mechanics = _mechanics(frames, understood)
     named = name or (axis if axis and not axis.isdigit() else "X")
     stated = asked(sheet, ASKED, ask)
@@ -75,25 +82,25 @@ def adopt(
     able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated, doubt=doubt)
     if picture is not None:
         _draw(frames[0], names[0], picture)
-    taken = _taken(raw.of_axis(axis), understood)
-    return _answer(out, taken, understood, mechanics, findings, able, picture)
+    return _answer(out, told, understood, mechanics, findings, able, picture)
 
 
 def _taken(names: Sequence[ColumnName], understood: Understanding) -> list[dict[str, str]]:
     """Each column, the quantity of `--column` that it is taken for (other: not used), its unit."""
     used = {each.column: channel for channel, each in understood.columns.items()}
     used |= {each.minus: "position_error" for each in understood.columns.values() if each.minus}
-    used |= {
-        each.name: "current"
-        for each in names
-        if each.quantity is Quantity.CURRENT and each.name in used
-    }
-    return [{"name": e.name, "quantity": used.get(e.name, "other"), "unit": e.unit} for e in names]
+    found = []
+    for each in names:
+        quantity = used.get(each.name, "other")
+        if each.name in used and each.quantity is Quantity.CURRENT:
+            quantity = "current"
+        found.append({"name": each.name, "quantity": quantity, "unit": each.unit})
+    return found
 
 
 def _answer(
     out: Path,
-    taken: Sequence[Mapping[str, str]],
+    told: Mapping[str, Any],
     understood: Understanding,
     mechanics: Mechanics | None,
     findings: Sequence[Finding] | None,
@@ -130,9 +137,7 @@ def _answer(
         lines.append(f"{picture}: the channels as they were understood")
     document = {
         "out": str(out),
-        "columns": taken,
-        "understood": understood.guesses,
-        "unknown": understood.questions,
+        **told,
         "motion_s": None if mechanics is None else mechanics.seconds,
         "found": found,
         "checks": None if findings is None else len(findings),

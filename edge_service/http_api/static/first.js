@@ -12,6 +12,7 @@ const QUANTITIES = ["time_s", "counter", "torque_command_nm", "current", "motor_
 const SHEET = { diameter: "--set=screw_diameter_m=?mm", rating: "--set=dynamic_load_rating_n=?kN", preload: "--set=preload_n=?N", mass: "--set=table_mass_kg=?kg" };
 const MORE = { drag: "--set=preload_drag_nm=?N m", nut: "--set=nut_stiffness_n_per_m=?N/um", stroke: "--set=stroke_m=?mm", number: "--axis-number=?" };
 const OPEN = { "--lead": "--set=lead_m=?mm", "--torque-constant": "--torque-constant=?", "--period": "--period=?" };
+const FRESH = "--assume-fresh";
 const parts = {};
 let uploaded = []; // names of the recordings
 let stated = new Map(); // column -> what its owner says of it
@@ -26,6 +27,7 @@ export function firstCard() {
   parts.columns = element("ul", { class: "plain", "aria-label": t("first.columns") });
   parts.open = element("div", {});
   parts.found = element("div", { id: "first-found" });
+  parts.fresh = element("p", { class: "row", hidden: "" }, element("input", { id: "first-fresh", type: "checkbox" }), element("label", { for: "first-fresh" }, t("first.fresh")));
   for (const each of [parts.file, parts.name]) each.addEventListener("change", forget);
   const sheet = Object.entries(SHEET).map(([key, option]) => answer(key, t(`first.${key}`), option));
   const more = element("details", {}, element("summary", {}, t("first.more")), ...Object.entries(MORE).map(([key, option]) => answer(key, t(`first.${key}`), option)));
@@ -90,8 +92,10 @@ async function read() {
 }
 
 function showColumns({ columns = [], understood = [], unknown = [] }) {
-  const why = (name) => understood.filter(({ subject, words }) => subject !== "lead_m" && words.includes(`'${name}'`)).map(({ words }) => words).join("; ");
-  refill(parts.columns, JSON.stringify([columns, understood]), () => columns.map((each) => columnNode(each, why(each.name))));
+  const about = (name) => ({ subject, words }) => subject !== "lead_m" && words.includes(`'${name}'`);
+  const said = (guesses) => element("small", { lang: "en", class: "quiet" }, guesses.map(({ words }) => words).join("; "));
+  const others = understood.filter((guess) => guess.subject !== "lead_m" && !columns.some(({ name }) => about(name)(guess)));
+  refill(parts.columns, JSON.stringify([columns, understood]), () => [...columns.map((each) => columnNode(each, said(understood.filter(about(each.name))))), element("li", {}, said(others))]);
   for (const { option, words } of unknown.filter(({ option }) => OPEN[option])) {
     if (!byId(`first${option}`)) parts.open.append(answer(option.slice(1), element("span", { lang: "en" }, words), OPEN[option]));
   }
@@ -102,27 +106,28 @@ function columnNode({ name, quantity, unit }, why) {
   const measured = element("input", { "aria-label": t("first.unit", { name }), value: unit, maxlength: "20" });
   holds.value = quantity;
   for (const each of [holds, measured]) each.addEventListener("change", () => stated.set(name, `${holds.value}=?:${measured.value.trim()}`));
-  return element("li", { class: "row column" }, element("b", { lang: "en" }, name), holds, measured, element("small", { lang: "en", class: "quiet" }, why));
+  return element("li", { class: "row column" }, element("b", { lang: "en" }, name), holds, measured, why);
 }
 
 const MARKS = { fits: "ok", doubtful: "DOUBT", unknown: "?" };
 
 function foundNodes(job, { found, understood }, findings) {
   const lead = understood.filter(({ subject }) => subject === "lead_m").map(({ words }) => `lead: ${words}`);
-  const values = found.filter(({ value }) => value !== null).map(({ name, value, unit }) => `${name}: ${value.toPrecision(3)} ${unit}`);
+  const values = found.filter(({ low, high }) => low * high > 0).map(({ name, value, unit }) => `${name}: ${value.toPrecision(3)} ${unit}`);
   const lines = findings.map(({ name, verdict, sentence, remedy }) => element("li", { "data-verdict": verdict }, element("b", {}, MARKS[verdict]), ` ${name}: ${sentence}${remedy ? ` (${remedy})` : ""}`));
   return [
     element("h3", {}, t("first.found")),
     element("ul", { class: "plain", lang: "en" }, ...[...lead, ...values].map((line) => element("li", {}, line))),
     element("h3", {}, t("job.command.doctor")),
     element("ul", { class: "plain examined", lang: "en" }, ...lines),
-    form("commission-form", [], t("first.commission"), () => commission(job.id)),
+    form("commission-form", [parts.fresh], t("first.commission"), () => commission(job.id)),
   ];
 }
 
 async function commission(machine) {
   const axis = axisName();
-  const { job } = await done("commission", { machine });
+  const told = (answer) => (parts.fresh.hidden &&= !answer.error?.detail.includes(FRESH));
+  const { job } = await done("commission", { machine, given: byId("first-fresh").checked ? [FRESH] : [] }, told);
   const learned = await (await fetch(fileOf(job, "commissioned.toml"))).text();
   const before = axes.find((each) => each.axis === axis) ?? { driver: "replay", settings: { path: `../../recordings/${uploaded[0]}`, loop: true } };
   await fetchJson(pathOf(axis), sent("PUT", { ...before, machine: learned }));

@@ -618,6 +618,7 @@ export const de = {
   "first.quantity.other": "nicht benutzt",
   "first.incomplete": "Offenes beantworten oder eine Spalte ändern, dann erneut lesen",
   "first.found": "In der Aufzeichnung gefunden",
+  "first.fresh": "Sie ist trotzdem gesund",
   "first.commission": "In Betrieb nehmen",
   "setup.axis": "Achsen",
   "setup.axis.text": "Eine hier angelegte Achse beginnt sofort, neben denen der Konfiguration.",

@@ -520,6 +520,7 @@ export const en = {
   "first.quantity.other": "not used",
   "first.incomplete": "answer what is open, or change a column, and read again",
   "first.found": "Found in the recording",
+  "first.fresh": "It is healthy all the same",
   "first.commission": "Commission",
   "setup.axis": "Axes",
   "setup.axis.text": "An axis that is made here begins at once, beside those of the configuration.",
