@@ -1,8 +1,5 @@
 """Exit status of the command, and of what it starts."""
 
-from collections.abc import Mapping
-from typing import Any
-
 DONE, INTERNAL_FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 BAD_DATA = 3
 """Recordings were read, and found unfit for what was asked; the answer says why."""
@@ -13,5 +10,5 @@ class BadInputError(Exception):
 
     status = BAD_INPUT
     """Exit status of the command."""
-    document: Mapping[str, Any] = {}
-    """What programs may know besides."""
+    document: object = None
+    """Members of the JSON answer besides `error`."""

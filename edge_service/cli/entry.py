@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # the outermost edge: no traceback reaches a user
         words, status = _explained(error)
         shown = getattr(error, "mistakes", ()) if given[:1] == ["check-config"] else ()
-        more = getattr(error, "document", {})
+        more = getattr(error, "document", None) or {}
         return _complain(*(shown or (words,)), status=status, as_json=as_json, **more)
     return status if isinstance(status, int) else DONE
 
