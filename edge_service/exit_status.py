@@ -9,3 +9,5 @@ class BadInputError(Exception):
     """Input that a person can mend; the text is one line."""
 
     status = BAD_INPUT
+    document: object = None
+    """Members of the JSON answer besides `error`."""

@@ -4,7 +4,9 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import entry_points
+from typing import Any
 
 import click
 
@@ -111,7 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # the outermost edge: no traceback reaches a user
         words, status = _explained(error)
         shown = getattr(error, "mistakes", ()) if given[:1] == ["check-config"] else ()
-        return _complain(*(shown or (words,)), status=status, as_json=as_json)
+        more = getattr(error, "document", None) or {}
+        return _complain(*(shown or (words,)), status=status, as_json=as_json, **more)
     return status if isinstance(status, int) else DONE
 
 
@@ -131,10 +134,11 @@ def _explained(error: Exception) -> tuple[str, int]:
     return words, INTERNAL_FAILURE
 
 
-def _complain(*lines: str, status: int, as_json: bool) -> int:
+def _complain(*lines: str, status: int, as_json: bool, **more: Any) -> int:
     lines = tuple(" ".join(line.split()) for line in lines)
     for line in lines:
         click.echo(f"edge-service: {line}", err=True)
     if as_json:
-        click.echo(json.dumps({"error": {"detail": "\n".join(lines), "exit_status": status}}))
+        told = more | {"error": {"detail": "\n".join(lines), "exit_status": status}}
+        click.echo(json.dumps(told, default=asdict))
     return status

@@ -9,7 +9,7 @@ import tempfile
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
@@ -18,6 +18,7 @@ from ..atomic import append, made_folder, new_file
 from ..clock import now_ns
 from ..health.store.store import Store, StoreFailedError
 from ..messages.interval import Frozen, TimeNs
+from ..messages.keys import check_part
 from ..threads import Threads
 from .problems import RefusedError
 from .recordings import RecordingName, Recordings
@@ -35,6 +36,7 @@ _LINES, _TAIL_BYTES = 40, 8192
 _PROGRESS = re.compile(
     r"edge-service [a-z-]+: (?P<stage>.+?)(, (?P<percent>\d+) %)?(, (?P<elapsed_s>[\d.]+) s)?"
 )
+_GIVEN = r"^--(assume-fresh|(set|column|torque-constant|period|axis-number)=[^\x00-\x1f]{1,300})$"
 JobCommand = Literal["record", "adopt", "doctor", "commission", "fingerprint", "diagnose"]
 JobState = Literal["running", "done", "failed", "cancelled", "interrupted"]
 """`interrupted`: the service ended while it ran."""
@@ -53,6 +55,10 @@ class JobOptions(Frozen):
 
     duration_s: float | None = Field(None, gt=0.0, le=LONGEST_S, description="Of `record`, s.")
     baseline: int | None = Field(None, description="Of `fingerprint`: job with an older one.")
+    machine: int | None = Field(None, description="Job with the machine file; else the axis' own.")
+    given: list[Annotated[str, Field(pattern=_GIVEN)]] = Field(
+        [], max_length=50, description="Of `adopt` and `commission`: options, as on a command line."
+    )
 
 
 class JobBody(Frozen):
@@ -73,6 +79,7 @@ class JobBody(Frozen):
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
+        check_part(self.axis)
         if self.command == "record":
             if self.options.duration_s is None or len(self.recordings) > 1:
                 raise ValueError("record: expected options.duration_s, and at most one recording")
@@ -209,6 +216,12 @@ class Jobs:
     async def _words(self, body: JobBody) -> tuple[str, ...]:
         """Arguments of a command, without --out of what it writes into its folder."""
         words: tuple[str, ...] = (body.command, "--json")
+        machine = self._machines.get(body.axis)
+        if body.options.machine is not None:
+            made = await self.get(body.options.machine)
+            machine = await self.file(made.id, _OUT.get(made.command, ""))
+        if machine is None and body.command != "adopt":
+            raise RefusedError(404, f"there is no axis {body.axis!r}")
         if body.command == "record":
             now = datetime.fromtimestamp(now_ns() / 1e9, UTC)
             names = body.recordings or [f"record_{body.axis}_{now:%Y%m%dT%H%M%SZ}.parquet"]
@@ -216,10 +229,8 @@ class Jobs:
             words += ("--axis", body.axis, "--duration", f"{body.options.duration_s}")
             return (*words, "--out", str(out), *self._service)
         paths = [str(self._recordings.path(name)) for name in body.recordings]
-        if body.command != "adopt":
-            if body.axis not in self._machines:
-                raise RefusedError(404, f"there is no axis {body.axis!r} any more")
-            words += ("--machine", str(self._machines[body.axis]))
+        named = ("--axis", body.axis) if body.command == "adopt" else ("--machine", str(machine))
+        words += named + tuple(body.options.given)
         if body.options.baseline is not None and body.command == "fingerprint":
             baseline = await self.file(body.options.baseline, "fingerprint.json")
             words += ("--baseline", str(baseline))

@@ -32,10 +32,10 @@ HIDDEN = "***"
 
 
 class AxisDesk:
-    """The axes of one service; those of the state folder may be made, changed and removed."""
+    """The axes of one service; those of its folder may be made, changed and removed."""
 
-    def __init__(self, context: NodeContext) -> None:
-        self._context = context
+    def __init__(self, context: NodeContext, folder: Path) -> None:
+        self._context, self._folder = context, folder
         self._threads, self._one = Threads("axes"), asyncio.Lock()
 
     def read(self, axis: str) -> tuple[AxisConfiguration, str]:
@@ -95,16 +95,14 @@ class AxisDesk:
         return {each.name: each for each in self._context.config.axes}
 
     def _file(self, axis: str) -> Path:
-        """File of an axis of the page. Raises RefusedError: another owns it, or nothing is kept."""
-        state, own = self._context.config.store.folder, self._known().get(axis)
+        """File of an axis of the page. Raises RefusedError: another owns it."""
+        own = self._known().get(axis)
         if check_part(axis).startswith("."):
             raise ValueError(f"{axis!r}: expected a letter or digit first")
-        file = None if state is None else state / "axes" / axis / "axis.toml"
-        if own is not None and (file is None or own.file != file):
+        file = self._folder / "axes" / axis / "axis.toml"
+        if own is not None and own.file != file:
             line = f"{own.file}{_line_of(own)}: axis {axis} stands there"
             raise RefusedError(409, f"{line}: change it there, then reload the service (SIGHUP)")
-        if file is None:
-            raise RefusedError(409, "store.folder: missing; axes of the page are kept there")
         return file
 
 

@@ -182,7 +182,7 @@ class HttpNode:
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
-        desk = AxisDesk(self._context)
+        desk = AxisDesk(self._context, self._folder)
 
         def read_stroke(axis: str, preload: PreloadAnswer) -> Stroke | None:
             profile = stroke_profile(self._context.machines[axis])

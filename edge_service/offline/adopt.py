@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -17,7 +18,7 @@ from ..checks.columns.mechanics import (
     identify_mechanics,
     steady_friction,
 )
-from ..checks.columns.names import Quantity
+from ..checks.columns.names import ColumnName, Quantity
 from ..checks.columns.understand import understand
 from ..checks.finding import Finding
 from ..checks.sampling import clock_of
@@ -58,7 +59,13 @@ def adopt(
     raw = read_columns(files[0], columns)
     axis, number = raw.axis(files[0], axis_number)
     understood = _understand(raw, axis, known or Known(), ask)
-    frames = [_read(path, understood, number) for path in files]
+    told: dict[str, Any] = {"columns": _taken(raw.of_axis(axis), understood)}
+    told |= {"understood": understood.guesses, "unknown": understood.questions}
+    try:
+        frames = [_read(path, understood, number) for path in files]
+    except TraceError as error:
+        error.document = told
+        raise
     mechanics = _mechanics(frames, understood)
     named = name or (axis if axis and not axis.isdigit() else "X")
     stated = asked(sheet, ASKED, ask)
@@ -74,11 +81,25 @@ def adopt(
     able = abilities(understood.columns, mechanics, rate_hz, has_rating=rated, doubt=doubt)
     if picture is not None:
         _draw(frames[0], names[0], picture)
-    return _answer(out, understood, mechanics, findings, able, picture)
+    return _answer(out, told, understood, mechanics, findings, able, picture)
+
+
+def _taken(names: Sequence[ColumnName], understood: Understanding) -> list[dict[str, str]]:
+    """Each column, the quantity of `--column` that it is taken for (other: not used), its unit."""
+    used = {each.column: channel for channel, each in understood.columns.items()}
+    used |= {each.minus: "position_error" for each in understood.columns.values() if each.minus}
+    found = []
+    for each in names:
+        quantity = used.get(each.name, "other")
+        if each.name in used and each.quantity is Quantity.CURRENT:
+            quantity = "current"
+        found.append({"name": each.name, "quantity": quantity, "unit": each.unit})
+    return found
 
 
 def _answer(
     out: Path,
+    told: Mapping[str, Any],
     understood: Understanding,
     mechanics: Mechanics | None,
     findings: Sequence[Finding] | None,
@@ -115,8 +136,7 @@ def _answer(
         lines.append(f"{picture}: the channels as they were understood")
     document = {
         "out": str(out),
-        "understood": understood.guesses,
-        "unknown": understood.questions,
+        **told,
         "motion_s": None if mechanics is None else mechanics.seconds,
         "found": found,
         "checks": None if findings is None else len(findings),

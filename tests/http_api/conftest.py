@@ -2,12 +2,15 @@
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 from fastapi import FastAPI
 
+from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.config_tables import AlarmsConfig
 from edge_service.health.limits import limits_of
 from edge_service.health.service_state import ServiceState
@@ -17,6 +20,8 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import AxisHealth, ComponentHealth, ComponentStatus
 from edge_service.messages.interval import Interval
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE
+from edge_service.offline.simulate import SimulationSettings, simulate
 
 from ..messages.examples import event_of
 
@@ -94,6 +99,17 @@ def scene() -> Scene:
 @pytest.fixture
 def make_scene() -> type[Scene]:
     return Scene
+
+
+def foreign_recording(path: Path, duration_s: float) -> None:
+    """Write the bench's axis as a control might: a current, and a misleading name of the table."""
+    settings = SimulationSettings(duration_s=duration_s, seed=5)
+    simulate(load_machine(DEFAULT_MACHINE), settings, path)
+    own = np.genfromtxt(path, delimiter=",", names=True)
+    factors = {TIME: 1e3, TORQUE: 1.0 / 1.2, ANGLE: 180.0 / np.pi, TABLE_POSITION: 1e3}
+    columns = np.column_stack([factor * own[name] for name, factor in factors.items()])
+    header = "Zeit [ms],Strom [A],Winkel [deg],Soll [mm]"
+    np.savetxt(path, columns, "%.5f", ",", header=header, comments="")
 
 
 def client_of(app: FastAPI, url: str = "http://127.0.0.1", **how: Any) -> httpx.AsyncClient:

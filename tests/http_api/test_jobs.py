@@ -23,7 +23,7 @@ from edge_service.http_api.recordings import Recordings
 from edge_service.http_api.routes.work import Motion
 from edge_service.recordings.reader import extent_of
 
-from .conftest import client_of
+from .conftest import client_of, foreign_recording
 
 CHILD = """
 import os, pathlib, signal, sys, time
@@ -275,6 +275,10 @@ async def test_what_is_not_there_or_not_whole_is_told(scene: Scene) -> None:
         ({"recordings": ["other.csv"]}, 404),
         ({"axis": "Q"}, 404),
         ({"options": {"baseline": 7}}, 404),
+        ({"options": {"machine": 7}}, 404),
+        ({"command": "adopt", "options": {"given": ["--out=/etc/passwd"]}}, 422),
+        ({"command": "adopt", "options": {"given": ["--set=stroke_m=1\0"]}}, 422),
+        ({"command": "adopt", "axis": "--out=x"}, 422),
         ({"recordings": []}, 422),
         ({"recordings": ["../edge.toml"]}, 422),
         ({"command": "record", "recordings": []}, 422),
@@ -284,6 +288,33 @@ async def test_what_is_not_there_or_not_whole_is_told(scene: Scene) -> None:
         assert (await scene.start(**more)).status_code == status, more
     assert (await scene.client.delete("jobs/7")).status_code == 404
     assert (await scene.client.get("jobs")).json()["items"] == []
+
+
+@pytest.mark.slow
+async def test_a_new_axis_is_read_as_its_owner_says_and_examined(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(process, "PROGRAM", (sys.executable, "-m", "edge_service"))
+    monkeypatch.setattr(process, "NICE", 0)
+    (tmp_path / "recordings").mkdir()
+    foreign_recording(tmp_path / "recordings" / "a.csv", 20.0)
+    asked = {"axis": "W", "recordings": ["a.csv"]}
+    given = ["--column=table_position_m=Soll [mm]:mm", "--torque-constant=1.2"]
+    for number, options in ((1, {}), (2, {"given": given})):
+        await scene.client.post("jobs", json=asked | {"command": "adopt", "options": options})
+        assert (await scene.ended(number))["state"] == "done"
+    read = [(await scene.client.get(f"jobs/{each}/files/answer.json")).json() for each in (1, 2)]
+    taken = [[each["quantity"] for each in answer["columns"]] for answer in read]
+    assert taken[0] == ["time_s", "other", "motor_angle_rad", "position_setpoint_m"]
+    assert taken[1] == ["time_s", "current", "motor_angle_rad", "table_position_m"]
+    assert {each["option"] for each in read[0]["unknown"]} == {"--torque-constant"}
+    body = asked | {"command": "doctor", "options": {"machine": 2}}
+    assert (await scene.client.post("jobs", json=body)).status_code == 202
+    await scene.ended(3)
+    examined = (await scene.client.get("jobs/3/files/answer.json")).json()
+    verdicts = {each["name"]: each["verdict"] for each in examined["findings"]}
+    assert (verdicts["torque"], verdicts["lead"]) == ("fits", "fits")
+    assert "doubtful" not in verdicts.values()
 
 
 async def test_every_command_is_one_of_the_command_line(
@@ -319,7 +350,7 @@ async def test_a_motion_is_written_by_its_command(
 
 
 @pytest.mark.parametrize(
-    "name", ["..%2Fedge.toml", ".hidden.csv", "trace.txt", "a%0Ab.csv", "x" * 120 + ".csv"]
+    "name", ["..%2Fedge.toml", ".hidden.csv", "trace.exe", "a%0Ab.csv", "x" * 120 + ".csv"]
 )
 async def test_only_plain_names_of_traces_are_taken(scene: Scene, name: str) -> None:
     answer = await scene.client.put(f"recordings/{name}", content=b"1")

@@ -155,7 +155,7 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
         axes: dict[str, dict[str, Any]] | None = None,
         **settings: Any,
     ) -> Service:
-        axes = axes or {"X": settings}
+        axes = {"X": settings} if axes is None else axes
         service = Service(tmp_path, axes, http or HttpConfig())
         services.append(service)
         service.start()

@@ -4,6 +4,7 @@ import json
 import random
 import re
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ from edge_service.messages.interval import printed
 from tests.programs import printed as program
 
 from ..foreign_plant import axis_case, part_programme, simulate
+from ..http_api.conftest import foreign_recording
 from .conftest import serious_faults, show_tab
 
 HEALTHY = {"scenario": "healthy"}
 SUDDEN = {"scenario": "sudden", "life_s": 80.0, "hold_s": 4.0}
 """New for 44 s, for 20 of which it must have moved, then without any preload."""
-BYTES_MOST = 300_000
+BYTES_MOST, FIVE_MINUTES_MS = 300_000, 300_000
 TABS = ("overview", "why", "history", "tests")
 
 
@@ -117,6 +119,43 @@ def test_an_axis_and_its_limits_are_set_up_on_the_page(make_service: Any, open_p
     assert page.input_value("#setup-settings") == 'scenario = "healthy"\nseed = 3\n'
     page.click("button[aria-label='Remove Y']")
     page.wait_for_selector("button[aria-label='Remove Y']", state="detached")
+
+
+@pytest.mark.slow
+def test_a_first_axis_comes_from_a_recording_by_the_page_alone(
+    make_service: Any, open_page: Any, tmp_path: Path
+) -> None:
+    """On a phone, from a foreign recording of the new bench to its estimate, in five minutes."""
+    foreign_recording(tmp_path / "trace.csv", 60.0)
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG")
+    phone = {"color_scheme": "dark", "size": {"width": 360, "height": 740}, "bypass_csp": True}
+    page = open_page(make_service(axes={}).address, **phone).page
+    page.set_default_timeout(FIVE_MINUTES_MS)
+    begun_s = time.monotonic()
+    read = "#first-form button[type=submit]:enabled"
+    page.set_input_files("#first-file", tmp_path / "picture.png")
+    page.click(read)
+    page.wait_for_selector("#first-form [role=status]:has-text('a PNG image')")
+    page.set_input_files("#first-file", tmp_path / "trace.csv")
+    page.click("#first-form summary")
+    sheet = {"drag": 0.146, "diameter": 20, "rating": 7.45, "preload": 510, "mass": 80}
+    for key, value in sheet.items():
+        page.fill(f"#first-{key}", str(value))
+    page.press("#first-mass", "Enter")
+    page.wait_for_selector("#first-form [role=status]:has-text('answer what is open')")
+    page.fill("#first--torque-constant", "1.2")
+    page.select_option("select[aria-label='Soll [mm] holds']", label="position of the table")
+    page.click(read)
+    page.wait_for_selector("#first-found .examined >> text=torque and position are read")
+    assert "DOUBT" not in page.inner_text("#first-found")
+    assert "inertia: 0.00150 kg m^2" in page.inner_text("#first-found")
+    assert serious_faults(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.click("#commission-form button")
+    page.wait_for_selector("#answer[data-level=NORMAL]")
+    low, high = re.findall(r"95 % sure: ([\d.]+) to ([\d.]+) %", page.inner_text("#answer"))[0]
+    assert float(low) <= 100.0 <= float(high)
+    assert time.monotonic() - begun_s < FIVE_MINUTES_MS / 1e3
 
 
 @pytest.mark.slow

@@ -110,6 +110,7 @@ QUANTITIES = {
     "current": Quantity.CURRENT,
     "position_error": Quantity.POSITION_ERROR,
     "counter": Quantity.COUNTER,
+    "other": Quantity.OTHER,
 }
 """Word for a quantity on the command line -> quantity."""
 

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse, Response
 from pydantic import Field
 
 from ...messages.interval import Frozen
-from ..context import AxisDep, Page, PagingDep, StateDep, check_axis, part
+from ..context import AxisDep, Page, PagingDep, part
 from ..jobs import Job, JobBody, Jobs
 from ..problems import RefusedError
 from ..recordings import Recording, RecordingName, Recordings
@@ -100,7 +100,7 @@ async def recording(name: RecordingName, kept: RecordingsDep, request: Request) 
     openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
 )
 async def upload(name: RecordingName, request: Request, kept: RecordingsDep) -> Recording:
-    """Upload a trace file (CSV or Parquet) as the request's body."""
+    """Upload a recording, of any form that `adopt` reads, as the request's body."""
     return await kept.receive(name, request.stream())
 
 
@@ -118,9 +118,8 @@ async def all_jobs(jobs: JobsDep, paging: PagingDep) -> Page[Job]:
 
 
 @work_router.post("/jobs", status_code=202)
-async def start(body: JobBody, state: StateDep, jobs: JobsDep, response: Response) -> Job:
+async def start(body: JobBody, jobs: JobsDep, response: Response) -> Job:
     """Start a command in a process of its own, for an hour at most; two run at a time."""
-    check_axis(state, body.axis)
     job = await jobs.start(body)
     response.headers["location"] = f"/api/v1/jobs/{job.id}"
     return job

@@ -1,6 +1,8 @@
 // Setting up: axes that are made here, their limits, and the tokens that let people in.
 
-import { button, byId, element, fetchJson, refill, write } from "./dom.js";
+import { button, byId, element, fetchJson, refill } from "./dom.js";
+import { firstCard, knowAxes } from "./first.js";
+import { act, card, field, form, pathOf, sent } from "./form.js";
 import { clock } from "./format.js";
 import { t } from "./strings.js";
 
@@ -9,39 +11,13 @@ const ROLES = ["viewer", "operator"];
 const LIMITS = ["warning_percent", "fault_percent"];
 const parts = {};
 
-const pathOf = (axis) => `/api/v1/axes/${encodeURIComponent(axis)}/config`;
-const sent = (method, body) => ({ method, headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+const changed = (status, request) => act(status, request).then(loadSetup).catch(() => {});
 
 // A value as TOML, in one line.
 function toml(value) {
   if (Array.isArray(value)) return `[${value.map(toml).join(", ")}]`;
   if (typeof value === "object") return `{ ${Object.entries(value).map(([key, each]) => `${JSON.stringify(key)} = ${toml(each)}`).join(", ")} }`;
   return JSON.stringify(value);
-}
-
-const field = (id, key, node) => element("label", { for: id }, t(key), node);
-
-function form(id, fields, action, submit) {
-  const status = element("p", { role: "status" });
-  const node = element("form", { id }, ...fields, element("div", { class: "buttons" }, element("button", { type: "submit", class: "primary" }, action)), status);
-  node.addEventListener("submit", (event) => {
-    event.preventDefault();
-    act(status, submit());
-  });
-  return node;
-}
-
-async function act(status, request) {
-  try {
-    write(status, (await request) ?? "");
-  } catch (error) {
-    write(status, t("failed", { why: error.message }));
-  }
-  await loadSetup().catch(() => {});
-}
-
-function card(id, ...children) {
-  return element("section", { id: `setup-${id}`, class: "panel", "aria-labelledby": `setup-${id}-title` }, element("h2", { id: `setup-${id}-title` }, t(`setup.${id}`)), ...children);
 }
 
 function build() {
@@ -56,9 +32,10 @@ function build() {
   parts.person = element("input", { id: "setup-person", required: "", maxlength: "60" });
   parts.role = element("select", { id: "setup-role" }, ...ROLES.map((value) => element("option", { value }, t(`role.${value}`))));
   const drivers = element("datalist", { id: "setup-drivers" }, ...DRIVERS.map((value) => element("option", { value })));
-  const axis = [field("setup-name", "setup.name", parts.name), field("setup-driver", "setup.driver", parts.driver), drivers, field("setup-settings", "setup.settings", parts.settings), field("setup-machine", "setup.machine", parts.machine)];
-  const token = [field("setup-person", "setup.person", parts.person), field("setup-role", "setup.role", parts.role)];
+  const axis = [field("setup-name", t("setup.name"), parts.name), field("setup-driver", t("setup.driver"), parts.driver), drivers, field("setup-settings", t("setup.settings"), parts.settings), field("setup-machine", t("setup.machine"), parts.machine)];
+  const token = [field("setup-person", t("setup.person"), parts.person), field("setup-role", t("setup.role"), parts.role)];
   byId("setup").replaceChildren(
+    firstCard(),
     card("axis", element("p", { class: "quiet" }, t("setup.axis.text")), parts.axes, form("setup-form", axis, t("setup.save"), saveAxis)),
     card("limits", element("p", { class: "quiet" }, t("setup.limits.text")), parts.limits, parts.limitStatus),
     card("tokens", element("p", { class: "quiet" }, t("setup.tokens.text")), parts.tokens, form("token-form", token, t("setup.token.add"), addToken)),
@@ -70,6 +47,7 @@ export async function loadSetup() {
   const [{ axes }, { items: tokens }] = await Promise.all([fetchJson("/api/v1/axes"), fetchJson("/api/v1/tokens")]);
   const names = axes.map(({ axis }) => axis).sort();
   const configured = await Promise.all(names.map((name) => fetchJson(pathOf(name))));
+  knowAxes(configured);
   refill(parts.axes, JSON.stringify(configured), () => configured.map(axisNode));
   refill(parts.limits, JSON.stringify(configured), () => configured.map(limitNode));
   refill(parts.tokens, JSON.stringify(tokens), () => (tokens.length ? tokens.map(tokenNode) : [element("li", { class: "quiet" }, t("setup.tokens.none"))]));
@@ -77,7 +55,7 @@ export async function loadSetup() {
 
 function axisNode(config) {
   const change = button(t("setup.change"), { "aria-label": `${t("setup.change")} ${config.axis}` }, () => fill(config));
-  const remove = button(t("remove"), { "aria-label": `${t("remove")} ${config.axis}` }, () => act(byId("setup-form").querySelector("[role=status]"), removed(config.axis)));
+  const remove = button(t("remove"), { "aria-label": `${t("remove")} ${config.axis}` }, () => changed(byId("setup-form").querySelector("[role=status]"), removed(config.axis)));
   return element("li", { class: "row" }, element("b", {}, config.axis), element("span", { lang: "en" }, config.driver), change, remove);
 }
 
@@ -114,17 +92,18 @@ function limitNode(config) {
     await fetchJson(pathOf(config.axis), sent("PUT", { ...config, limits }));
     return t("setup.limits.saved", { axis: config.axis });
   };
-  const fields = inputs.map(([name, node, id]) => field(id, `setup.${name}`, node));
-  return element("li", { class: "row limits" }, element("b", {}, config.axis), ...fields, button(t("setup.save"), { "aria-label": `${t("setup.save")} ${config.axis}` }, () => act(parts.limitStatus, save())));
+  const fields = inputs.map(([name, node, id]) => field(id, t(`setup.${name}`), node));
+  return element("li", { class: "row limits" }, element("b", {}, config.axis), ...fields, button(t("setup.save"), { "aria-label": `${t("setup.save")} ${config.axis}` }, () => changed(parts.limitStatus, save())));
 }
 
 function tokenNode({ name, role, used_at: used }) {
-  const revoke = () => act(byId("token-form").querySelector("[role=status]"), fetchJson(`/api/v1/tokens/${encodeURIComponent(name)}`, { method: "DELETE" }).then(() => t("removed")));
+  const revoke = () => changed(byId("token-form").querySelector("[role=status]"), fetchJson(`/api/v1/tokens/${encodeURIComponent(name)}`, { method: "DELETE" }).then(() => t("removed")));
   const about = `${t(`role.${role}`)}, ${used ? t("setup.token.used", { time: clock(used) }) : t("setup.token.unused")}`;
   return element("li", { class: "row" }, element("b", {}, name), element("span", {}, about), button(t("setup.token.revoke"), { "aria-label": `${t("setup.token.revoke")} ${name}` }, revoke));
 }
 
 async function addToken() {
   const { token } = await fetchJson("/api/v1/tokens", sent("POST", { name: parts.person.value.trim(), role: parts.role.value }));
+  loadSetup().catch(() => {});
   return t("setup.token.shown", { token });
 }
