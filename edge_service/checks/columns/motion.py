@@ -313,7 +313,7 @@ class Motion:
             unit = self._speed_unit(motor, ANGLE, _MOTOR_SPEED_UNITS)
         if not unit:
             return
-        self._choose(MOTOR_SPEED, motor, unit, "by its name" if motor.unit else "by the angle")
+        self._choose(MOTOR_SPEED, motor, unit, motor.why if motor.unit else "by the angle")
         if self._found.lead_m is None and TABLE_POSITION in self._columns:
             link = self._speed_link(TABLE_POSITION, motor)
             if link is not None:
