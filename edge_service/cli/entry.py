@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import entry_points
-from typing import Any
 
 import click
 
@@ -134,11 +133,11 @@ def _explained(error: Exception) -> tuple[str, int]:
     return words, INTERNAL_FAILURE
 
 
-def _complain(*lines: str, status: int, as_json: bool, **more: Any) -> int:
+def _complain(*lines: str, status: int, as_json: bool, **more: object) -> int:
     lines = tuple(" ".join(line.split()) for line in lines)
     for line in lines:
         click.echo(f"edge-service: {line}", err=True)
     if as_json:
-        told = more | {"error": {"detail": "\n".join(lines), "exit_status": status}}
-        click.echo(json.dumps(told, default=asdict))
+        error = {"detail": "\n".join(lines), "exit_status": status}
+        click.echo(json.dumps(more | {"error": error}, default=asdict))
     return status

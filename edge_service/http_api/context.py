@@ -58,17 +58,12 @@ async def now_of(clock: ClockDep) -> int:
 NowDep = Annotated[int, Depends(now_of)]
 
 
-def check_axis(state: ServiceState, axis: str) -> str:
-    """The axis, if there is one of that name."""
+async def known_axis(axis: str, state: StateDep) -> str:
+    """The axis of the path, if there is one of that name."""
     if axis not in state.axes:
         there = ", ".join(state.axes) or "none"
         raise HTTPException(404, f"no axis {axis!r}; there are: {there}")
     return axis
-
-
-async def known_axis(axis: str, state: StateDep) -> str:
-    """The axis of the path."""
-    return check_axis(state, axis)
 
 
 async def known_axis_filter(
@@ -76,7 +71,7 @@ async def known_axis_filter(
     axis: Annotated[str | None, Query(description="Only what concerns this axis.")] = None,
 ) -> str | None:
     """The axis of the query, if there is one."""
-    return None if axis is None else check_axis(state, axis)
+    return None if axis is None else await known_axis(axis, state)
 
 
 AxisDep = Annotated[str, Depends(known_axis)]

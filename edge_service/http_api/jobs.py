@@ -228,13 +228,12 @@ class Jobs:
             out = self._recordings.place(names[0])
             words += ("--axis", body.axis, "--duration", f"{body.options.duration_s}")
             return (*words, "--out", str(out), *self._service)
-        paths = [str(self._recordings.path(name)) for name in body.recordings]
         named = ("--axis", body.axis) if body.command == "adopt" else ("--machine", str(machine))
         words += named + tuple(body.options.given)
         if body.options.baseline is not None and body.command == "fingerprint":
             baseline = await self.file(body.options.baseline, "fingerprint.json")
             words += ("--baseline", str(baseline))
-        return (*words, *paths)
+        return (*words, *(str(self._recordings.path(name)) for name in body.recordings))
 
     async def _follow(self, number: int, job: Job, started: asyncio.subprocess.Process) -> None:
         """Wait for the end of a job, an hour at most, and write its row."""

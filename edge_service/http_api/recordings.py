@@ -24,7 +24,8 @@ LEFT_FREE_BYTES = 200_000_000
 _AT_ONCE_BYTES = 1 << 20
 _UNIX_S = 1e9
 """A time in a file that is at least this is UNIX time; an axis' clock begins at 0."""
-_NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\- ]{0,99}\.(csv|parquet|txt|xml|json|mat)"
+_ENDS = "csv|parquet|txt|xml|json|mat"
+_NAME = rf"[A-Za-z0-9_][A-Za-z0-9_.\- ]{{0,99}}\.({_ENDS})"
 _STAMPED = re.compile(r"(?P<kind>\w+)_(?P<axis>[A-Za-z0-9.\-]+)_(?P<stamp>\d{8}T\d{6}Z)\.\w+")
 RecordingName = Annotated[str, WithJsonSchema({"type": "string", "pattern": f"^{_NAME}$"})]
 """Name of a recording; whoever keeps them judges it."""
@@ -143,8 +144,8 @@ class Recordings:
 
     def _named(self, name: str) -> Path:
         if not re.fullmatch(_NAME, name):
-            expected = "expected letters, digits, '_', '-', '.', ending as a recording (.csv, ...)"
-            raise RefusedError(422, f"{name!r}: {expected}")
+            expected = f"letters, digits, '_', '-', '.', ending in {_ENDS.replace('|', ', ')}"
+            raise RefusedError(422, f"{name!r}: expected {expected}")
         return self.folder / name
 
     def _shown(self, path: Path, status: os.stat_result) -> Recording:

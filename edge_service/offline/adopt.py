@@ -88,13 +88,9 @@ def _taken(names: Sequence[ColumnName], understood: Understanding) -> list[dict[
     """Each column, the quantity of `--column` that it is taken for (other: not used), its unit."""
     used = {each.column: channel for channel, each in understood.columns.items()}
     used |= {each.minus: "position_error" for each in understood.columns.values() if each.minus}
-    found = []
-    for each in names:
-        quantity = used.get(each.name, "other")
-        if each.name in used and each.quantity is Quantity.CURRENT:
-            quantity = "current"
-        found.append({"name": each.name, "quantity": quantity, "unit": each.unit})
-    return found
+    currents = {each.name for each in names if each.quantity is Quantity.CURRENT}
+    used |= dict.fromkeys(currents & used.keys(), "current")
+    return [{"name": e.name, "quantity": used.get(e.name, "other"), "unit": e.unit} for e in names]
 
 
 def _answer(

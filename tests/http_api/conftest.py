@@ -23,6 +23,7 @@ from edge_service.messages.interval import Interval
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE
 from edge_service.offline.simulate import SimulationSettings, simulate
 
+from ..bench.real_machines import written
 from ..messages.examples import event_of
 
 NS = 1_000_000_000
@@ -106,10 +107,9 @@ def foreign_recording(path: Path, duration_s: float) -> None:
     settings = SimulationSettings(duration_s=duration_s, seed=5)
     simulate(load_machine(DEFAULT_MACHINE), settings, path)
     own = np.genfromtxt(path, delimiter=",", names=True)
-    factors = {TIME: 1e3, TORQUE: 1.0 / 1.2, ANGLE: 180.0 / np.pi, TABLE_POSITION: 1e3}
-    columns = np.column_stack([factor * own[name] for name, factor in factors.items()])
-    header = "Zeit [ms],Strom [A],Winkel [deg],Soll [mm]"
-    np.savetxt(path, columns, "%.5f", ",", header=header, comments="")
+    columns = {"Zeit [ms]": 1e3 * own[TIME], "Strom [A]": own[TORQUE] / 1.2}
+    columns |= {"Winkel [deg]": np.degrees(own[ANGLE]), "Soll [mm]": 1e3 * own[TABLE_POSITION]}
+    written(path, columns)
 
 
 def client_of(app: FastAPI, url: str = "http://127.0.0.1", **how: Any) -> httpx.AsyncClient:

@@ -308,6 +308,7 @@ async def test_a_new_axis_is_read_as_its_owner_says_and_examined(
     assert taken[0] == ["time_s", "other", "motor_angle_rad", "position_setpoint_m"]
     assert taken[1] == ["time_s", "current", "motor_angle_rad", "table_position_m"]
     assert {each["option"] for each in read[0]["unknown"]} == {"--torque-constant"}
+    assert "'Soll [mm]' in mm (as given)" in {each["words"] for each in read[1]["understood"]}
     body = asked | {"command": "doctor", "options": {"machine": 2}}
     assert (await scene.client.post("jobs", json=body)).status_code == 202
     await scene.ended(3)

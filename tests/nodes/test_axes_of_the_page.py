@@ -10,6 +10,7 @@ import pytest
 
 from edge_service.bus.fleet import ask_health
 from edge_service.config import ConfigError, load_config
+from edge_service.config_tables import StoreConfig
 
 from .conftest import once, running, served, until
 
@@ -75,6 +76,14 @@ async def test_of_an_axis_that_goes_nothing_stays_on_the_bus(tmp_path: Path) -> 
         await there("Y")
         service.context.renew(config.axes[0], machine)
         await there("X", "Y")
+
+
+async def test_an_axis_lasts_as_long_as_a_service_that_keeps_nothing(tmp_path: Path) -> None:
+    config = load_config(written(tmp_path)).model_copy(update={"store": StoreConfig()})
+    async with served(config) as (_, client):
+        assert (await client.put(PATH.format("X"), json=AXIS)).status_code == 201
+        await once(client, "axes/X/preload", lambda now: now["status"] == "estimated")
+    assert [path.name for path in tmp_path.iterdir()] == ["edge.toml"]
 
 
 WRONG: list[tuple[str, dict[str, Any], int, str]] = [

@@ -81,7 +81,7 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
         cycles = "position-control cycles of 2 ms, as Industrial Edge has them by default"
         found.say(TIME, f"{each.name!r} counts {cycles}", assumed=True)
         return EDGE_PERIOD_S
-    unit, why = each.unit, "by its name"
+    unit, why = each.unit, each.why
     if each.si_unit != "s":
         usual = float(np.median(forward))
         rates = {unit: 1.0 / (SI[unit][0] * usual) for unit in _TIME_UNITS}

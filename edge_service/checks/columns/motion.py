@@ -134,7 +134,7 @@ class Motion:
             return "mm", "assumed: a rotary axis, whose degrees are read as mm, 360 a turn"
         for each in (column, other):
             if each is not None and each.si_unit == "m":
-                return each.unit, "by its name" if each is column else f"as {each.name!r}"
+                return each.unit, each.why if each is column else f"as {each.name!r}"
         top = self._top_speed(column.name)
         low, high = TABLE_SPEEDS_M_S
         able = [unit for unit in TABLE_UNITS if low <= SI[unit][0] * top <= high]
@@ -209,7 +209,7 @@ class Motion:
     def _angle_unit(self, motor: ColumnName) -> tuple[str, str] | None:
         """Unit of the motor's angle, and why; None where none fits."""
         if motor.si_unit == "rad":
-            return motor.unit, "by its name"
+            return motor.unit, motor.why
         top, lead, table = self._top_speed(motor.name), self._known.lead_m, None
         if (known := self._columns.get(TABLE_POSITION)) is not None:
             table = self._link(known.column, motor.name, SURE)
@@ -291,7 +291,7 @@ class Motion:
         if speed is None:
             return
         if speed.si_unit == "m/s":
-            self._choose(TABLE_SPEED, speed, speed.unit, "by its name")
+            self._choose(TABLE_SPEED, speed, speed.unit, speed.why)
             return
         position = TABLE_POSITION if TABLE_POSITION in self._columns else ANGLE
         if position not in self._columns:
@@ -313,7 +313,7 @@ class Motion:
             unit = self._speed_unit(motor, ANGLE, _MOTOR_SPEED_UNITS)
         if not unit:
             return
-        self._choose(MOTOR_SPEED, motor, unit, "by its name" if motor.unit else "by the angle")
+        self._choose(MOTOR_SPEED, motor, unit, motor.why if motor.unit else "by the angle")
         if self._found.lead_m is None and TABLE_POSITION in self._columns:
             link = self._speed_link(TABLE_POSITION, motor)
             if link is not None:

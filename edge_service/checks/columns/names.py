@@ -64,6 +64,11 @@ class ColumnName:
     is_given: bool = False  # its owner says what it holds
 
     @property
+    def why(self) -> str:
+        """Reason for which it is taken for what it is."""
+        return "as given" if self.is_given else "by its name"
+
+    @property
     def is_position(self) -> bool:
         """It is a measured position, whatever of."""
         return self.quantity.name.endswith("POSITION")

@@ -124,7 +124,7 @@ def _effort_scale(
 ) -> tuple[float | None, str]:
     """Factor to N m at the motor, with words; None where it is not known."""
     if column.si_unit == "N m":
-        return SI[column.unit][0], f"{column.name!r} in {column.unit} (by its name)"
+        return SI[column.unit][0], f"{column.name!r} in {column.unit} ({column.why})"
     unit = column.unit or "unit"
     if column.quantity is Quantity.CURRENT and not column.unit:
         high = float(np.nanpercentile(np.abs(values), 99.0))

@@ -18,14 +18,18 @@ let uploaded = []; // names of the recordings
 let stated = new Map(); // column -> what its owner says of it
 let axes = []; // configurations of those that are there
 
-export const knowAxes = (configured) => (axes = configured);
+export function knowAxes(configured) {
+  axes = configured;
+  parts.name.value ||= [..."XYZABC"].find((letter) => !axes.some(({ axis }) => axis === letter)) ?? "";
+}
+
 const axisName = () => parts.name.value.trim();
 
 export function firstCard() {
   parts.file = element("input", { id: "first-file", type: "file", required: "", multiple: "", accept: FORMS.join() });
-  parts.name = element("input", { id: "first-name", required: "", maxlength: "100", pattern: "[A-Za-z0-9][A-Za-z0-9_.\\-]*", value: "X" });
+  parts.name = element("input", { id: "first-name", required: "", maxlength: "100", pattern: "[A-Za-z0-9][A-Za-z0-9_.\\-]*" });
   parts.columns = element("ul", { class: "plain", "aria-label": t("first.columns") });
-  parts.open = element("div", {});
+  parts.open = element("div", { class: "open" });
   parts.found = element("div", { id: "first-found" });
   parts.fresh = element("p", { class: "row", hidden: "" }, element("input", { id: "first-fresh", type: "checkbox" }), element("label", { for: "first-fresh" }, t("first.fresh")));
   for (const each of [parts.file, parts.name]) each.addEventListener("change", forget);
@@ -75,7 +79,8 @@ async function done(command, options, seen = () => {}) {
   }
   const found = job.files.includes("answer.json") ? await fetchJson(fileOf(job, "answer.json")) : {};
   seen(found);
-  if (job.state !== "done") throw new Error(job.verdict ?? job.lines.at(-1) ?? named("job.state", job.state));
+  const why = job.verdict ?? job.lines.at(-1) ?? named("job.state", job.state);
+  if (job.state !== "done") throw new Error(why.replace(/\S*\/recordings\//g, ""));
   return { job, found };
 }
 
@@ -95,7 +100,7 @@ function showColumns({ columns = [], understood = [], unknown = [] }) {
   const about = (name) => ({ subject, words }) => subject !== "lead_m" && words.includes(`'${name}'`);
   const said = (guesses) => element("small", { lang: "en", class: "quiet" }, guesses.map(({ words }) => words).join("; "));
   const others = understood.filter((guess) => guess.subject !== "lead_m" && !columns.some(({ name }) => about(name)(guess)));
-  refill(parts.columns, JSON.stringify([columns, understood]), () => [...columns.map((each) => columnNode(each, said(understood.filter(about(each.name))))), element("li", {}, said(others))]);
+  refill(parts.columns, JSON.stringify([columns, understood]), () => [element("li", {}, element("h3", {}, t("first.columns"))), ...columns.map((each) => columnNode(each, said(understood.filter(about(each.name))))), element("li", {}, said(others))]);
   for (const { option, words } of unknown.filter(({ option }) => OPEN[option])) {
     if (!byId(`first${option}`)) parts.open.append(answer(option.slice(1), element("span", { lang: "en" }, words), OPEN[option]));
   }
@@ -128,7 +133,9 @@ async function commission(machine) {
   const axis = axisName();
   const told = (answer) => (parts.fresh.hidden &&= !answer.error?.detail.includes(FRESH));
   const { job } = await done("commission", { machine, given: byId("first-fresh").checked ? [FRESH] : [] }, told);
-  const learned = await (await fetch(fileOf(job, "commissioned.toml"))).text();
+  const file = fileOf(job, "commissioned.toml");
+  parts.found.append(element("p", { class: "links" }, element("a", { href: file, download: `${axis}.toml`, lang: "en" }, "commissioned.toml")));
+  const learned = await (await fetch(file)).text();
   const before = axes.find((each) => each.axis === axis) ?? { driver: "replay", settings: { path: `../../recordings/${uploaded[0]}`, loop: true } };
   await fetchJson(pathOf(axis), sent("PUT", { ...before, machine: learned }));
   location.assign(`#/${encodeURIComponent(axis)}`);
