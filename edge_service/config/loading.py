@@ -76,7 +76,7 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
 
 def axis_files(state: Path | None) -> list[Path]:
     """Files of the axes that were made on the page, in the state folder."""
-    return [] if state is None else sorted(state.glob("axes/[!.]*/axis.toml"))
+    return [] if state is None else sorted(state.absolute().glob("axes/[!.]*/axis.toml"))
 
 
 def read_axis(path: Path, written: bytes | None = None) -> AxisConfig:

@@ -35,7 +35,7 @@ class AxisDesk:
     """The axes of one service; those of its folder may be made, changed and removed."""
 
     def __init__(self, context: NodeContext, folder: Path) -> None:
-        self._context, self._folder = context, folder
+        self._context, self._folder = context, folder.absolute()
         self._threads, self._one = Threads("axes"), asyncio.Lock()
 
     def read(self, axis: str) -> tuple[AxisConfiguration, str]:

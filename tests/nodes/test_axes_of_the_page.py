@@ -78,6 +78,23 @@ async def test_of_an_axis_that_goes_nothing_stays_on_the_bus(tmp_path: Path) -> 
         await there("X", "Y")
 
 
+async def test_what_is_shown_of_an_axis_can_be_sent_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also by a service whose configuration is named relative to its working folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "state" / "recordings").mkdir(parents=True)
+    rows = "".join(f"{0.001 * number},0.1,{0.01 * number}\n" for number in range(2000))
+    trace = tmp_path / "state" / "recordings" / "a.csv"
+    trace.write_text(f"time_s,torque_command_nm,motor_angle_rad\n{rows}")
+    shown = {"driver": "replay", "settings": {"path": "../../recordings/a.csv", "loop": True}}
+    for status in (201, 200):
+        config = load_config(written(tmp_path).relative_to(tmp_path))
+        async with served(config) as (_, client):
+            assert (await client.put(PATH.format("X"), json=shown)).status_code == status
+            shown = (await client.get(PATH.format("X"))).json()
+
+
 async def test_an_axis_lasts_as_long_as_a_service_that_keeps_nothing(tmp_path: Path) -> None:
     config = load_config(written(tmp_path)).model_copy(update={"store": StoreConfig()})
     async with served(config) as (_, client):

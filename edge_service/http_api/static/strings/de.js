@@ -587,7 +587,7 @@ export const de = {
   "role.viewer": "Betrachter",
   "role.operator": "Bediener",
   "setup.first": "Eine erste Achse aus einer Aufzeichnung",
-  "first.text": "Ein bis zwei Minuten der gesunden, kalten Achse: hin und her über den ganzen Hub, verschieden schnell, ohne Zerspanung. Was offen bleibt, macht die Antwort weiter.",
+  "first.text": "Ein bis zwei Minuten der gesunden, kalten Achse: hin und her über den ganzen Hub, verschieden schnell, ohne Zerspanung. Tragzahl und Vorspannung geben die Antwort in Prozent; was sonst offen bleibt, macht sie ungenauer.",
   "first.file": "Aufzeichnungen",
   "first.name": "Name der Achse",
   "first.diameter": "Nenndurchmesser der Spindel, mm",
