@@ -146,7 +146,8 @@ def test_no_statement_contradicts_another(steps: list[tuple]) -> None:
 
 def _headline_fits(health: AxisHealth) -> None:
     assert health.headline is not None
-    level, active = health.headline.level, ({alarm.kind for alarm in health.alarms if alarm.active})
+    level = health.headline.level
+    active = {alarm.kind for alarm in health.alarms if alarm.active}
     calm = health.condition is AxisCondition.NORMAL and not active
     assert (level is AxisCondition.NORMAL) == calm
     grave = health.condition is AxisCondition.FAULT or active & {

@@ -79,7 +79,7 @@ def on_file(recording: Path, config: EdgeConfig) -> list[PreloadEstimate]:
 async def live(recording: Path, config: EdgeConfig, blocks: int) -> Any:
     """Estimates of the service whose driver hears the broker."""
     source = MqttSourceConfig.model_validate(config.axes[0].settings)
-    driver = MqttDriver(source, DriverContext("X", MACHINE))
+    driver = MqttDriver(source, DriverContext("X", MACHINE))  # which the broker knows from now on
     await driver.open()
     await driver.close()
     async with running(config, ("estimate", "downsample", "acquire")) as service:

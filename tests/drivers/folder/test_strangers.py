@@ -18,10 +18,10 @@ def watch(tmp_path: Path) -> Watch:
 async def test_a_small_file_that_holds_gigabytes_is_told_and_does_not_stop_the_others(
     watch: Watch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    huge = ["x" * 40_000_000] * 4
+    huge = ["x" * 40_000_000] * 4  # of a few kB in the file
     numbers = [0.0, 1.0, 2.0, 3.0]
     table = {"time_s": numbers, "torque_command_nm": huge, "motor_angle_rad": numbers}
-    pa.parquet.write_table(pa.table(table), (watch.folder / "a.parquet"), compression="zstd")
+    pa.parquet.write_table(pa.table(table), watch.folder / "a.parquet", compression="zstd")
     watch.write("b.csv", 1.0)
     driver = watch.driver()
     assert set(torques(await watch.read(driver))) == {1.0}
