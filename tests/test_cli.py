@@ -48,7 +48,7 @@ STORE, BOTH = "[store]\nfolder = 'state'\n", "certificate = 'a.toml'\nprivate_ke
 TWO_MOTIONS = "simulate --motion standstill --motion standstill --out runs"
 CASES = (
     (TWO_MOTIONS + " --duration 9", "--duration: with several motions expected NAME:duration_s="),
-    ("estimate t.csv --out o.csv --method kf", "--method: no estimator 'kf'; there are auto, "),
+    ("estimate t.csv --out o.csv --method kf", "'kf' is not one of 'auto', "),
     ("adopt t.csv --out m.toml --screw 20", "--screw '20': expected \"DIAMETERxLEAD C... P...\""),
     ("adopt t.csv --out m.toml --set leed_m=1", "no key of a machine file; did you mean lead_m?"),
     ("adopt t.csv --out m.toml --set lead_m=1kg", "--set lead_m=1kg: 'kg' is no unit of lead_m"),

@@ -72,6 +72,7 @@ COMMANDS: dict[str, list[str]] = {
     "gap": ["gap", "{trace}"],
     "model": ["model"],
     "diagnose": ["diagnose", "{trace}", "--out", "{dir}/diagnosis"],
+    "update": ["update", "{later}", "--out", "{dir}/updated.toml"],
     "check-diagnosis": ["check-diagnosis", "--plant", "own", "--effect", "delay", "--cases", "1"],
     "drift": ["drift", "{monday}", "{friday}"],
     "reproduce": ["reproduce", "wear", "{wear}", "--out", "{dir}/wear"],
@@ -101,13 +102,14 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "trace": folder / "acceleration.parquet",
         "monday": folder / "monday.parquet",
         "friday": folder / "friday.parquet",
+        "later": folder / "later.parquet",
         "tuning": folder / "AST_AX1.xml",
         "wear": folder / "drag.txt",
     }
-    for seed, (name, motion) in enumerate(
-        (("trace", "acceleration"), ("monday", "warmup"), ("friday", "warmup")), start=1
-    ):
-        seconds = ["--duration", "20"] if motion == "warmup" else []
+    motions = {"trace": "acceleration", "monday": "warmup", "friday": "warmup", "later": "warmup"}
+    for seed, (name, motion) in enumerate(motions.items(), start=1):
+        lasts = "50" if name == "later" else "20"
+        seconds = ["--duration", lasts] if motion == "warmup" else []
         out = ["--seed", str(seed), "--out", str(paths[name])]
         assert main(["simulate", "--motion", motion, *seconds, *out]) == DONE
     paths["tuning"].write_text(tuning(FREQUENCY, _response(), np.full(300, 0.999), {}))

@@ -13,7 +13,6 @@ from .options import (
     POSITIVE,
     AxisNumber,
     Endpoint,
-    Force,
     Keys,
     Lead,
     MachineFile,
@@ -37,7 +36,7 @@ def init(
     screw: Screw,
     lead: Lead,
     keys: Keys,
-    force: Force,
+    force: Annotated[bool, Option("Overwrite what is there.")],
     axis: Annotated[str, Option("Name of the axis.")] = "X",
     out: Annotated[Path, Option("Configuration to write.")] = Path("edge.toml"),
 ) -> Answer:
@@ -65,9 +64,7 @@ def adopt(
     traces: Traces,
     out: Annotated[Path, Option("Machine file to write.")],
     axis_number: AxisNumber,
-    axis: Annotated[
-        str | None, Option("Name of the axis.  [default: as the file spells it, or X]")
-    ],
+    axis: Annotated[str | None, Option("Name of the axis.  [default: the file's, or X]")],
     screw: Screw,
     lead: Lead,
     keys: Keys,
@@ -164,7 +161,7 @@ def record(
         raise BadInputError("axes: none yet")
     name = axis or settings.axes[0].name
     progress(f"recording axis {name}")
-    rows, lost = asyncio.run(record_axis(settings, name, out, duration, progress))
+    rows, lost = asyncio.run(record_axis(settings, name, out, duration))
     words = f"{out}: {rows} rows of axis {name}, {lost} payloads lost"
     return Answer(words, {"out": str(out), "axis": name, "rows": rows, "lost_payloads": lost})
 
@@ -214,7 +211,8 @@ def convert(
     """
     from ..config import load_machine
     from ..offline.convert import convert as convert_trace
-    from ..offline.convert import convert_history, is_database
+    from ..offline.convert import convert_history
+    from ..recordings.forms import is_database
     from ..recordings.sinumerik.signals import ControllerAxis
 
     if is_database(source):
@@ -228,9 +226,7 @@ def convert(
 def stub(
     protocol: str,
     config: Path | None,
-    axis: Annotated[
-        str | None, Option("Serve only this axis; by default all that use this protocol.")
-    ],
+    axis: Annotated[str | None, Option("Axis to serve; by default all of this protocol.")],
     trace: Annotated[Path | None, Option("Recording to play once, not the simulated drive.")],
     port: Port,
     scenario: Annotated[

@@ -6,23 +6,33 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import entry_points
+from types import ModuleType
 
 import click
 
 from .. import __version__
 from ..exit_status import BAD_INPUT, DONE, INTERNAL_FAILURE, INTERRUPTED, BadInputError
-from .connect import adopt, convert, doctor, init, record, replay, stub
-from .examine import commission, diagnose, drift, estimate, fingerprint, gap, motion
+from . import connect, examine, service, twin
 from .options import FLAG
-from .service import backup, check_config, fleet, node, restore, run, token
-from .twin import bench, model, reproduce, simulate
+
+
+def _commands(module: ModuleType) -> list[click.Command]:
+    there = (each for each in vars(module).values() if isinstance(each, click.Command))
+    return [each for each in there if not each.hidden]
+
 
 CHECKS = tuple(each.load() for each in entry_points(group="edge_service.commands"))
-GROUPS: dict[str, tuple[click.Command, ...]] = {
-    "Run the service": (run, node, check_config, token, backup, restore, fleet),
-    "Connect a machine": (init, adopt, doctor, record, replay, convert, stub),
-    "Examine an axis": (commission, estimate, fingerprint, motion, gap, diagnose),
-    "Study the twin": (simulate, model, *CHECKS, reproduce, bench),
+GROUPS: dict[str, list[click.Command]] = {
+    "Run the service": _commands(service),
+    "Connect a machine": _commands(connect),
+    "Examine an axis": _commands(examine),
+    "Study the twin": [
+        twin.simulate,
+        twin.model,
+        *CHECKS,
+        twin.reproduce,
+        twin.bench,
+    ],
 }
 GONE: dict[str, str] = {
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",
@@ -86,7 +96,7 @@ def version() -> None:
     click.echo(f"edge-service, version {__version__}")
 
 
-for _command in (*(each for commands in GROUPS.values() for each in commands), drift):
+for _command in (*(each for commands in GROUPS.values() for each in commands), examine.drift):
     cli.add_command(_command)
 
 

@@ -147,7 +147,6 @@ Keys = Annotated[
     ),
 ]
 Seed = Annotated[int | None, Option("Seed of what is left to chance.", kind=click.IntRange(0))]
-Force = Annotated[bool, Option("Overwrite what is there.")]
 Effects = Annotated[
     tuple[str, ...],
     Option("Effect of the library; may be repeated.", "--effect", metavar="NAME[:KEY=VALUE,...]"),
@@ -186,19 +185,15 @@ def configured(
     from ..config import DEFAULT_CONFIG, load_config
 
     settings = load_config(config or DEFAULT_CONFIG)
-    if port is not None:
-        http = settings.http.model_copy(update={"port": port})
-        settings = settings.model_copy(update={"http": http})
-    if endpoint is not None:
-        bus = settings.bus.model_copy(update={"endpoint": endpoint})
-        settings = settings.model_copy(update={"bus": bus})
+    for name, key, value in (("http", "port", port), ("bus", "endpoint", endpoint)):
+        if value is not None:
+            table = getattr(settings, name).model_copy(update={key: value})
+            settings = settings.model_copy(update={name: table})
     return settings
 
 
 def batch_options(*written: str, implied: bool = False) -> Decorator:
-    """Add options of a command over many recordings, in whose place it is given `batch`.
-
-    That is None, or a function of work, recordings and folder, see `run_batch`.
+    """Add options over many recordings, for which a command gets `batch`, see `run_batch`, or None.
 
     Args:
         written: files of the command in the folder of a case.

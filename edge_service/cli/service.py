@@ -58,11 +58,9 @@ def check_config(config: Path | None) -> Answer:
 @command("token edge.toml --add kim --role operator")
 def token(
     config: Path,
-    added: Annotated[str | None, Option("Name of a token to create.", "--add", metavar="NAME")],
+    added: Annotated[str | None, Option("Token to create.", "--add", metavar="NAME")],
     role: Annotated[Literal["viewer", "operator"] | None, Option("Role of the new token.")],
-    revoked: Annotated[
-        str | None, Option("Name of a token to revoke.", "--revoke", metavar="NAME")
-    ],
+    revoked: Annotated[str | None, Option("Token to revoke.", "--revoke", metavar="NAME")],
 ) -> Answer:
     """Create, list or revoke the tokens that let people in.
 
@@ -102,9 +100,7 @@ def token(
 @command("backup /etc/edge-service/edge.toml --out backup.zip")
 def backup(
     config: Path,
-    out: Annotated[
-        Path, Option("Archive to write; it may hold secrets, and is for its owner alone.")
-    ],
+    out: Annotated[Path, Option("Archive to write, for its owner alone: it may hold secrets.")],
     recordings: Annotated[bool, Option("Keep the recordings as well.")],
 ) -> Answer:
     """Copy configuration and history while the service runs."""

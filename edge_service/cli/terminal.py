@@ -34,7 +34,6 @@ def log_to_stderr() -> None:
 
 class _Lines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
-        """A record as text; what the system refused needs no traceback."""
         error = record.exc_info[1] if record.exc_info else None
         if not isinstance(error, OSError):
             return super().format(record)
@@ -47,11 +46,7 @@ def announce(address: str) -> None:
 
 
 def progress(line: str) -> None:
-    """Say what is being done, `stage` or `stage: N %`.
-
-    At a terminal it is one line with elapsed and left time, which goes at the end; otherwise a line
-    every ten seconds, and at once for a service that asks.
-    """
+    """Show the stage: at a terminal one line, which goes at the end; else one every ten seconds."""
     context = click.get_current_context(silent=True)
     if context is None:
         return

@@ -13,16 +13,13 @@ from ..exit_status import BadInputError
 from .options import POSITIVE, Effects, Keys, MachineFile, Option, Screw, Seed, command
 from .terminal import progress
 
-CHECKOUT = Path(__file__).parents[2]
-
 
 @command("simulate --motion friction --effect stribeck:excess_nm=0.2 --seed 7 --out trace.csv")
 def simulate(
     machine: MachineFile,
     effects: Effects,
     duration: Annotated[
-        float | None,
-        Option("Length of the recording, s; that of the motion by default.", kind=POSITIVE),
+        float | None, Option("Length, s; that of the motion by default.", kind=POSITIVE)
     ],
     preload: Annotated[
         float | None,
@@ -133,7 +130,7 @@ def reproduce(
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def bench(arguments: tuple[str, ...]) -> object:
     """Measure speed, memory and accuracy."""
-    return benchmarks(CHECKOUT).main(
+    return benchmarks(Path(__file__).parents[2]).main(
         list(arguments), prog_name="edge-service bench", standalone_mode=False
     )
 

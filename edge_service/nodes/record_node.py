@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ..bus.session import Bus
 from ..bus.settings import BusSettings
+from ..command_answer import progress
 from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
@@ -47,11 +48,7 @@ feedforward an axis hardly follows the upper half of the sweep, 10 s each way.""
 
 
 async def record_axis(
-    config: EdgeConfig,
-    axis: str,
-    out: Path,
-    duration_s: float | None,
-    progress: Callable[[str], None] = lambda _line: None,
+    config: EdgeConfig, axis: str, out: Path, duration_s: float | None
 ) -> tuple[int, int]:
     """Record so many seconds of the axis, or until a signal; returns rows and payloads lost.
 

@@ -70,7 +70,9 @@ def adopt(
     named = name or (axis if axis and not axis.isdigit() else "X")
     stated = asked(sheet, ASKED, ask)
     names = [path.name for path in files]
-    travel = _travel(frames)
+    tables = [f.channels[TABLE_POSITION] for f in frames if TABLE_POSITION in f.channels]
+    ends = [end for each in tables for end in (float(np.nanmin(each)), float(np.nanmax(each)))]
+    travel = max(ends) - min(ends) if ends else None
     write_whole(out, machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
     if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
@@ -195,13 +197,6 @@ def _mechanics(frames: Sequence[SampleFrame], understood: Understanding) -> Mech
         for frame in frames:
             frame.channels[TORQUE][:] *= -1.0
     return found
-
-
-def _travel(frames: Sequence[SampleFrame]) -> float | None:
-    values = [f.channels[TABLE_POSITION] for f in frames if TABLE_POSITION in f.channels]
-    if not values:
-        return None
-    return float(max(map(np.nanmax, values)) - min(map(np.nanmin, values)))
 
 
 def _draw(frame: SampleFrame, title: str, out: Path) -> None:

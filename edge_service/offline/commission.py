@@ -56,7 +56,12 @@ def commission_to_file(
     if any(out.resolve() == given.resolve() for given in (*traces, *tests)):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     stated = load_machine(machine_file, axis_number)
-    nominal = _with_drag(stated)
+    nominal, model = stated, stated.model
+    if model.preload_n is not None and model.preload_drag_nm is None:  # by (4.3.6)
+        diameter_m = stated.axis.screw_diameter_m or 0.0
+        sheet = {"preload_n": model.preload_n.value, "screw_diameter_m": diameter_m}
+        drag = {"preload_drag_nm": drag_of(sheet, stated.axis.lead_m)}
+        nominal = stated.model_copy(update={"model": model.model_copy(update=drag)})
     require_sound(nominal, traces, strict=("columns", "torque"))
     if interval_s is None and nominal.commissioned is not None:
         interval_s = nominal.commissioned.interval_s
@@ -94,17 +99,6 @@ def commission_to_file(
     _write_model(document, machine, stated)
     write_whole(out, tomlkit.dumps(document))
     return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
-
-
-def _with_drag(machine: Machine) -> Machine:
-    """The machine with the drag of its preload (4.3.6), if its file states none."""
-    axis, model = machine.axis, machine.model
-    if model.preload_n is None or model.preload_drag_nm is not None:
-        return machine
-    sheet = {"preload_n": model.preload_n.value, "screw_diameter_m": axis.screw_diameter_m or 0.0}
-    drag = drag_of(sheet, axis.lead_m)
-    model = model.model_copy(update={"preload_drag_nm": drag})
-    return machine.model_copy(update={"model": model})
 
 
 def _not_as_fresh(

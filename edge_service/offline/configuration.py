@@ -4,8 +4,6 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from drivers.registry import driver_names, load_driver
 
 from ..bus.settings import BusConfigurationError, BusSettings, zenoh_config
@@ -55,7 +53,11 @@ def check_configuration(path: Path) -> Answer:
     if mistakes:
         raise ConfigError(*mistakes, file=path)
     bus_access = "bus for others to read (of node bus: to publish too)"
-    outputs = [_output(name, table) for name, table in settings.outputs.items()]
+    outputs = []
+    for name, table in settings.outputs.items():
+        kind, at = table.get("kind", name), table.get("endpoint") or table.get("url")
+        said = name if kind == name else f"{name} ({kind})"
+        outputs.append(f"{said} {at}" if at else said)
     http, store, drivers = settings.http, settings.store, list(driver_names())
     history = "history in memory, it ends with the service ([store] folder)"
     if store.folder is not None:
@@ -84,16 +86,12 @@ def effective(settings: EdgeConfig) -> dict[str, Any]:
     """Every key of a configuration that is right, with its value; secrets are ***."""
     shown = settings.model_dump(mode="json")
     for axis in shown["axes"]:
-        axis["settings"] = _dumped(load_driver(axis["driver"]).config_model, axis["settings"])
+        own = load_driver(axis["driver"]).config_model
+        axis["settings"] = own.model_validate(axis["settings"]).model_dump(mode="json")
     for name, table in shown["outputs"].items():
         model = load_output(table.get("kind") or name).config_model
-        shown["outputs"][name] = _dumped(model, table)
+        shown["outputs"][name] = model.model_validate(table).model_dump(mode="json")
     return _hidden(shown)  # type: ignore[no-any-return]
-
-
-def _dumped(model: type[BaseModel], table: dict[str, Any]) -> dict[str, Any]:
-    """A table with its defaults; a secret that is in a file of its own stays there."""
-    return model.model_validate(table).model_dump(mode="json")
 
 
 def _hidden(value: Any) -> Any:
@@ -102,9 +100,3 @@ def _hidden(value: Any) -> Any:
     if isinstance(value, list):
         return [_hidden(each) for each in value]
     return HIDDEN if value == SECRET else value
-
-
-def _output(name: str, table: dict[str, Any]) -> str:
-    """An output in words: its kind, and where it is if a table says so."""
-    kind, place = table.get("kind", name), table.get("endpoint") or table.get("url")
-    return " ".join([name, *([f"({kind})"] if kind != name else []), *([place] if place else [])])

@@ -12,9 +12,10 @@ from ..health.store.store import Store, StoreFailedError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..recordings.columns import TraceError
+from ..recordings.reader import spread
 from ..recordings.sinumerik.signals import ControllerAxis
 from ..recordings.writer import CSV_SUFFIX, TraceWriter
-from .recordings import open_recording, reported, spread
+from .recordings import open_recording, reported
 
 
 def convert(
@@ -65,15 +66,6 @@ def convert(
         "remarks": remarks,
     }
     return Answer("\n".join(lines), document)
-
-
-def is_database(source: Path) -> bool:
-    """Return whether SQLite has written a file."""
-    try:
-        with source.open("rb") as file:
-            return file.read(16) == b"SQLite format 3\0"
-    except OSError:
-        return False
 
 
 def convert_history(source: Path, out: Path) -> Answer:

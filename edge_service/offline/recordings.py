@@ -3,7 +3,7 @@
 A machine file names foreign columns and the controller's axis; the checks are those of `doctor`.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from ..checks.examination import check_plausibility
@@ -12,11 +12,8 @@ from ..command_answer import progress
 from ..config import ConfigError
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
-from ..recordings.reader import TraceReader, joined, open_trace, read_trace
+from ..recordings.reader import TraceReader, open_trace, read_trace, spread
 from ..recordings.sinumerik.signals import ControllerAxis
-
-MOST_ROWS = 600_000
-"""Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
 
 
 def reported(reader: TraceReader, words: str) -> Iterator[SampleFrame]:
@@ -77,25 +74,3 @@ def require_sound(
             raise ExaminationError(
                 f"{names}: {each.sentence}; {each.remedy} (see `edge-service doctor`)"
             )
-
-
-def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
-    """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., of `MOST_ROWS` rows at most."""
-    kept: list[tuple[int, SampleFrame]] = []
-    stride, held = 1, 0
-    for number, frame in enumerate(frames):
-        if number % stride == 0:
-            kept.append((number, frame))
-            held += len(frame)
-        while held > MOST_ROWS and len(kept) > 1:
-            stride *= 2
-            kept = [each for each in kept if each[0] % stride == 0]
-            held = sum(len(each) for _, each in kept)
-    pieces: list[list[SampleFrame]] = []
-    before = -2
-    for number, frame in kept:
-        if number != before + 1:
-            pieces.append([])
-        pieces[-1].append(frame)
-        before = number
-    return [joined(piece) for piece in pieces]

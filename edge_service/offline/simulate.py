@@ -95,7 +95,14 @@ class _Axis:
 
     def __init__(self, machine: Machine, settings: SimulationSettings) -> None:
         self._settings = settings
-        self._preload_percent = _preload_percent(machine, settings.preload_percent)
+        wanted, missing = settings.preload_percent, machine.missing_for_percent()
+        if wanted is not None and missing is not None:
+            raise SimulationError(f"preload: {missing} is missing in the machine file")
+        if not 0.0 <= (wanted or 0.0) <= 100.0:
+            raise SimulationError(f"preload: expected 0 to 100 %, got {wanted:g}")
+        fresh = machine.fresh_preload_percent  # else that of a nut as its catalogue has it
+        fresh = CATALOGUE_PRELOAD_PERCENT if fresh is None else fresh
+        self._preload_percent = fresh if wanted is None else wanted
         self._load_kg, self._force = 0.0, np.zeros((2, 1))
         names = []
         for text in settings.effects:
@@ -219,19 +226,6 @@ def commanded_motion(
         segments = list(motion(limits, random))
     count = sum(samples_of(segment, rate_hz) for segment in segments)
     return CommandedMotion(name, Setpoints(iter(segments), limits.low_m, rate_hz), count)
-
-
-def _preload_percent(machine: Machine, wanted: float | None) -> float:
-    """Preload, %; where the machine file knows none, that of a nut as its catalogue has it."""
-    if wanted is None:
-        fresh = machine.fresh_preload_percent
-        return CATALOGUE_PRELOAD_PERCENT if fresh is None else fresh
-    missing = machine.missing_for_percent()
-    if missing is not None:
-        raise SimulationError(f"preload: {missing} is missing in the machine file")
-    if not 0.0 <= wanted <= 100.0:
-        raise SimulationError(f"preload: expected 0 to 100 %, got {wanted:g}")
-    return wanted
 
 
 def _numbered(out: Path, names: Sequence[str]) -> list[Path]:

@@ -74,6 +74,15 @@ def is_recording(path: Path) -> bool:
     return path.is_file() and _form(head_of(path), path) is not None
 
 
+def is_database(source: Path) -> bool:
+    """Return whether SQLite has written a file."""
+    try:
+        with source.open("rb") as file:
+            return file.read(16) == b"SQLite format 3\0"
+    except OSError:
+        return False
+
+
 def foreign(head: bytes) -> str | None:
     """Name of the form that the first bytes of a file have; None if they may be text."""
     plain = head.removeprefix(BYTE_ORDER_MARK).lstrip()

@@ -1,7 +1,7 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
@@ -25,6 +25,8 @@ from .source import NO_TEXT, Block, Source, Text
 
 MOST_ROWS = 20_000_000
 """Of a recording that is read into one frame."""
+MOST_SPREAD = 600_000
+"""Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
 _CHUNK_BYTES, _LINE_BYTES = 1 << 20, 1 << 14
 Extent = tuple[int | None, float | None, float | None]
 """Rows, first and last `time_s` of a recording; None: not known."""
@@ -294,3 +296,25 @@ def _of_text(path: Path) -> Extent:
         with suppress(ValueError):
             return rows, float(first.split(b",")[0]), float(last.split(b",")[0])
     return rows, None, None
+
+
+def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
+    """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., at most `MOST_SPREAD` rows."""
+    kept: list[tuple[int, SampleFrame]] = []
+    stride, held = 1, 0
+    for number, frame in enumerate(frames):
+        if number % stride == 0:
+            kept.append((number, frame))
+            held += len(frame)
+        while held > MOST_SPREAD and len(kept) > 1:
+            stride *= 2
+            kept = [each for each in kept if each[0] % stride == 0]
+            held = sum(len(each) for _, each in kept)
+    pieces: list[list[SampleFrame]] = []
+    before = -2
+    for number, frame in kept:
+        if number != before + 1:
+            pieces.append([])
+        pieces[-1].append(frame)
+        before = number
+    return [joined(piece) for piece in pieces]

@@ -193,3 +193,26 @@ class McapSink:
                 "ns from 0"
             )
         return log_time_ns
+
+
+def write_parts(
+    frames: Iterator[SampleFrame],
+    channels: Sequence[str],
+    paths: Sequence[Path],
+    block_s: float,
+    every: int,
+) -> bool:
+    """Part a recording: each `every`th block goes to the second path, the others to the first.
+
+    Returns whether there is such a block. Raises TraceError.
+    """
+    begun_s, rows = np.nan, 0
+    with contextlib.ExitStack() as files:
+        writers = [files.enter_context(TraceWriter(path, channels)) for path in paths]
+        for frame in frames:
+            begun_s = np.fmin(begun_s, frame.time_s[0])
+            is_chosen = np.floor((frame.time_s - begun_s) / block_s) % every == every - 1
+            writers[0].write(frame.part(~is_chosen))
+            writers[1].write(frame.part(is_chosen))
+            rows += int(is_chosen.sum())
+    return rows > 0

@@ -14,26 +14,18 @@ from edge_service.messages.samples import Floats
 DATA = Path(__file__).parents[3] / "shared" / "data"
 SEQUENCES = 10
 """Moves there and back that make one recording."""
-ACTUATOR_TOML = """
+_TOML = """
 [axis]
-name = "A"
-lead_m = 0.005
+name = "{}"
+lead_m = {}
 
 [model]
-inertia_kg_m2 = { value = 3e-5, tolerance = 0.3 }
-viscous_nm_s_per_rad = { value = 1e-5, tolerance = 1.0 }
-preload_drag_nm = { value = 0.05, tolerance = 0.5 }
+inertia_kg_m2 = {{ value = {}, tolerance = 0.3 }}
+viscous_nm_s_per_rad = {{ value = {}, tolerance = 1.0 }}
+preload_drag_nm = {{ value = {}, tolerance = {} }}
 """
-SCREW_TOML = """
-[axis]
-name = "LinA"
-lead_m = 0.006
-
-[model]
-inertia_kg_m2 = { value = 5.2e-4, tolerance = 0.3 }
-viscous_nm_s_per_rad = { value = 1e-3, tolerance = 1.0 }
-preload_drag_nm = { value = 0.02, tolerance = 1.0 }
-"""
+ACTUATOR_TOML = _TOML.format("A", 0.005, 3e-5, 1e-5, 0.05, 0.5)
+SCREW_TOML = _TOML.format("LinA", 0.006, 5.2e-4, 1e-3, 0.02, 1.0)
 NM_PER_A = 0.0429 * 624.0 / 35.0
 
 

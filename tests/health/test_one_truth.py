@@ -126,18 +126,28 @@ def test_no_statement_contradicts_another(steps: list[tuple]) -> None:
         _do(axis, step)
         health = axis.answer()
         _headline_fits(health)
-        _advice_fits(health)
+        assert health.headline is not None
+        tasks = [each.task for each in health.advice]
+        assert len(tasks) == len(set(tasks))
+        unseen = any(alarm.acknowledged_by is None for alarm in health.alarms)
+        assert (Task.ACKNOWLEDGE in tasks) == unseen
+        work = [each for each in health.advice if each.task is not Task.ACKNOWLEDGE]
+        assert work or health.headline.level is AxisCondition.NORMAL
+        nut = {Task.REPLACE_NUT, Task.CONFIRM_LOSS, Task.PLAN_NUT} & set(tasks)
+        assert len(nut) <= 1
+        assert not nut or health.headline.level is not AxisCondition.NORMAL
+        if health.condition is AxisCondition.FAULT:
+            assert all(each.now and each.due is None for each in health.advice)
+        for each in health.advice:
+            assert set(each.together_with) <= set(tasks) - {each.task}
         _texts_fit(health)
         _trend_fits(health)
 
 
-def _active(health: AxisHealth) -> set[AlarmKind]:
-    return {alarm.kind for alarm in health.alarms if alarm.active}
-
-
 def _headline_fits(health: AxisHealth) -> None:
     assert health.headline is not None
-    level, active = health.headline.level, _active(health)
+    level = health.headline.level
+    active = {alarm.kind for alarm in health.alarms if alarm.active}
     calm = health.condition is AxisCondition.NORMAL and not active
     assert (level is AxisCondition.NORMAL) == calm
     grave = health.condition is AxisCondition.FAULT or active & {
@@ -145,23 +155,6 @@ def _headline_fits(health: AxisHealth) -> None:
         AlarmKind.SUDDEN_DROP,
     }
     assert (level is AxisCondition.FAULT) == bool(grave)
-
-
-def _advice_fits(health: AxisHealth) -> None:
-    assert health.headline is not None
-    tasks = [each.task for each in health.advice]
-    assert len(tasks) == len(set(tasks))
-    unseen = any(alarm.acknowledged_by is None for alarm in health.alarms)
-    assert (Task.ACKNOWLEDGE in tasks) == unseen
-    work = [each for each in health.advice if each.task is not Task.ACKNOWLEDGE]
-    assert work or health.headline.level is AxisCondition.NORMAL
-    nut = {Task.REPLACE_NUT, Task.CONFIRM_LOSS, Task.PLAN_NUT} & set(tasks)
-    assert len(nut) <= 1
-    assert not nut or health.headline.level is not AxisCondition.NORMAL
-    if health.condition is AxisCondition.FAULT:
-        assert all(each.now and each.due is None for each in health.advice)
-    for each in health.advice:
-        assert set(each.together_with) <= set(tasks) - {each.task}
 
 
 def _texts_fit(health: AxisHealth) -> None:

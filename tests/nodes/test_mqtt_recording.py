@@ -76,17 +76,12 @@ def on_file(recording: Path, config: EdgeConfig) -> list[PreloadEstimate]:
         return list(OfflineEstimate(MACHINE, config.estimator).estimates(frames))
 
 
-async def known_to_the_broker(config: MqttSourceConfig) -> None:
-    """From now on the broker keeps what comes, so that no message is too early."""
-    driver = MqttDriver(config, DriverContext("X", MACHINE))
-    await driver.open()
-    await driver.close()
-
-
 async def live(recording: Path, config: EdgeConfig, blocks: int) -> Any:
     """Estimates of the service whose driver hears the broker."""
     source = MqttSourceConfig.model_validate(config.axes[0].settings)
-    await known_to_the_broker(source)
+    driver = MqttDriver(source, DriverContext("X", MACHINE))  # which the broker knows from now on
+    await driver.open()
+    await driver.close()
     async with running(config, ("estimate", "downsample", "acquire")) as service:
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         try:

@@ -169,7 +169,7 @@ def test_a_fingerprint_is_made_read_and_compared(
     for seed in (1, 2):
         traces.append(tmp_path / f"accelerations_{seed}.parquet")
         settings = SimulationSettings("acceleration", seed=seed)
-        simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1], lambda _line: None)
+        simulate(load_machine(DEFAULT_MACHINE), settings, traces[-1])
     service = make_service(**HEALTHY)
     page = open_page(f"{service.address}#/X/tests").page
     page.set_input_files("#job-file", traces)

@@ -4,6 +4,7 @@ The drag torque of a screw that wore out goes to the trend reading by reading; e
 states for a limit stands beside the time at which the limit was crossed.
 """
 
+import contextlib
 import csv
 import math
 from collections.abc import Mapping
@@ -98,7 +99,12 @@ def read_wear_test(path: Path) -> tuple[Floats, Floats, Floats]:
     table: dict[str, list[float]] = {name: [] for name in columns}
     for number, row in rows[named:]:
         for name, place in columns.items():
-            table[name].append(_number(f"{path}: line {number}", row[place : place + 1], name))
+            value, text = math.nan, row[place] if place < len(row) else ""
+            with contextlib.suppress(ValueError):
+                value = float(text)
+            if not (0.0 < value < math.inf or (name == "time_h" and value == 0.0)):
+                raise TraceError(f"{path}: line {number}: {text[:40]!r} is no {name} above 0")
+            table[name].append(value)
     drag_nm = np.array(table[COLUMNS[-1]])
     if drag_nm.size < 2:
         raise TraceError(f"{path}: expected a drag torque in N m on each of at least 2 lines")
@@ -111,18 +117,6 @@ def read_wear_test(path: Path) -> tuple[Floats, Floats, Floats]:
         raise TraceError(f"{path}: time_h: expected times that rise")
     way_m = 60.0 * LEAD_M * np.diff(time_h, prepend=time_h[0]) * speed_rpm
     return time_h, np.cumsum(way_m), drag_nm
-
-
-def _number(place: str, cell: list[str], column: str) -> float:
-    """Value of a cell; only times may be 0. Raises TraceError."""
-    text = cell[0] if cell else ""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (0.0 < value < math.inf or (column == "time_h" and value == 0.0)):
-        raise TraceError(f"{place}: {text[:40]!r} is no {column} above 0")
-    return value
 
 
 def study(time_h: Floats, distance_m: Floats, drag_nm: Floats) -> WearStudy:

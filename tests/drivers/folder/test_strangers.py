@@ -15,18 +15,13 @@ def watch(tmp_path: Path) -> Watch:
     return Watch(tmp_path)
 
 
-def _bomb(path: Path) -> None:
-    """A few kB that hold 160 MB."""
-    huge = ["x" * 40_000_000] * 4
-    numbers = [0.0, 1.0, 2.0, 3.0]
-    table = {"time_s": numbers, "torque_command_nm": huge, "motor_angle_rad": numbers}
-    pa.parquet.write_table(pa.table(table), path, compression="zstd")
-
-
 async def test_a_small_file_that_holds_gigabytes_is_told_and_does_not_stop_the_others(
     watch: Watch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    _bomb(watch.folder / "a.parquet")
+    huge = ["x" * 40_000_000] * 4  # of a few kB in the file
+    numbers = [0.0, 1.0, 2.0, 3.0]
+    table = {"time_s": numbers, "torque_command_nm": huge, "motor_angle_rad": numbers}
+    pa.parquet.write_table(pa.table(table), watch.folder / "a.parquet", compression="zstd")
     watch.write("b.csv", 1.0)
     driver = watch.driver()
     assert set(torques(await watch.read(driver))) == {1.0}

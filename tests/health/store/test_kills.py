@@ -60,21 +60,6 @@ def work(store: Store, first: int, rounds: int) -> None:
         sys.stdout.flush()
 
 
-def check_whole(path: Path, said: set[int]) -> int:
-    """All rounds that were said are there, once and in order; the number of the newest event."""
-    with closing(Store(path)) as store:
-        notes = [each.event for each in EventLog(store).after(0, 10**6)]
-        assert notes == [event(number) for number in range(len(notes))]
-        assert len(notes) - max(said, default=-1) in (1, 2)
-        assert load_state(store, "monitor", "X") == {"number": len(notes) - 1}
-        rows = History(store).rows("X", START_S, START_S + 10**6, 0.1)
-        numbers = rows["values"][:, 1, 0].astype(int).tolist()
-        assert numbers == sorted(set(numbers))
-        assert {PER_ROUND * each + k for each in said for k in range(PER_ROUND)} <= set(numbers)
-        assert store.damages == []
-    return len(notes) - 1
-
-
 @pytest.mark.parametrize("times", [4, pytest.param(200, marks=pytest.mark.slow)])
 def test_killed_services_lose_nothing(tmp_path: Path, times: int) -> None:
     path, rng, newest, said = tmp_path / FILE, random.Random(times), -1, set[int]()
@@ -93,7 +78,17 @@ def test_killed_services_lose_nothing(tmp_path: Path, times: int) -> None:
                     process.send_signal(signal.SIGKILL)
                     break
             said |= set(map(int, process.stdout.read().split()))  # said before it died
-        newest = check_whole(path, said)
+        with closing(Store(path)) as store:
+            notes = [each.event for each in EventLog(store).after(0, 10**6)]
+            assert notes == [event(number) for number in range(len(notes))]
+            assert len(notes) - max(said, default=-1) in (1, 2)
+            assert load_state(store, "monitor", "X") == {"number": len(notes) - 1}
+            rows = History(store).rows("X", START_S, START_S + 10**6, 0.1)
+            numbers = rows["values"][:, 1, 0].astype(int).tolist()
+            assert numbers == sorted(set(numbers))
+            assert {PER_ROUND * each + k for each in said for k in range(PER_ROUND)} <= set(numbers)
+            assert store.damages == []
+        newest = len(notes) - 1
 
 
 def damaged(content: bytes, rng: random.Random) -> bytes:

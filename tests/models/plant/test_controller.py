@@ -3,23 +3,18 @@ import math
 import numpy as np
 import pytest
 
-from edge_service.models.plant.controller import Gains, command_torque, gains_for
+from edge_service.models.plant.controller import command_torque, gains_for
 
 INERTIA, RATIO, LIMIT_NM = 1.5e-3, 0.02 / (2.0 * math.pi), 16.0
 GAINS = gains_for(INERTIA, RATIO, LIMIT_NM, 1e-3)
 
 
-def speed_loop(gains: Gains, omega: np.ndarray) -> np.ndarray:
-    """Open speed loop of a rigid axis with 0.5 ms filter and half a period of hold."""
-    s = 1j * omega
-    pi = gains.speed_gain_nm_s_per_rad + gains.integral_gain_nm_per_rad / s
-    lag = np.exp(-s * gains.period_s / 2.0) / (1.0 + s * 5e-4)
-    return np.asarray(pi * lag / (INERTIA * s))
-
-
 def test_speed_loop_crosses_over_at_its_bandwidth_with_margin() -> None:
     omega = np.geomspace(1.0, 3000.0, 20_000)
-    loop = speed_loop(GAINS, omega)
+    s = 1j * omega
+    pi = GAINS.speed_gain_nm_s_per_rad + GAINS.integral_gain_nm_per_rad / s
+    lag = np.exp(-s * GAINS.period_s / 2.0) / (1.0 + s * 5e-4)
+    loop = np.asarray(pi * lag / (INERTIA * s))
     crossover = np.flatnonzero(np.abs(loop) < 1.0)[0]
     assert omega[crossover] == pytest.approx(2.0 * math.pi * 60.0, rel=0.1)
     assert 180.0 + np.degrees(np.angle(loop[crossover])) > 50.0

@@ -57,23 +57,19 @@ def check(description: dict[str, Any]) -> None:
             "availability",
         )
     for key, component in description["components"].items():
-        _check_component(key, component)
-
-
-def _check_component(key: str, said: dict[str, Any]) -> None:
-    platform = said.get("platform")
-    if platform not in OF_PLATFORM:
-        raise RefusedError(f"{key}: platform {platform!r}")
-    _only(said, ENTITY | OF_PLATFORM[platform], {"platform", "unique_id"}, key)
-    kind = said.get("device_class")
-    if kind not in CLASSES[platform]:
-        raise RefusedError(f"{key}: device_class {kind!r}")
-    if ("options" in said) != (kind == "enum") or (kind and "state_class" in said):
-        raise RefusedError(f"{key}: options and state_class do not go with {kind!r}")
-    if said.get("entity_category") not in (None, "diagnostic", "config"):
-        raise RefusedError(f"{key}: entity_category")
-    if type(said.get("expire_after", 0)) is not int:
-        raise RefusedError(f"{key}: expire_after")
+        platform = component.get("platform")
+        if platform not in OF_PLATFORM:
+            raise RefusedError(f"{key}: platform {platform!r}")
+        _only(component, ENTITY | OF_PLATFORM[platform], {"platform", "unique_id"}, key)
+        kind = component.get("device_class")
+        if kind not in CLASSES[platform]:
+            raise RefusedError(f"{key}: device_class {kind!r}")
+        if ("options" in component) != (kind == "enum") or (kind and "state_class" in component):
+            raise RefusedError(f"{key}: options and state_class do not go with {kind!r}")
+        if component.get("entity_category") not in (None, "diagnostic", "config"):
+            raise RefusedError(f"{key}: entity_category")
+        if type(component.get("expire_after", 0)) is not int:
+            raise RefusedError(f"{key}: expire_after")
 
 
 def shown(component: dict[str, Any], payload: bytes) -> Any:
