@@ -72,11 +72,13 @@ def test_the_clock_does_not_depend_on_how_the_rows_are_parted(counts, lengths) -
     assert parted.restarts == whole.restarts == np.count_nonzero(np.diff(values) < 0.0)
 
 
-def test_several_axes_are_listed_by_number(tmp_path: Path, capsys) -> None:
+def test_several_axes_are_listed_by_number_and_name(tmp_path: Path, capsys) -> None:
     path = _csv(tmp_path / "x_hfdata.csv", [1, 2, 3], axes=(2, 5))
+    beside = "SignalName,Type,Axis,Address\nA,DOUBLE,Y1,ENC1_POS|2\nB,DOUBLE,,TORQUE|5\n"
+    (tmp_path / "x_header.csv").write_text(beside)
     assert main(["convert", str(path), "--out", str(tmp_path / "out.csv")]) == 2
     said = capsys.readouterr().err
-    assert "axes there are: 2, 5; expected the number of the one wanted" in said
+    assert "axes there are: 2 (Y1), 5; expected the number of the one wanted" in said
     chosen = ["convert", str(path), "--out", str(tmp_path / "out.csv"), "--axis-number", "5"]
     assert main(chosen) == 0
 
@@ -107,6 +109,17 @@ EVENTS = (
     "HFProbeCounter,Channel,SeekOffset,SelectedTool,ActiveTool,GCode,IpoGC,ipoReadError,laBuf\n"
     '102,1,13,0,6,"G1 X1, Y2",G1,,0\n104,1,40,7,6,G1 X3,G1,,0\n'
 )
+
+
+def test_tool_and_block_stand_beside_each_sample(tmp_path: Path) -> None:
+    path = _csv(tmp_path / "T_hfdata.csv", [100, 101, 102, 103, 104, 105])
+    (tmp_path / "T_hfblockevent.csv").write_text(EVENTS)
+    (frame,), reader = _read(path, keep_all=True)
+    first, second = crc32(b"G1 X1, Y2"), crc32(b"G1 X3")
+    expected = [math.nan, math.nan, first, first, second, second]
+    np.testing.assert_array_equal(frame.channels[BLOCK], expected)
+    np.testing.assert_array_equal(frame.channels[TOOL][2:], 6.0)
+    assert "T_hfblockevent.csv: 2 blocks of the NC program" in reader.remarks
 
 
 @pytest.mark.parametrize(

@@ -5,19 +5,22 @@
 `HFBlockEvent` says from which count on a block is worked off: `HFProbeCounter`, the count,
 `ActiveTool`, `SeekOffset` (place in the program) and `GCode` (text of the block).
 
-As CSV (`..._hfdata.csv`) such a recording has columns `NAME|axis`, and neither tool nor block.
+As CSV such a recording is three files: `..._hfdata.csv` with columns `NAME|axis`, beside it
+`..._header.csv` (`SignalName,Type,Axis,Address`) and `..._hfblockevent.csv`.
 Layout: CaptureDataParser of max-scw, and the files of Stroebel et al., "A Multimodal Dataset for
 Process Monitoring and Anomaly Detection in Industrial CNC Milling" (KIT, 2025).
 """
 
+import csv
 import itertools
 import math
+import os
 import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -38,7 +41,7 @@ MOST_EVENTS = 2_000_000
 _NUMBERS, _GCODE = ("ActiveTool", "SelectedTool", "SeekOffset"), "GCode"
 EVENT_COLUMNS = tuple(f"{EVENT}.{name}" for name in (*_NUMBERS, _GCODE))
 _COUNTERS = ("HFProbeCounter", "HfProbeCounter")
-_MOST_AXES = 1000
+_LARGEST_FILE, _LONGEST_HEADER, _MOST_AXES = 1 << 28, 1 << 20, 1000
 _BESIDE = {
     "the NC blocks": {"HFProbeCounter", "GCode"},
     "the list of signals": {"SignalName", "Address"},
@@ -129,6 +132,7 @@ class EdgeContext:
     events: list[tuple[list[float], list[list[float]]]] = field(default_factory=lambda: [([], [])])
     event_count: int = 0  # of all runs
     has_events: bool = False  # whether there may be some
+    remarks: list[str] = field(default_factory=list)  # one line each
 
     def name_axis(self, address: str, name: str) -> None:
         """Note the name of the axis that a signal belongs to."""
@@ -171,6 +175,46 @@ def _number(value: Any) -> float:
     with suppress(TypeError, ValueError, OverflowError):
         return float(value)
     return math.nan
+
+
+def _context_beside(path: Path) -> EdgeContext:
+    """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
+    context = EdgeContext()
+    place = path.name.lower().rfind("hfdata")
+    for kind, read in (("header", _read_header), ("hfblockevent", _read_events)):
+        beside = path.with_name(path.name[:place] + kind + path.name[place + len("hfdata") :])
+        if place < 0 or not beside.is_file():
+            continue
+        try:
+            with beside.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+                read(file, context)
+        except (OSError, ValueError, csv.Error) as error:
+            why = " ".join(str(error).split())[:80]
+            context.remarks.append(f"{beside.name}: not used ({why})")
+            continue
+        if context.has_events:
+            context.remarks.append(f"{beside.name}: {context.event_count} blocks of the NC program")
+    return context
+
+
+def _read_header(file: TextIO, context: EdgeContext) -> None:
+    for row in csv.DictReader(file.read(_LONGEST_HEADER).splitlines()):
+        context.name_axis(row.get("Address") or "", row.get("Axis") or "")
+
+
+def _read_events(file: TextIO, context: EdgeContext) -> None:
+    if os.fstat(file.fileno()).st_size > _LARGEST_FILE:
+        raise ValueError(f"more than {_LARGEST_FILE >> 20} MB")
+    delimiter = ";" if ";" in file.readline(_LONGEST_HEADER).split(_GCODE)[0] else ","
+    file.seek(0)
+    reader = csv.DictReader(file, delimiter=delimiter)
+    if not set(_COUNTERS) & set(reader.fieldnames or ()):
+        raise ValueError(f"no column {_COUNTERS[0]}")
+    events = EdgeContext()
+    for row in reader:
+        events.add_event(row)
+    context.events, context.event_count = events.events, events.event_count
+    context.has_events = True
 
 
 class EdgeRows:
@@ -264,7 +308,7 @@ class EdgeSource(Source):
         elif self.sets_time and TIME in self.wanted:
             period_s = self.clock.period_s
             time = [f"no CYCLE and no time: rows are taken as {period_s:g} s apart{self._guessed}"]
-        return (*self._inner.remarks, *time)
+        return (*self._inner.remarks, *time, *self.context.remarks)
 
     def holds_numbers(self, name: str) -> bool:
         return name not in self._inner.names or self._inner.holds_numbers(name)
@@ -308,7 +352,7 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnMap])
         if columns_of_it <= set(source.names):
             raise TraceError(
                 f"{path}: holds {what} of a recording of Industrial Edge; expected its "
-                "..._hfdata.csv, or its JSON"
+                "..._hfdata.csv, which is read together with it"
             )
     if not edge_signals(source.names):
         return source
@@ -317,4 +361,4 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnMap])
     period_s = mapped.scale if mapped is not None and by_count else None
     sets_time = by_count or (mapped is None and TIME not in source.names)
     context: EdgeContext | None = getattr(source, "context", None)
-    return EdgeSource(source, context or EdgeContext(), period_s, sets_time=sets_time)
+    return EdgeSource(source, context or _context_beside(path), period_s, sets_time=sets_time)
