@@ -64,10 +64,7 @@ def fingerprint(
         raise FingerprintError("no recording given; expected one trace or more")
     if twice := [name for name in names if names.count(name) > 1]:
         raise FingerprintError(f"two recordings are called {twice[0]}; expected each once")
-    tunings = []
-    for path in traces:
-        with suppress(OSError):  # said where it is read
-            tunings += [path] if is_tuning(head_of(path)) else []
+    tunings = [path for path in traces if _is_servo_tuning(path)]
     if len(tunings) > 1:
         raise FingerprintError(f"{tunings[1]}: a second servo tuning; expected one at most")
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
@@ -132,6 +129,14 @@ def fingerprint(
         days.write(out_dir)
         lines.append(f"from recording to recording: {days.verdict}")
     return Answer("\n".join([*lines, f"report: {out_dir / 'report.html'}"]), document)
+
+
+def _is_servo_tuning(source: Path) -> bool:
+    """Response in place of samples in a file; False if it cannot be read."""
+    try:
+        return is_tuning(head_of(source))
+    except OSError:
+        return False
 
 
 def _verdict(

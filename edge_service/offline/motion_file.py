@@ -87,14 +87,7 @@ def write_motion(
     if rate_hz is None:
         blocks = list(nc_blocks(name, machine.axis.name, plan.segments, limits))
     else:
-        waves = [each.wave for each in plan.segments if isinstance(each, Shaken)]
-        high_hz = (w.high_hz if isinstance(w, Chirp) else float(w.lines_hz[-1]) for w in waves)
-        if rate_hz < (least_hz := SAMPLES_PER_CYCLE * (highest_hz := max(high_hz, default=0.0))):
-            raise MotionError(
-                f"{name}: a rate of {rate_hz:g} Hz for frequencies up to {highest_hz:g} Hz; "
-                f"expected at least {least_hz:g} Hz"
-            )
-        _check_rows(name, plan.duration_s * rate_hz)
+        _check_rate(name, plan, rate_hz)
     progress(f"writing {name}")
     try:
         with replaced_file(out) as file:
@@ -126,6 +119,18 @@ def write_motion(
 def _check_rows(name: str, rows: float) -> None:
     if not rows <= MOST_ROWS:
         raise MotionError(f"{name}: {rows:.3g} setpoints; expected at most {MOST_ROWS}")
+
+
+def _check_rate(name: str, plan: Plan, rate_hz: float) -> None:
+    waves = [each.wave for each in plan.segments if isinstance(each, Shaken)]
+    shaken = [w.high_hz if isinstance(w, Chirp) else float(w.lines_hz[-1]) for w in waves]
+    least_hz = SAMPLES_PER_CYCLE * max(shaken, default=0.0)
+    if rate_hz < least_hz:
+        raise MotionError(
+            f"{name}: a rate of {rate_hz:g} Hz for frequencies up to {max(shaken):g} Hz; expected "
+            f"at least {least_hz:g} Hz"
+        )
+    _check_rows(name, plan.duration_s * rate_hz)
 
 
 def _header(name: str, machine: Machine, limits: MotionLimits, plan: Plan, seed: int) -> list[str]:

@@ -16,7 +16,7 @@ from ..diagnose.experiment import (
     rehearsed,
     separations,
 )
-from ..models.effects.effect import Role
+from ..models.effects.effect import Parameter, Role
 from ..models.effects.registry import effect_names, get_effect
 from ..models.machine import Machine
 from ..models.motions.registry import MOTIONS
@@ -122,10 +122,8 @@ def isolability(machine: Machine, subject: str) -> Answer:
         rivals = [e.rival for e in found if e.effect == name and e.evidence < DECISIVE and e.rival]
         looks_healthy, shows, shows_from = alone.evidence < DECISIVE, "never", None
         if least < _NEVER:
-            values, parameters = get_effect(name).complete({}), get_effect(name).parameters
-            amounts = [p for p in parameters if p.role is Role.AMOUNT] or list(parameters)
-            leading = next((p for p in amounts if values[p.name] != 0.0), amounts[0])
-            amount = abs(values[leading.name]) * least
+            leading, typical = _leading(name)
+            amount = abs(typical) * least
             shows = f"{leading.name} {amount:.2g} {leading.unit}"
             shows_from = {"parameter": leading.name, "value": amount, "unit": leading.unit}
         effect = {"effect": name, "shows_from": shows_from}
@@ -139,6 +137,15 @@ def isolability(machine: Machine, subject: str) -> Answer:
     lines += [f"one class: {', '.join(each)}" for each in classes]
     document = {"subject": subject, "channels": channels, "effects": effects, "classes": classes}
     return Answer("\n".join(lines), document)
+
+
+def _leading(name: str) -> tuple[Parameter, float]:
+    """The parameter that scales an effect, with its typical value."""
+    effect = get_effect(name)
+    amounts = [p for p in effect.parameters if p.role is Role.AMOUNT] or list(effect.parameters)
+    values = effect.complete({})
+    leading = next((p for p in amounts if values[p.name] != 0.0), amounts[0])
+    return leading, values[leading.name]
 
 
 def _classes(found: Sequence[Separation]) -> list[list[str]]:

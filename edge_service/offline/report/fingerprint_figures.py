@@ -123,11 +123,7 @@ def _panel(
         low = -least if -least < low < 0.0 else low
         axes.set_ylim(_HEADROOM * low, _HEADROOM * max(high, least))
     if name == "signature":
-        first = curves[0]  # the order at the greatest peaks, as far as they stand out
-        peaks, _ = signal.find_peaks(first.y, height=_OUT_OF_NOISE * float(np.median(first.y)))
-        for k in sorted(peaks.tolist(), key=lambda k: -first.y[k])[:_NAMED_ORDERS]:
-            at, text = (float(first.x[k]), float(first.y[k])), f"{first.x[k]:g} per turn"
-            axes.annotate(text, at, (4, -2), textcoords="offset points", va="top")
+        _name_orders(axes, curves[0])
     figure.legend(loc="outside upper left", ncols=7, fontsize=8, columnspacing=1.2)
     return figure
 
@@ -147,6 +143,14 @@ def _logarithmic(axes: Axes) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _name_orders(axes: Axes, curve: Curve) -> None:
+    """The order at the greatest peaks, as far as they stand out."""
+    peaks, _ = signal.find_peaks(curve.y, height=_OUT_OF_NOISE * float(np.median(curve.y)))
+    for k in sorted(peaks.tolist(), key=lambda k: -curve.y[k])[:_NAMED_ORDERS]:
+        place, text = (float(curve.x[k]), float(curve.y[k])), f"{curve.x[k]:g} per turn"
+        axes.annotate(text, place, (4, -2), textcoords="offset points", va="top")
 
 
 def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
