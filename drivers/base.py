@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
-from edge_service.plugins import MisconfiguredError
+from edge_service.plugins import MisconfiguredError, load_plugin, plugins
 
 ENTRY_POINT_GROUP = "edge_service.drivers"
 DriverMisconfiguredError = MisconfiguredError
@@ -95,3 +95,13 @@ class Driver(Protocol):
 
     async def close(self) -> None:
         """Let go of everything."""
+
+
+def driver_names() -> list[str]:
+    return list(plugins(ENTRY_POINT_GROUP))
+
+
+def load_driver(name: str) -> type[Driver]:
+    """The class of a driver. Raises UnknownPluginError."""
+    found: type[Driver] = load_plugin(ENTRY_POINT_GROUP, name)
+    return found

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
-from drivers.registry import driver_names, load_driver
+from drivers.base import driver_names, load_driver
 from edge_service.config import ConfigError, EdgeConfig, check_settings, load_config
 from edge_service.nodes.output_node import make_output
 from edge_service.outputs.base import load_output

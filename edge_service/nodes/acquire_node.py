@@ -12,8 +12,8 @@ from drivers.base import (
     DriverContext,
     DriverMisconfiguredError,
     DriverUnavailableError,
+    load_driver,
 )
-from drivers.registry import load_driver
 
 from ..clock import now_ns
 from ..config import AxisConfig, ConfigError, check_settings, load_machine

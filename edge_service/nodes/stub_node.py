@@ -6,8 +6,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from drivers.base import DriverContext, DriverMisconfiguredError, DriverUnavailableError
-from drivers.registry import load_driver
+from drivers.base import (
+    DriverContext,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+    load_driver,
+)
 from drivers.stub import ENTRY_POINT_GROUP, Fault, Stub, StubAxis
 
 from ..config import AxisConfig, ConfigError, EdgeConfig, check_settings, load_machine

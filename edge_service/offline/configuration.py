@@ -4,7 +4,7 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from drivers.registry import driver_names, load_driver
+from drivers.base import driver_names, load_driver
 
 from ..bus.settings import BusConfigurationError, BusSettings, zenoh_config
 from ..command_answer import Answer

@@ -18,8 +18,13 @@ import pytest
 import pytest_asyncio
 from pydantic import ValidationError
 
-from drivers.base import ENTRY_POINT_GROUP, Driver, DriverMisconfiguredError, DriverUnavailableError
-from drivers.registry import driver_names
+from drivers.base import (
+    ENTRY_POINT_GROUP,
+    Driver,
+    DriverMisconfiguredError,
+    DriverUnavailableError,
+    driver_names,
+)
 from edge_service.messages.samples import CHANNELS, is_bad
 
 from .bench import PATIENCE_S, DriverBench, take

@@ -18,7 +18,7 @@ HEAVY = (
 def test_the_nodes_load_no_library_before_it_is_needed() -> None:
     code = (
         "import sys; import edge_service.cli.entry, edge_service.nodes.service;"
-        "from drivers.registry import load_driver; load_driver('simulated');"
+        "from drivers.base import load_driver; load_driver('simulated');"
         f"print([name for name in {HEAVY!r} if name in sys.modules])"
     )
     assert printed(sys.executable, "-c", code).strip() == "[]"

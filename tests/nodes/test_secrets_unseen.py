@@ -10,7 +10,7 @@ import httpx
 import pytest
 from click.testing import CliRunner
 
-from drivers.registry import driver_names
+from drivers.base import driver_names
 from edge_service.cli.entry import cli
 from edge_service.config import load_config
 from edge_service.outputs.notify import NotifyOutput

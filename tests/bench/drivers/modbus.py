@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import Driver, DriverContext, DriverUnavailableError
-from drivers.registry import load_driver
+from drivers.base import Driver, DriverContext, DriverUnavailableError, load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import Floats
 from edge_service.nodes.acquire_node import BACKOFF_CAP_S, BACKOFF_FIRST_S

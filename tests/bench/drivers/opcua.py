@@ -5,8 +5,7 @@ import time
 from contextlib import aclosing
 from pathlib import Path
 
-from drivers.base import Driver, DriverContext, DriverUnavailableError
-from drivers.registry import load_driver
+from drivers.base import Driver, DriverContext, DriverUnavailableError, load_driver
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.samples import CHANNELS
 
