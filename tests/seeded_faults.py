@@ -128,7 +128,9 @@ FAULTS = (
         "return error.format_message(), DONE",
         "tests/test_cli.py",
     ),
-    Fault("drivers", '"uint16": ">H"', '"uint16": "<H"', "tests/drivers/modbus"),
+    Fault(
+        "drivers", 'word.to_bytes(2, "big")', 'word.to_bytes(2, "little")', "tests/drivers/modbus"
+    ),
 )
 
 

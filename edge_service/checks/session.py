@@ -44,10 +44,9 @@ def check_data(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]
     if any(len(run.motion) < 2 for run in runs):
         return DataCheck((f"too few samples to know the sampling rate, {_RATE}",), ())
     faults = _cover(runs)
-    if not faults:
-        mixed = inconsistency(runs, ratio_m_per_rad, names)
-        faults += [mixed] if mixed else _torque(runs)
-    return DataCheck(tuple(faults), tuple(_remarks(runs)))
+    if not faults and (mixed := inconsistency(runs, ratio_m_per_rad, names)):
+        faults = [mixed]
+    return DataCheck(tuple(faults or _torque(runs)), tuple(_remarks(runs)))
 
 
 def _cover(runs: Sequence[Run]) -> list[str]:
@@ -76,12 +75,9 @@ def _torque(runs: Sequence[Run]) -> list[str]:
         return [f"{INVERTED}it drives against the motion"]
     if math.isnan(middle) or _GAIN_RANGE[0] < abs(middle) < _GAIN_RANGE[1]:
         return []
-    of_inertia = _gain(runs, _inertial_gain)
-    if math.isnan(of_inertia):
-        is_friction = _FRICTION_RANGE[0] < abs(middle) < _FRICTION_RANGE[1]
-    else:
-        is_friction = _GAIN_RANGE[0] < of_inertia < _GAIN_RANGE[1]
-    if is_friction:
+    gain, (low, high) = _gain(runs, _inertial_gain), _FRICTION_RANGE
+    is_friction = math.isnan(gain) and low < abs(middle) < high
+    if is_friction or _GAIN_RANGE[0] < gain < _GAIN_RANGE[1]:
         return []
     return [
         f"{TORQUE} looks {wrongly(middle)}{usual_mistake(abs(middle), TORQUE)}: expected N m at "
@@ -91,18 +87,17 @@ def _torque(runs: Sequence[Run]) -> list[str]:
 
 def _gain(runs: Sequence[Run], of: Callable[[Run], float]) -> float:
     """Median over the recordings of the torque over that of the model; NaN where none shows it."""
-    gains: dict[int, float] = {}
-    for run in runs:
-        if run.has_torque and run.moving.sum() >= _LEAST_MOVING:
-            gain = of(run)
-            if not math.isnan(gain):
-                gains[run.recording] = gain
+    able = [run for run in runs if run.has_torque and run.moving.sum() >= _LEAST_MOVING]
+    gains = {run.recording: gain for run in able if not math.isnan(gain := of(run))}
     return float(np.median(list(gains.values()))) if gains else math.nan
 
 
 def _whole_gain(run: Run) -> float:
+    """Gain by the energy, or by the middle row if that is less: a unit scales every row."""
     model, torque = run.motion.model_torque_nm[run.moving], run.motion.torque_nm[run.moving]
-    return float(model @ torque) / max(float(model @ model), 1e-300)
+    whole = float(model @ torque) / max(float(model @ model), 1e-300)
+    typical = float(np.median(np.abs(torque))) / max(float(np.median(np.abs(model))), 1e-300)
+    return math.copysign(min(abs(whole), typical), whole)
 
 
 def _inertial_gain(run: Run) -> float:

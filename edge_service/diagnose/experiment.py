@@ -132,7 +132,7 @@ def separations(
         fits: dict[str | None, Fit] = {None: alone}
         for rival in (each for each in names if each != name):
             fits[rival] = problem.stepwise(problem.design.of_effects({rival}))
-        count = design.nuisance_columns
+        count = design.first[design.nuisances]
         for other, fit in fits.items():
             ratios = tuple(fit.rms[channel] / floor[channel] for channel in floor)
             strain = float(fit.coefficients[:count] ** 2 @ problem.design.precision[:count])
@@ -240,9 +240,6 @@ def propose(
         if found[-1].decides:
             break
 
-    def rank(proposal: Proposal) -> tuple[bool, float, float]:
-        """By the pair that is told apart least, then by all of them."""
-        total = sum(pair.evidence for pair in proposal.separations)
-        return not proposal.decides, -round(proposal.evidence), -total
-
-    return sorted(found, key=rank)
+    # by the pair that is told apart least, then by all of them
+    found.sort(key=lambda each: -sum(pair.evidence for pair in each.separations))
+    return sorted(found, key=lambda each: (not each.decides, -round(each.evidence)))

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 
 from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
+from ..regression import FALSE_ALARMS
 from .candidates.regressors import UNKNOWN
 from .localisation import where
 from .residual.noise import steps_nm
@@ -25,7 +27,6 @@ from .result import (
     Shrink,
     Unexplained,
     Verdict,
-    WaterfallStep,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
@@ -39,6 +40,10 @@ where a vibration has most of the gap, for it may shake the axis itself."""
 BLIND_SHARE = 0.5
 """Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
 COARSE = "torque: it comes in steps greater than its noise, and rows that keep a value are left out"
+OFF = (
+    "{} would have to be {:.0f} tolerances off, those of the machine file or of a healthy drive: "
+    "look at that value and its tolerance, or give healthy recordings (`--reference`)"
+)
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 _SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
@@ -196,15 +201,19 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             replayed=replayed.gap.get(name),
         )
     is_unknown = blind or assessment.is_unknown
-    is_unknown |= not found and any(_exceeds(each, left_rms[name]) for name, each in gap.items())
+    bare = problem.fit(())
+    stretched = problem.stretched(bare) if posterior.exceeding else {}
+    chances = [2.0 * NormalDist().cdf(-off) for off in stretched.values()]
+    chances += [noise.chance(name, bare.rms[name]) for name in gap]
+    after = (noise.chance(name, left_rms[name]) for name in gap)
+    misfit = Misfit(p_value=min(chances), p_value_after=min(after if found else chances))
+    exceeds = any(_exceeds(each, left_rms[name]) for name, each in gap.items())
+    is_unknown |= not found and (exceeds or misfit.p_value < FALSE_ALARMS)
     suspected = [*(each.name for each in found), *sorted(posterior.best.material - {UNKNOWN})]
     doubted = assessment.misattributed
     partly = is_unknown and any(e.is_known and e.channel not in doubted for e in found)
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
-    bare = problem.fit(())
-    chances = assessment.chance_of_stretch(bare), *(noise.chance(n, bare.rms[n]) for n in gap)
-    after = (noise.chance(name, left_rms[name]) for name in gap)
-    misfit = Misfit(p_value=min(chances), p_value_after=min(after if found else chances))
+    off = [OFF.format(*each) for each in stretched.items() if verdict is Verdict.UNKNOWN]
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
@@ -219,20 +228,13 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             nearest=next(iter(suspected), None) if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
-        waterfall={
-            name: tuple(WaterfallStep(effect=effect, rms=left) for effect, left in steps)
-            for name, steps in contributions.waterfall().items()
-        },
-        caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict)),
+        waterfall=contributions.waterfall(),
+        caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict), *off),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
-        suspects={
-            name: {"structure": finite_or_none(each)} for name, each in assessment.suspects.items()
-        },
+        suspects={n: {"structure": finite_or_none(x)} for n, x in assessment.suspects.items()},
         is_blind=blind,
         series=Series(
-            left,
-            replayed.series,
-            None if loss is None else replayed.effects.get(loss.effect.name),
+            left, replayed.series, replayed.effects.get(loss.effect.name if loss else "")
         ),
     )
 

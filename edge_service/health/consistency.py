@@ -17,6 +17,7 @@ from ..messages.features import FeatureBlock, Phase
 from ..messages.health import Consistency, ConsistencyState
 from ..messages.samples import Floats
 from ..messages.stored import StoredFloats
+from ..regression import FALSE_ALARMS, chance_of_misfit
 
 STRETCH_S = 8.0
 """Steady motion that one innovation statistic is taken over, s."""
@@ -24,22 +25,19 @@ STRETCHES = 3
 """So many in a row must count before model and axis disagree."""
 CALM = 3
 """So many in a row must not before they agree again."""
-AGREES_BELOW = 0.8
+AGREES_FROM = 0.05
+"""Chance from which on a stretch agrees again."""
 _LEAST_STEADY_S = 0.02
 
 CHANNELS = ("torque_nm", "transmission_m")
 LEARNED = 8
 """Stretches that the model is learned from before the first is compared."""
 COMPARED = 8
-"""Stretches, not learned from, that the limits rest on."""
+"""Stretches, not learned from, that the floor rests on."""
 MOST_LEARNED = 5000
 """Then the model stands still."""
-LEAST_RATIO = 3.0
-"""Mean squared innovation, over that of an average stretch, from which on a stretch counts."""
-BEYOND_WORST = 1.5
-"""The same over that of the worst stretch so far."""
 LEAST_TORQUE_SHARE = 0.03
-"""Of the torque's root mean square: a smaller innovation is immaterial."""
+"""Of the torque's root mean square: so large an innovation is tolerated."""
 LEAST_TRANSMISSION_M = 3e-7
 LEAST_WIND_UP_SHARE = 0.25
 """Of what friction winds up: so much of it a new lubricant takes away or brings back."""
@@ -143,18 +141,18 @@ class ChannelModel:
         both = both - followed @ np.linalg.lstsq(followed, both, rcond=None)[0]
         return both[:, :-1], both[:, -1]
 
-    @property
-    def limit(self) -> float:
-        """Mean square from which on a stretch counts; infinite while that is not known."""
-        if self.compared < COMPARED:
-            return math.inf
+    def chance(self, mean_square: float) -> float:
+        """Chance that a healthy axis, with floor and tolerance, leaves as much in a stretch.
+
+        It is that of a diagnosis (`chance_of_misfit`); the floor is the worst stretch so far.
+        """
         if self._name == "torque_nm":
-            immaterial = LEAST_TORQUE_SHARE**2 * self.square
+            tolerated = LEAST_TORQUE_SHARE**2 * self.square
         else:  # the shift of the table by the direction of motion, in mid-stroke
             by_direction, _, along = np.linalg.solve(self._ridged(), self.cross)
             wind_up_m = float(by_direction + along)
-            immaterial = max(LEAST_TRANSMISSION_M, LEAST_WIND_UP_SHARE * abs(wind_up_m)) ** 2
-        return max(LEAST_RATIO * self.mean, BEYOND_WORST * self.worst, immaterial)
+            tolerated = max(LEAST_TRANSMISSION_M, LEAST_WIND_UP_SHARE * abs(wind_up_m)) ** 2
+        return chance_of_misfit(mean_square, self.worst + tolerated, len(self._rows))
 
     def _ridged(self) -> Floats:
         ridged: Floats = self.gram + _RIDGE * np.diag(np.maximum(np.diag(self.gram), _RIDGE))
@@ -240,7 +238,7 @@ class ConsistencyWatch:
             state, channel = ConsistencyState.DISAGREES, self._now.channel
             return Consistency(state=state, ratio=self._ratios, channel=channel)
         learned = [each for each in self._channels.values() if each.learned]
-        known = bool(learned) and all(math.isfinite(each.limit) for each in learned)
+        known = bool(learned) and all(each.compared >= COMPARED for each in learned)
         state = ConsistencyState.AGREES if known else ConsistencyState.LEARNING
         return Consistency(state=state, ratio=self._ratios)
 
@@ -264,25 +262,25 @@ class ConsistencyWatch:
     def _end_stretch(self) -> Disagreement | None:
         """Compare a stretch with those before, and learn from it; the change, if any."""
         means = {name: each.mean_innovation() for name, each in self._channels.items()}
-        over, self._ratios = dict[str, float](), {}
+        chances, self._ratios = dict[str, float](), {}
         for name, mean in means.items():
             channel = self._channels[name]
-            if mean is not None and math.isfinite(channel.limit):
-                over[name] = mean / channel.limit
+            if mean is not None and channel.compared >= COMPARED:
+                chances[name] = channel.chance(mean)
             if mean is not None and channel.mean > 0.0:
                 self._ratios[name] = float(f"{mean / channel.mean:.3g}")
-        worst = max(over, key=lambda name: over[name], default=None)
-        counts = worst is not None and over[worst] > 1.0
-        change = None if worst is None else self._change(worst, over[worst])
+        worst = min(chances, key=lambda name: chances[name], default=None)
+        counts = worst is not None and chances[worst] < FALSE_ALARMS
+        change = None if worst is None else self._change(worst, chances[worst])
         if not counts and self._now is None:
             for name, channel in self._channels.items():
                 channel.accept(means[name])
         self._begin_stretch()
         return change
 
-    def _change(self, worst: str, over: float) -> Disagreement | None:
-        self._counting = self._counting + 1 if over > 1.0 else 0
-        self._calm = self._calm + 1 if over < AGREES_BELOW else 0
+    def _change(self, worst: str, chance: float) -> Disagreement | None:
+        self._counting = self._counting + 1 if chance < FALSE_ALARMS else 0
+        self._calm = self._calm + 1 if chance > AGREES_FROM else 0
         if self._counting == 1:
             self._since_s = self._begun_s
         ratio = self._ratios[worst]

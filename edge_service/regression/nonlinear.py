@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import optimize
@@ -204,6 +205,7 @@ class _Profile:
         start, end = float(self.best[index]), 1.0 if direction > 0.0 else 0.0
         root, own = math.sqrt(self.limit), float(self.spread[index, index])
 
+        @cache
         def beyond(at: float) -> float:
             """Excess of the root of the rise: nearly linear in the distance, 0 at the bound."""
             near = self.best
@@ -218,35 +220,14 @@ class _Profile:
                     break
             return math.sqrt(max(least, 0.0)) - root
 
-        inside, below = start, -root
+        inside = start
         guess = math.sqrt(max(self.limit * own, 0.0))
         step = min(guess, 1.0) if guess > _LEAST_STEP else _FIRST_STEP
         while inside != end:
             trial = min(max(start + direction * step, 0.0), 1.0)
-            above = beyond(trial)
-            if above > 0.0:
+            if beyond(trial) > 0.0:
                 whole = self.best.copy()
-                whole[index] = _crossing(beyond, inside, below, trial, above, _BOUND_SHARE * step)
+                whole[index] = optimize.brentq(beyond, inside, trial, xtol=_BOUND_SHARE * step)
                 return float(self.search.outward(whole)[index])
-            inside, below, step = trial, above, 2.0 * step
+            inside, step = trial, 2.0 * step
         return None
-
-
-def _crossing(
-    function: Callable[[float], float],
-    inside: float,
-    below: float,
-    outside: float,
-    above: float,
-    accuracy: float,
-) -> float:
-    """Zero of a function that rises from `below` to `above` (regula falsi, Illinois)."""
-    while True:
-        at = (inside * above - outside * below) / (above - below)
-        value = function(at)
-        if abs(outside - inside) <= accuracy or abs(value) <= 1e-3:
-            return at
-        if value > 0.0:
-            outside, above, below = at, value, 0.5 * below
-        else:
-            inside, below, above = at, value, 0.5 * above

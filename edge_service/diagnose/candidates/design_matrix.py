@@ -158,11 +158,6 @@ class DesignMatrix:
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
     @property
-    def nuisance_columns(self) -> int:
-        """Number of leading columns that are those of the nuisances."""
-        return int(self.first[self.nuisances])
-
-    @property
     def candidates(self) -> list[int]:
         """Regressors that are no nuisances, and that show."""
         energy = sum(np.diag(each.gram) / (each.square or 1.0) for each in self.equations.values())

@@ -115,11 +115,6 @@ class Entries:
         columns = (*self.columns[:k], self.system.columns(changed), *self.columns[k + 1 :])
         return type(self)(self.system, regressors, columns)
 
-    def without(self, k: int) -> Self:
-        """Entries but for one."""
-        regressors = (*self.regressors[:k], *self.regressors[k + 1 :])
-        return type(self)(self.system, regressors, (*self.columns[:k], *self.columns[k + 1 :]))
-
     def place(self, k: int) -> slice:
         """Coefficients of one entry among those of a solution."""
         start = len(self.system.mean) + sum(each.size for each in self.regressors[:k])
@@ -201,7 +196,8 @@ def _within_bounds(entries: Entries) -> Entries:
         worst = max(beyond, key=lambda k: beyond[k], default=None)
         if worst is None or beyond[worst] <= 1.0:
             return entries
-        entries = entries.without(worst)
+        others = [each for k, each in enumerate(entries.regressors) if k != worst]
+        entries = Entries.of(entries.system, others)
 
 
 def _refined(entries: Entries) -> Entries:

@@ -14,7 +14,7 @@ from ...messages.samples import Floats
 from ...messages.stored import finite_or_none
 from ...models.effects.effect import Parameter, Role, Term
 from ...models.effects.registry import error_of, get_effect
-from ..result import ParameterValue
+from ..result import ParameterValue, WaterfallStep
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, Session, rms
 from .entries import Entries, entries_of
@@ -202,18 +202,18 @@ class Contributions:
         system = self.estimates.fitted.system
         return {name: each - system.fixed[name] @ system.mean for name, each in self.left.items()}
 
-    def waterfall(self) -> dict[str, list[tuple[str, float]]]:
+    def waterfall(self) -> dict[str, tuple[WaterfallStep, ...]]:
         """Root mean square as effects are added, the most helpful first, by channel."""
         found = {}
         for channel, rows in self.session.channels.items():
-            left, open_, steps = rows.gap, sorted(self.by_effect), []
+            left, open_, steps = rows.gap, sorted(self.by_effect), list[WaterfallStep]()
             while open_:
                 rest = {name: left - self.by_effect[name][channel] for name in open_}
                 name = min(rest, key=lambda n: rms(rest[n]))
                 left = rest[name]
                 open_.remove(name)
-                steps.append((name, rms(left)))
-            found[channel] = steps
+                steps.append(WaterfallStep(effect=name, rms=rms(left)))
+            found[channel] = tuple(steps)
         return found
 
 

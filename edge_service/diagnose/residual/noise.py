@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 
 from ...messages.samples import Floats, Integers
 from ...models.machine import Machine
+from ...regression import chance_of_misfit
 from ...regression.linear import effective_size
 from ..session.recordings import STEPS, STRETCH
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
@@ -33,8 +34,6 @@ TOLERANCE_OF_TORQUE = 1e-3
 """The same over the greatest torque: drives state their torque in such steps."""
 INTERPOLATION_M = 5e-8
 """Error of interpolation within a signal period of a good linear encoder (assumption)."""
-_MOST_INDEPENDENT = 60.0
-"""Observations with which no p-value up to 0.1 is below the part of 320 healthy axes (README)."""
 _PIECE_ROWS = 24
 _MOST_SPREAD = 0.6
 """Of the logarithm of the pieces' root mean squares; beyond it pieces are not of one kind."""
@@ -106,9 +105,8 @@ class Noise:
 
     def chance(self, channel: str, rms: float) -> float:
         """Chance that a healthy axis, with floor and tolerance, leaves as much: of an F-test."""
-        count = min(self.effective[channel], _MOST_INDEPENDENT)
-        healthy = max(math.hypot(self.floor[channel], self.tolerance[channel]), 1e-300)
-        return float(stats.f.sf((rms / healthy) ** 2, count, count))
+        healthy = self.floor[channel] ** 2 + self.tolerance[channel] ** 2
+        return chance_of_misfit(rms**2, healthy, self.effective[channel])
 
     def variance(self, channel: str, rms: float) -> float:
         """Variance of an observation by a fit that leaves a root mean square."""
@@ -210,11 +208,8 @@ def ordinary_rms(values: Floats) -> float:
 def _repeated_rms(rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Integers) -> float:
     """Root mean square of a series (n,) as its repeats differ; infinite where they are too few."""
     known = rows.variables
-    speed, acceleration = known["motor_speed_rad_s"], known["motor_acceleration_rad_s2"]
-    speed = np.sign(speed) * np.log1p(np.abs(speed) / _SLOW_RAD_S)
-    acceleration = np.sign(acceleration) * np.log1p(np.abs(acceleration) / _SOFT_RAD_S2)
-    place = known["table_position_m"] / ratio_m_per_rad / _SAME_RAD
-    state = np.column_stack((place, speed / _SAME_SPEED, acceleration / _SAME_ACCELERATION))
+    pace = paces(known["motor_speed_rad_s"], known["motor_acceleration_rad_s2"])
+    state = np.column_stack((known["table_position_m"] / ratio_m_per_rad / _SAME_RAD, pace))
     even, odd = np.flatnonzero(fold % 2 == 0), np.flatnonzero(fold % 2 == 1)
     apart, nearest = KDTree(state[odd]).query(state[even], distance_upper_bound=1.0)
     order = np.argsort(apart)[:_MOST_REPEATS]
@@ -223,3 +218,10 @@ def _repeated_rms(rows: Rows, values: Floats, ratio_m_per_rad: float, fold: Inte
         return math.inf
     differ = values[even[order]] - values[odd[nearest[order]]]
     return float(np.median(np.abs(differ)) / stats.norm.ppf(0.75) / np.sqrt(2.0))
+
+
+def paces(speed_rad_s: Floats, acceleration_rad_s2: Floats) -> Floats:
+    """Speed and acceleration as repeats of one another are near in, (n, 2)."""
+    speed = np.sign(speed_rad_s) * np.log1p(np.abs(speed_rad_s) / _SLOW_RAD_S)
+    hard = np.sign(acceleration_rad_s2) * np.log1p(np.abs(acceleration_rad_s2) / _SOFT_RAD_S2)
+    return np.column_stack((speed / _SAME_SPEED, hard / _SAME_ACCELERATION))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+from scipy.spatial import KDTree
 
 from ...checks.same_axis import by_recording
 from ...messages.samples import Floats
@@ -19,6 +20,7 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ...regression.run import Run
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
+from .noise import paces
 from .structure import SmoothFunctions, predicted_groups, ridge_fits
 
 _LOOSE = 1e-4
@@ -32,6 +34,9 @@ _PARAMETERS: Mapping[str, Callable[[Motion], Floats]] = {
 _LEAST_FREEDOM = 4
 """Degrees of freedom below which Student's distribution says nothing any more."""
 _LEVEL = 0.95
+_LEAST_ALIKE, _ALIKE = 24, 3.0
+"""So many rows of the references within so many repeats' width tell what the motion takes."""
+UNSHOWN = "{:.0%} of the motion has no like in the reference: its torque is not compared"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +46,12 @@ class Reference:
     Attributes:
         followed: channel -> smooth functions that it follows, and their coefficients, (p,).
         floor: channel -> root mean square by which a further healthy recording may part from it.
+        known: speeds and accelerations whose torque it knows.
     """
 
     followed: Mapping[str, tuple[SmoothFunctions, Floats]]
     floor: Mapping[str, float]
+    known: KDTree
 
     def gap(self, channel: str, rows: Rows) -> Floats:
         """Gap of the healthy machine at the rows of a session, (n,); 0 in a channel not known."""
@@ -53,6 +60,16 @@ class Reference:
         forms, beta = self.followed[channel]
         found: Floats = forms.columns(rows.variables) @ beta
         return found - found.mean() if channel == TRANSMISSION_GAP else found
+
+    def shown(self, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+        """Runs whose torque is compared only in motion that the references have, and a remark."""
+        found = []
+        for run in runs:
+            pace = paces(run.motion.speed_rad_s, run.motion.acceleration_rad_s2)
+            near, _ = self.known.query(pace, [_LEAST_ALIKE], distance_upper_bound=_ALIKE)
+            found.append(replace(run, resolved=run.resolved & np.isfinite(near[:, 0])))
+        kept, asked = (sum(int(x.compared_rows.sum()) for x in part) for part in (found, runs))
+        return found, [UNSHOWN.format(1.0 - kept / asked)] if kept < asked else []
 
     def beside(self, session: Session) -> Session:
         """Session with what it has beyond the healthy machine as its gap."""
@@ -95,7 +112,7 @@ def healthy_machine(
     sessions = [
         Session.of_runs(each, baseline, modelled) for _, each in sorted(by_recording(runs).items())
     ]
-    followed, floor = {}, {}
+    followed, floor, pace = {}, {}, np.empty((0, 2))
     for channel in sorted({name for each in sessions for name in each.channels}):
         mine = [each for each in sessions if channel in each.channels]
         parts = [each.channels[channel] for each in mine]
@@ -114,4 +131,6 @@ def healthy_machine(
         freedom = max(len(np.unique(group)) - 1, _LEAST_FREEDOM)
         wider = float(stats.t.ppf(_LEVEL, freedom) / stats.norm.ppf(_LEVEL))
         floor[channel] = wider * rms(gap - found)
-    return Reference(followed, floor)
+        if channel == TORQUE_GAP:
+            pace = paces(variables["motor_speed_rad_s"], variables["motor_acceleration_rad_s2"])
+    return Reference(followed, floor, KDTree(pace))

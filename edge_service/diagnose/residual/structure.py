@@ -24,8 +24,11 @@ _PLAIN_COLUMNS, _PLAIN = 4, 30.0
 _WAVE_ROWS = 20_000
 _SLOW_RAD_S, _SOFT_RAD_S2 = 0.5, 20.0
 """Below these the hats over speed and acceleration lie evenly, above them by octaves."""
-_RIDGES = (3e-4, 1e-2, 0.3)
-"""Columns have a mean square of 1, the plainest ones a greater one."""
+_LEAST_SHOWN = 0.03
+"""Root mean square below which a column counts as hardly there: others rows may show it in full."""
+_RIDGES = (3e-4, 1e-2, 0.3, 1e9)
+"""Columns have a mean square of 1, the plainest ones a greater one; the last ridge holds all at 0,
+where nothing that they say helps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +58,7 @@ class SmoothFunctions:
         columns = cls(spans, orders, np.ones(1), low_pass).columns(rows.variables)
         scale = np.sqrt(np.mean(columns**2, axis=0))
         scale[:_PLAIN_COLUMNS] /= _PLAIN
-        scale = np.where(scale > 0.0, scale, 1.0)
+        scale = np.maximum(scale, _LEAST_SHOWN)
         return cls(spans, orders, scale, low_pass), columns / scale
 
     def columns(self, variables: Mapping[str, Floats]) -> Floats:
@@ -181,8 +184,7 @@ def predicted_structure(
     for channel, values in left.items():
         rows = replace(session.channels[channel], gap=values)
         _, best = predicted_groups(rows, folds[channel], channel, low_pass, timed=timed)
-        helps = np.sum((values - best) ** 2) < np.sum(values**2)
-        predicted[channel] = best if helps else np.zeros(len(values))
+        predicted[channel] = best
     return predicted
 
 

@@ -14,12 +14,11 @@ from scipy import ndimage, stats
 
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.machine import Machine
+from ...regression import FALSE_ALARMS
 from ..session.session import Rows, Session, rms
 from .noise import ordinary_rms, stated_tolerance
 from .structure import passed_at, structure_of_gap
 
-FALSE_ALARMS = 0.01
-"""Rate of lines and bands found in white noise, over all that are tried in a channel."""
 _WIDTHS = (1, 3, 9, 27, 81)
 """Of a band, in steps of the spectrum; of lines up to the second."""
 _WHOLE = 0.8

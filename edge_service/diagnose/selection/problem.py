@@ -45,6 +45,8 @@ COMPLETE = 0.3
 another one's entry, which would be wrong in some way of its own."""
 MISSED = 0.5
 """Of the energy that a fit explains in a channel: so much of it has a cause among its effects."""
+MOST_STRETCH = 6.0
+"""Tolerances by which a parameter that is not named may be off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +114,8 @@ class SelectionProblem:
 
     def pinned_to(self, whole: Fit) -> Self:
         """Pin the nuisances to those of a fit: they must not stretch to hide a cause."""
-        return replace(self, pinned=whole.coefficients[: self.design.nuisance_columns])
+        count = self.design.first[self.design.nuisances]
+        return replace(self, pinned=whole.coefficients[:count])
 
     def fit(self, chosen: Sequence[int]) -> Fit:
         """Fit the nuisances and the chosen candidates."""
@@ -181,12 +184,12 @@ class SelectionProblem:
             for k, chosen in enumerate(sets)
         ]
 
-    def stretch(self, whole: Fit) -> dict[str, float]:
-        """Tolerances by which each parameter of a healthy axis is off in a fit."""
+    def stretched(self, whole: Fit) -> dict[str, float]:
+        """Parameters that a fit has further off than a healthy axis may, in tolerances."""
         design, places = self.design, self.design.first[: self.design.nuisances]
         off = np.abs(whole.coefficients[places] - design.mean[places])
-        names = (each.name for each in design.regressors)
-        return dict(zip(names, (off * design.precision[places] ** 0.5).tolist(), strict=False))
+        off *= design.precision[places] ** 0.5
+        return {design.regressors[k].name: off[k] for k in np.flatnonzero(off > MOST_STRETCH)}
 
     def without(self, whole: Fit, name: str) -> Fit:
         """Fit the set without one of its effects."""

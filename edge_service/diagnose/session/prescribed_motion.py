@@ -136,9 +136,7 @@ class PrescribedMotionAxis:
         # is low by (w T)^2 / 6, which is put back
         mean = out[:, TORQUE]
         values = 0.5 * (mean + np.concatenate((mean[:1], mean[:-1])))
-        bend = np.zeros_like(values)
-        bend[1:-1] = values[2:] - 2.0 * values[1:-1] + values[:-2]
-        return values - bend / 6.0, out[:, STRETCH]
+        return values - np.pad(np.diff(values, 2), 1) / 6.0, out[:, STRETCH]
 
     def _way(self, motion: Motion, speed: Floats, loads: Sequence[Loads], number: Integers) -> Way:
         """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""

@@ -39,7 +39,7 @@ STILL_RAD_S = 0.1
 _CERTAIN_SIGMAS = 6.0
 """Standard deviations of noise from which on a value is surely none."""
 _SLOWEST_SHARE = 0.1
-"""Of the greatest speed: up to it slow samples with much noise count as rest, no further."""
+"""Of the greatest speed: up to it samples with much noise count as rest, no further."""
 _LASTING_SHARE = 0.02
 """Of the strongest acceleration: by so much it may change from sample to sample and still last."""
 _SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
@@ -110,14 +110,12 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     }
     if slow:
         acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
-        fastest = float(np.abs(speed).max())
         wavers = _CERTAIN_SIGMAS * noise[ANGLE] / math.sqrt(2.0) / run.period_s
-        still = max(STILL_RAD_S, min(wavers, _SLOWEST_SHARE * fastest))
     else:
         acceleration = central_difference(speed, run.period_s)
         resolved = np.ones(len(run), dtype=np.bool_)
         wavers = _CERTAIN_SIGMAS * noise[ANGLE] * cutoff_hz**1.5 * run.period_s**0.5 * 4.0
-        still = max(STILL_RAD_S, wavers)
+    still = max(STILL_RAD_S, min(wavers, _SLOWEST_SHARE * float(np.abs(speed).max())))
     edge = math.ceil(EDGE_S / run.period_s)
     inside = slice(edge, len(run) - edge)
     moving = _moving(speed[inside], still, run.period_s)

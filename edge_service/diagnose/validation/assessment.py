@@ -7,7 +7,6 @@ channel may be none, by how much it leaves and what it had to bend for it.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from ..estimation.estimates import Contributions
 from ..residual.structure import predicted_structure
 from ..result import NamedEffect
 from ..selection.posterior import Posterior
-from ..selection.problem import Fit
 from ..session.session import TORQUE_GAP, rms
 from .cross_validation import CrossValidation
 
@@ -61,8 +59,6 @@ UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
 MOST_CAUSES = 3
 """It takes more than this many causes at once only where none of them is the true one."""
-MOST_STRETCH = 6.0
-"""Tolerances by which a parameter that is not named may be off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +159,9 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
         is_unknown = left[name] > UNKNOWN_SHARE or len(contributions.named) > MOST_CAUSES
         is_unknown |= name in claimed and by_entries[name] > UNKNOWN_ENTRY_SHARE
         found[name] = 0.5 * (1.0 - left[name]) if is_unknown else 1.0
-    if TORQUE_GAP in posterior.exceeding:
-        off = problem.stretch(posterior.best.fit)
-        if any(off[name] > MOST_STRETCH for name in off.keys() - contributions.named):
-            found[TORQUE_GAP] = 0.5
+    unnamed = problem.stretched(posterior.best.fit).keys() - contributions.named
+    if TORQUE_GAP in posterior.exceeding and unnamed:
+        found[TORQUE_GAP] = 0.5
     return found
 
 
@@ -205,8 +200,8 @@ class Assessment:
             shown = {confidence[each] for each in estimates.shown(*estimates.of_effect(name))}
             shrink = validation.shrink(name, channel)
             tolerated = posterior.problem.noise.tolerance[channel]
-            rms = math.sqrt(np.mean(posterior.problem.session.channels[channel].gap ** 2))
-            helps = shrink.estimate * rms >= tolerated >= -shrink.low * rms
+            before = rms(contributions.left[channel] + contributions.by_effect[name][channel])
+            helps = shrink.estimate * before >= tolerated >= -shrink.low * before
             if shrink.low < 0.0 and not helps and name != FORCE:
                 trust *= CONTRADICTED
             if name == FORCE:
@@ -249,12 +244,6 @@ class Assessment:
             or any(each < 1.0 for each in self.confidence.values())
             or bool(material and not named and self.posterior.exceeding)
         )
-
-    def chance_of_stretch(self, fit: Fit) -> float:
-        """Chance that a healthy axis stretches a parameter as far; 1 within what is tolerated."""
-        off = self.posterior.problem.stretch(fit).values()
-        chance = 2.0 * len(off) * NormalDist().cdf(-max(off, default=0.0))
-        return chance if max(off, default=0.0) > MOST_STRETCH else 1.0
 
     def idlest(self) -> str:
         """Named effect that is least of a cause, as one not told from zero; empty without any."""

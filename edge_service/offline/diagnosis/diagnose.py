@@ -71,7 +71,8 @@ def diagnose(
             raise BadDataError(
                 f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})"
             )
-        session = session_of(machine, runs)
+        compared, unshown = (runs, []) if healthy is None else healthy.shown(runs)
+        session = session_of(machine, compared)
         if healthy is not None:
             session = healthy.beside(session)
         doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
@@ -93,7 +94,7 @@ def diagnose(
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learnable(found)),
             "withheld": withheld(found),
-            "remarks": (*check.remarks, *(f"doctor: {each.sentence}" for each in doubted)),
+            "remarks": (*check.remarks, *unshown, *map("doctor: {0.sentence}".format, doubted)),
             "reference": tuple(path.name for path in reference),
         }
         found = found.model_copy(update=stated)
@@ -204,10 +205,9 @@ def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
     ]
     lines += places(found.where, m_per_rad)
     for each in found.effects:
-        said = [f"{x.value:.3g} {x.unit}" for x in each.parameters.values()]
-        if each.entries:
-            said = [f"shrinks {each.channel} by {points(each.shrink)}"]
-        lines.append(f"{each.name}: probability {each.probability:.3f}, {', '.join(said)}")
+        values = ", ".join(f"{x.value:.3g} {x.unit}" for x in each.parameters.values())
+        said = f"shrinks {each.channel} by {points(each.shrink)}" if each.entries else values
+        lines.append(f"{each.name}: probability {each.probability:.3f}, {said}")
     lines += [f"but {each}" for each in found.caveats]
     kept = (*found.augmented, *found.withheld, VIBRATION)
     unsure = [each.name for each in found.effects if each.name not in kept]

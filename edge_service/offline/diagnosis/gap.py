@@ -29,7 +29,8 @@ from ..recordings import open_recording, reported, require_sound
 from ..report.quantities import amount
 
 NOTHING_TO_COMPARE = (
-    "nothing to compare: expected a second or more of motion with a torque or both encoders"
+    "nothing to compare: expected a second or more of motion with a torque or both encoders, and "
+    "beside a reference some speeds and accelerations that it has too"
 )
 
 
