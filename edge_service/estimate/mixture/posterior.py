@@ -143,15 +143,16 @@ def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
     turns, and a preload does not come back by itself.
     """
     doubted, log_percent = np.zeros(len(rows)), bank.mean[:, state.PRELOAD]
+    believed, share = accepted(bank), 0.0
     for i in range(len(rows)):
         k = rows[i]
-        rises = log_percent[k] > log_percent[accepted(bank)]
+        rises = log_percent[k] > log_percent[believed]
         if k > state.WEARING and bank.directions[k] != BOTH and (bank.force[k] > FORCED or rises):
             doubted[i] = weight[i]
-    share = np.sum(doubted)
+            share += weight[i]
     if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
-        rest = (1.0 - DOUBTED) / max(1.0 - share, 1e-12)
-        weight += (rest - 1.0) * (weight - doubted) + (DOUBTED / share - 1.0) * doubted
+        weight -= (1.0 - DOUBTED / share) * doubted
+        weight[np.searchsorted(rows, believed)] += share - DOUBTED
 
 
 @compiled

@@ -78,7 +78,7 @@ class Another:
         share = self.weight[doubted].sum()
         if share > posterior.DOUBTED:
             self.weight[doubted] *= posterior.DOUBTED / share
-            self.weight[~doubted] *= (1.0 - posterior.DOUBTED) / max(1.0 - share, 1e-12)
+            self.weight[slots == accepted(bank)] += share - posterior.DOUBTED
         self.force = float(self.weight @ bank.force[rows])
         self.q = self.mean[:, state.PRELOAD]
         variance = self.cov[:, state.PRELOAD, state.PRELOAD] + posterior.MODEL_ERROR**2
@@ -218,6 +218,19 @@ class TorqueAlone:
         cumulated = np.cumsum(weight[order])
         at = np.searchsorted(cumulated, probability * cumulated[-1])
         return float(self.percent[order][at])
+
+
+def test_doubt_of_a_challenger_leaves_the_answer_with_what_is_accepted() -> None:
+    """However unlikely that has become: rivals of no weight at all do not answer instead."""
+    start = axis.parts(False)[1]
+    bank = empty_bank(len(start.mean))
+    bank.mean[:], bank.covariance[:] = start.mean, start.covariance
+    slots = [state.STEADY, state.TOTAL_LOSS, state.BEFORE]
+    bank.alive[slots] = 1
+    bank.log_weight[slots] = -13.0, -8.0, 0.0
+    bank.mean[slots, state.PRELOAD] = np.log([0.9 * axis.FRESH, 0.02 * axis.FRESH, axis.FRESH])
+    bank.directions[slots] = BOTH, 0, 1
+    assert read(bank).preload[0] > 0.8 * axis.FRESH
 
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.85, 1.0, 1.2])
