@@ -37,6 +37,8 @@ low by half its error."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, whole friction, table mass,
 compliance."""
+LASTED_S = 1.0
+"""Motion under a force, as is believed, from which on a step that needs none is doubted."""
 DOUBTED = 0.4
 """Most weight of challengers that have led in one direction only."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
@@ -139,15 +141,19 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
 def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
     """Let challengers only widen the answer that have led in one direction, by a force or upwards.
 
+    By a force: of their own, or of one that has acted for longer than they are there.
+
     What errs along the way, as a screw that grows unevenly does, looks like a step until the axis
     turns, and a preload does not come back by itself.
     """
     doubted, log_percent = np.zeros(len(rows)), bank.mean[:, state.PRELOAD]
     believed, share = accepted(bank), 0.0
+    forced_s = bank.moments[state.BELIEVED_FORCED_S]
     for i in range(len(rows)):
         k = rows[i]
         rises = log_percent[k] > log_percent[believed]
-        if k > state.WEARING and bank.directions[k] != BOTH and (bank.force[k] > FORCED or rises):
+        by_force = bank.force[k] > FORCED or forced_s > bank.age_s[k] + LASTED_S
+        if k > state.WEARING and bank.directions[k] != BOTH and (by_force or rises):
             doubted[i] = weight[i]
             share += weight[i]
     if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:

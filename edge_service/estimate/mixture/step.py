@@ -15,7 +15,7 @@ import numpy as np
 from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
 from . import state
-from .hypotheses import FORCED, STOP_S, adapt_hypotheses, leader_of, normalise
+from .hypotheses import FORCED, STOP_S, accepted, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, mapped, noise_of
 from .state import AxisModel, Bank, MixtureSettings, Process, Reading
 
@@ -91,6 +91,9 @@ def step(
     bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm)
     _count_forced(bank, process, reading.steady_s, rapid, calm)
+    believed_s = bank.moments[state.BELIEVED_FORCED_S] + reading.steady_s
+    acts = bank.force[accepted(bank)] > FORCED
+    bank.moments[state.BELIEVED_FORCED_S] = believed_s if acts else 0.0
     if not calm:
         return math.nan
     return float(assessed.nis[leader] / 2.0 if two else assessed.nis[leader])

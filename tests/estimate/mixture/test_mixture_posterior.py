@@ -30,6 +30,8 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     bank.log_weight[:] = np.log(rng.dirichlet(np.full(state.HYPOTHESES, 0.3)) + 1e-6)
     bank.force[:] = rng.random(state.HYPOTHESES)
     bank.directions[:] = rng.integers(1, 4, state.HYPOTHESES)
+    bank.age_s[:] = rng.uniform(0.0, 3.0, state.HYPOTHESES)
+    bank.moments[state.BELIEVED_FORCED_S] = rng.uniform(0.0, 4.0)
     sigma = np.sqrt(np.diag(start.covariance))
     sigma[state.PRELOAD] = rng.uniform(0.02, 0.8)
     base = start.mean.copy()
@@ -74,7 +76,8 @@ class Another:
         slots = np.flatnonzero(rows)
         rises = bank.mean[slots, state.PRELOAD] > bank.mean[accepted(bank), state.PRELOAD]
         doubted = (slots > state.WEARING) & (bank.directions[slots] != BOTH)
-        doubted &= rises | (bank.force[slots] > FORCED)
+        older = bank.moments[state.BELIEVED_FORCED_S] - bank.age_s[slots] > posterior.LASTED_S
+        doubted &= rises | older | (bank.force[slots] > FORCED)
         share = self.weight[doubted].sum()
         if share > posterior.DOUBTED:
             self.weight[doubted] *= posterior.DOUBTED / share
@@ -231,6 +234,23 @@ def test_doubt_of_a_challenger_leaves_the_answer_with_what_is_accepted() -> None
     bank.mean[slots, state.PRELOAD] = np.log([0.9 * axis.FRESH, 0.02 * axis.FRESH, axis.FRESH])
     bank.directions[slots] = BOTH, 0, 1
     assert read(bank).preload[0] > 0.8 * axis.FRESH
+
+
+@pytest.mark.parametrize(("forced_s", "at_once"), [(0.5, True), (1.5, False)])
+def test_a_loss_seen_one_way_is_doubted_under_a_force_that_was_there_before_it(
+    forced_s: float, at_once: bool
+) -> None:
+    start = axis.parts(False)[1]
+    bank = empty_bank(len(start.mean))
+    bank.mean[:], bank.covariance[:] = start.mean, start.covariance
+    bank.alive[[state.STEADY, state.TOTAL_LOSS]] = 1
+    bank.log_weight[[state.STEADY, state.TOTAL_LOSS]] = -3.0, 0.0
+    bank.mean[state.TOTAL_LOSS, state.PRELOAD] = math.log(0.02 * axis.FRESH)
+    bank.directions[state.TOTAL_LOSS] = 2
+    bank.moments[state.BELIEVED_FORCED_S] = forced_s
+    found = read(bank)
+    assert (found.preload[0] < 0.2 * axis.FRESH) == at_once
+    assert found.preload[1] < 0.2 * axis.FRESH
 
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.85, 1.0, 1.2])
