@@ -14,6 +14,7 @@ from edge_service import __version__
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.clock import now_ns
+from edge_service.command_answer import LISTENER
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault
@@ -208,7 +209,8 @@ async def test_a_recording_of_the_bus_is_what_was_published(
         )
         out = tmp_path / "recorded.csv"
         said: list[str] = []
-        recording = record_axis(there, "X", out, 2.0, said.append)
+        LISTENER.set(said.append)
+        recording = record_axis(there, "X", out, 2.0)
         rows, lost = await asyncio.wait_for(recording, 30.0)
     recorded, original = read_trace(out), read_trace(trace_path)
     assert lost == 0
