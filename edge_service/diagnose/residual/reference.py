@@ -46,7 +46,7 @@ class Reference:
     Attributes:
         followed: channel -> smooth functions that it follows, and their coefficients, (p,).
         floor: channel -> root mean square by which a further healthy recording may part from it.
-        known: speeds and accelerations whose torque it knows.
+        known: speeds and accelerations whose torque it knows, if it knows any torque.
     """
 
     followed: Mapping[str, tuple[SmoothFunctions, Floats]]
@@ -67,7 +67,8 @@ class Reference:
         for run in runs:
             pace = paces(run.motion.speed_rad_s, run.motion.acceleration_rad_s2)
             near, _ = self.known.query(pace, [_LEAST_ALIKE], distance_upper_bound=_ALIKE)
-            found.append(replace(run, resolved=run.resolved & np.isfinite(near[:, 0])))
+            is_like = np.isfinite(near[:, 0]) | (TORQUE_GAP not in self.followed)
+            found.append(replace(run, resolved=run.resolved & is_like))
         kept, asked = (sum(int(x.compared_rows.sum()) for x in part) for part in (found, runs))
         return found, [UNSHOWN.format(1.0 - kept / asked)] if kept < asked else []
 
@@ -83,8 +84,7 @@ class Reference:
 def healthy_model(machine: Machine, runs: Sequence[Run], baseline: Baseline) -> Machine:
     """Machine with inertia, viscous friction and Coulomb level as its recordings show them.
 
-    Args:
-        runs: of the healthy machine, beside the `baseline` of `machine`.
+    `runs` are of the healthy machine, beside the `baseline` of `machine`.
     """
     if not any(run.has_torque and run.compared_rows.any() for run in runs):
         return machine

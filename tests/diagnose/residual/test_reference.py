@@ -83,3 +83,15 @@ def test_a_reference_that_is_none_is_refused_in_a_line(
     assert "reference: torque_command_nm, motor_angle_rad: not one value changes" in said
     assert said.count("\n") == 1
     assert not (out / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_torque_is_judged_by_the_model_where_the_references_have_none(
+    machine_file: Path, tmp_path: Path, healthy: list[str]
+) -> None:
+    rows = [line.split(",") for line in Path(healthy[0]).read_text().splitlines()]
+    without = rows[0].index("torque_command_nm")
+    bare = tmp_path / "bare.csv"
+    bare.write_text("".join(",".join(r[:without] + r[without + 1 :]) + "\n" for r in rows))
+    found = diagnosed(str(machine_file), tmp_path, healthy[1], reference=[str(bare)])
+    assert "torque_nm" in found["gap"]
