@@ -102,7 +102,7 @@ def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
-            if os.geteuid() == 0 and path.exists():
+            if os.geteuid() == 0 and path.exists():  # what root writes stays its owner's
                 old = path.stat()
                 os.fchown(handle, old.st_uid, old.st_gid)
             yield handle

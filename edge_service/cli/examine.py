@@ -223,7 +223,7 @@ def update(
     axis_number: AxisNumber,
     out: Annotated[Path | None, Option("Machine file to write.  [default: NAME-DATE.toml]")],
 ) -> Answer:
-    """Bring the model up to date without absorbing a fault.
+    """Bring the model up to date; a lost preload is never learned.
 
     Written if the gap shrinks on held-out blocks; status 1 if a fault may be among the causes.
     """

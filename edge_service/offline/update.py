@@ -111,7 +111,7 @@ def _changes(machine: Machine, each: NamedEffect) -> list[dict[str, Any]]:
     """Parameters of an effect that is adopted: old, new with its interval, and why."""
     stated = [entry.parameters for entry in machine.effects if entry.name == each.name]
     amounts = {p.name for p in get_effect(each.name).parameters if p.role is Role.AMOUNT}
-    why = f"{sure(each.probability)}, and no fault looks like it; "
+    why = f"{sure(each.probability)}, and no lost preload; "
     why += f"less {each.channel} by {points(each.shrink)}"
     found = []
     for name, value in each.parameters.items():

@@ -52,7 +52,7 @@ def test_what_has_changed_goes_into_a_dated_copy(trace: Path, capsys) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("lacks", ["nothing", "preload", "torque"])
 def test_a_lost_preload_is_never_learned(lacks: str, trace: Path, capsys) -> None:
-    """Where data sheet or torque are missing, nobody can tell it: less friction is not adopted."""
+    """Less friction without a data sheet, or no torque at all, may be one."""
     simulate(BENCH, replace(PRODUCTION, preload_percent=4.0), trace)
     if lacks == "preload":
         lines = Path("m.toml").read_text("utf-8").splitlines(keepends=True)
