@@ -210,11 +210,7 @@ class EventLog:
                 put_state(file, state)
             numbers = append_events(file, waiting)
             for room, axis in {(room_of(each.event.kind), each.event.axis) for each in waiting}:
-                most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
-                gone = [number for (number,) in file.execute(_SURPLUS, (room, axis, most))]
-                if gone:
-                    file.execute("DELETE FROM dropped_events WHERE id <= ?", (max(gone),))
-                    file.execute("INSERT OR IGNORE INTO dropped_events VALUES (?)", (max(gone),))
+                _prune(file, room, axis)
             return numbers
 
         try:
@@ -295,3 +291,11 @@ def stored_event(number: int, body: str, checksum: int) -> StoredEvent | None:
         return StoredEvent(number, Event.model_validate_json(body))
     except ValidationError:
         return None
+
+
+def _prune(file: sqlite3.Connection, room: str, axis: str) -> None:
+    most = MOST_CHATTER if is_chatter(room) else MOST_KEPT
+    gone = [number for (number,) in file.execute(_SURPLUS, (room, axis, most))]
+    if gone:
+        file.execute("DELETE FROM dropped_events WHERE id <= ?", (max(gone),))
+        file.execute("INSERT OR IGNORE INTO dropped_events VALUES (?)", (max(gone),))

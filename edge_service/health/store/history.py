@@ -112,17 +112,7 @@ class History:
             if over is not None:
                 self._store.write(lambda file: self._compact(file, *over))
             if over is not None or self._is_new:
-
-                def remove(file: sqlite3.Connection) -> bool:
-                    oldest = file.execute(_OLDEST, (HOUR_S, now_s + FUTURE_S)).fetchone()
-                    if oldest is not None:
-                        gone = "DELETE FROM history WHERE axis = ? AND step_s = ? AND start_s = ?"
-                        file.execute(gone, oldest)
-                    return oldest is not None
-
-                is_more = True
-                while is_more and self._store.read(_used_bytes) > self._budget_bytes:
-                    is_more = self._store.write(remove)
+                self._make_room(now_s)
                 self._is_new = False
 
     def rows(self, axis: str, start_s: float, end_s: float, finest_step_s: float) -> Rows:
@@ -241,6 +231,20 @@ class History:
         if words not in self._store.damages:
             log.warning("%s; left out", words)
             self._store.damages.append(words)
+
+    def _make_room(self, now_s: float) -> None:
+        """Remove seconds, then minutes, the oldest and those of the future first, to the budget."""
+
+        def remove(file: sqlite3.Connection) -> bool:
+            oldest = file.execute(_OLDEST, (HOUR_S, now_s + FUTURE_S)).fetchone()
+            if oldest is not None:
+                gone = "DELETE FROM history WHERE axis = ? AND step_s = ? AND start_s = ?"
+                file.execute(gone, oldest)
+            return oldest is not None
+
+        is_more = True
+        while is_more and self._store.read(_used_bytes) > self._budget_bytes:
+            is_more = self._store.write(remove)
 
 
 def put_chunk(file: sqlite3.Connection, axis: str, step_s: int, chunk_s: int, rows: Rows) -> None:

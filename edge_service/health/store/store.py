@@ -165,14 +165,7 @@ class Store:
         if self.path is None:
             file = _connected(":memory:")
         else:
-            there = folder = self.path.parent
-            while not os.path.lexists(there):
-                there = there.parent
-            device = there.stat().st_dev
-            if self._device not in (-1, device):
-                raise OSError(0, "its disk is away", str(folder))
-            made_folder(folder, _FOLDER_MODE)
-            self._device = device
+            self._make_folder(self.path.parent)
             with _alone(self.path.parent):
                 self._make_whole(self.path)
                 file = _connected(self.path)
@@ -185,6 +178,17 @@ class Store:
             raise
         self._check = ""
         return file
+
+    def _make_folder(self, folder: Path) -> None:
+        """Make the folder, unless the disk that it was on is away. Raises OSError."""
+        there = folder
+        while not os.path.lexists(there):
+            there = there.parent
+        device = there.stat().st_dev
+        if self._device not in (-1, device):
+            raise OSError(0, "its disk is away", str(folder))
+        made_folder(folder, _FOLDER_MODE)
+        self._device = device
 
     def _make_whole(self, path: Path) -> None:
         """Set a damaged file aside, and begin a new one where there is none."""

@@ -102,12 +102,7 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
         case Strain(over, strain):
             shift = _over(strain, motion, over) * baseline.ratio_m_per_rad * motion.angle_rad
         case PreslidingWindUp():
-            held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, contribution.reach_m)
-            compliance = contribution.level_m_per_n + contribution.slope_per_n * motion.position_m
-            lacking_nm = (
-                contribution.friction_share * baseline.table_coulomb_nm * (held - motion.approach)
-            )
-            shift = -compliance * lacking_nm / baseline.ratio_m_per_rad
+            shift = _wind_up_by_travel(contribution, motion, baseline)
         case Play():
             shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value) if quantity in _CHANGED_TRANSMISSION:
@@ -167,6 +162,15 @@ def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> F
     bristle = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m)
     lacking_nm = baseline.table_coulomb_nm * (bristle - motion.approach)
     return baseline.wind_up_m(lacking_nm, motion.position_m)
+
+
+def _wind_up_by_travel(each: PreslidingWindUp, motion: Motion, baseline: Baseline) -> Floats:
+    """Wind-up that the spring still lacks by dry friction that turns at once, m, (n,)."""
+    held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, each.reach_m)
+    compliance = each.level_m_per_n + each.slope_per_n * motion.position_m
+    lacking_nm = each.friction_share * baseline.table_coulomb_nm * (held - motion.approach)
+    late: Floats = -compliance * lacking_nm / baseline.ratio_m_per_rad
+    return late
 
 
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
