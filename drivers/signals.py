@@ -74,7 +74,6 @@ class Sentinels:
         self._before: dict[str, float] = {}
 
     def has(self, channel: str, raw: float, kind: str) -> bool:
-        """Return whether the next number of a channel is one."""
         (low, high), before = ends(kind), self._before.get(channel, math.nan)
         if raw in (low, high) and raw != 0.0 and not abs(raw - before) <= high / 256.0:
             return True

@@ -147,7 +147,6 @@ class _SimulatedAxis:
 
 
 def _wear(config: SimulatedConfig, machine: Machine) -> Wear:
-    """The scenario with the start and end that are stated."""
     scenario, is_healthy = SCENARIOS[config.scenario], config.scenario == "healthy"
     start, end = config.start_percent, config.end_percent
     if start is None:

@@ -101,11 +101,13 @@ class MqttLink:
 
     async def connect(self) -> None:
         """Connect. Raises DriverUnavailableError and DriverMisconfiguredError."""
+        # samples without a time that a broker had kept would pass for new ones
+        is_undated = bool(self._config.signals) and self._config.time is None
         try:
             client = self._client = self._config.client(
                 self._client_id,
                 keepalive=KEEPALIVE_S,
-                clean_session=self._client_id is None,
+                clean_session=self._client_id is None or is_undated,
                 max_queued_incoming_messages=MOST_WAITING,
             )
             client._client.connect_timeout = ANSWER_S

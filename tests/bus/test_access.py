@@ -31,7 +31,6 @@ ATTACKS = ("**", "feeddrive/**", f"{KEYS.root}/**/preload", f"{KEYS.root}/@compo
 
 
 def every_key() -> set[str]:
-    """Keys of every topic, and of what a component says of itself."""
     components = {KEYS.component("estimate", "X", topic) for topic in TOPICS.values()}
     return {KEYS.key("X", topic) for topic in TOPICS.values()} | components
 

@@ -40,7 +40,6 @@ def browser() -> Iterator[Any]:
 
 
 def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
-    """Barriers for people that axe-core finds."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is missing")
     return [
         (fault["id"], [node["html"] for node in fault["nodes"]])
@@ -114,7 +113,6 @@ class Service:
         assert ready.wait(30.0)
 
     def stop(self) -> None:
-        """End it; safe twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(30.0)

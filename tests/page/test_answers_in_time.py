@@ -84,7 +84,6 @@ def job(number: int, state: str, begun_s: float, ended_s: float | None = None) -
 
 
 def running() -> list[dict[str, Any]]:
-    """A job that began a moment ago, and one that is done."""
     return [job(2, "running", 20.0), job(1, "done", 300.0, 200.0)]
 
 

@@ -14,7 +14,6 @@ from .conftest import serious_faults, show_tab
 
 
 def lose_the_answer(route: Any) -> None:
-    """Let a request through, and its answer be lost on the way back."""
     assert route.fetch().status == 202
     route.abort()
 

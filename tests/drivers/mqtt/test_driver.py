@@ -166,6 +166,20 @@ async def test_the_broker_keeps_what_comes_while_the_session_is_away(broker: Bro
         await driver.close()
 
 
+async def test_what_tells_no_time_is_not_kept_to_pass_for_new(broker: Broker) -> None:
+    signals = [{"channel": "torque_command_nm", "member": "q"}]
+    driver = MqttDriver(config_of(broker.port, signals=signals), CONTEXT)
+    await driver.open()
+    await driver.close()
+    await send(broker, [{"q": 1.0}])
+    await driver.open()
+    try:
+        await send(broker, [{"q": 2.0}])
+        assert (await take(driver, 1))[0].channels["torque_command_nm"].tolist() == [2.0]
+    finally:
+        await driver.close()
+
+
 @pytest.mark.skipif(PASSWD is None, reason="mosquitto_passwd is not installed")
 async def test_a_wrong_password_names_a_key_and_a_right_one_is_let_in(tmp_path: Path) -> None:
     users = tmp_path / "users"
