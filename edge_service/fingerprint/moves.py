@@ -162,7 +162,6 @@ def common_sections(recordings: Sequence[Sequence[Move]]) -> list[Section]:
 
 
 def is_same(first: Move, second: Move) -> bool:
-    """Likeness of two moves, as repeats of one."""
     way_m = _SAME_WAY * abs(first.end_m - first.start_m)
     return (
         first.context == second.context

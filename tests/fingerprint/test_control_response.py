@@ -96,9 +96,10 @@ def test_a_rigid_axis_has_an_inertia_and_no_modes() -> None:
 
 
 def test_what_is_no_response_of_a_mass_is_refused() -> None:
-    closed_loop = 1.0 / (1.0 + 1j * FREQUENCY / 300.0)
-    with pytest.raises(ValueError, match="no response of speed to torque"):
-        measure_control_response(measured(closed_loop), speed_over_torque=True)
+    for gain, reason in ((8.0, "3[0-9] degrees late.*loop is closed"), (100.0, "power -0.34")):
+        closed_loop = gain * TWO / (1.0 + gain * TWO)  # a controller in proportion to the speed
+        with pytest.raises(ValueError, match=f"no response of speed to torque.*{reason}"):
+            measure_control_response(measured(closed_loop), speed_over_torque=True)
     with pytest.raises(ValueError, match="coherent frequencies"):
         incoherent = replace(measured(TWO), coherence=np.zeros(COUNT))
         measure_control_response(incoherent, speed_over_torque=True)

@@ -39,8 +39,8 @@ _RIGID = 0.7
 _LEAST_FREQUENCIES = 5
 _AWAY = math.log(1.2)
 """Greatest distance of the fitted notch from that of the response."""
-_LEAST_SLOPE, _MOST_SLOPE = -2.0, -0.5
-"""Of the response of a mass, which falls as 1 / f, below its modes."""
+_LEAST_SLOPE, _MOST_SLOPE, _LEAST_LATE_DEG = -2.0, -0.5, 45.0
+"""Of a mass, which falls as 1 / f below its modes, and is 90 degrees late, less by friction."""
 
 _MECHANICS = {
     *(_INERTIA, "motor_inertia_kg_m2", "load_inertia_kg_m2"),
@@ -162,10 +162,11 @@ def _check_mass(measured: FrequencyResponse, below_hz: float) -> None:
             f"mode; expected {_LEAST_FREQUENCIES} or more"
         )
     slope = np.polyfit(np.log(rigid.frequency_hz), np.log(np.abs(rigid.response)), 1)[0]
-    if not _LEAST_SLOPE < slope < _MOST_SLOPE:
+    late_deg = -float(np.median(np.angle(rigid.response[:_LEAST_FREQUENCIES], deg=True)))
+    if not _LEAST_SLOPE < slope < _MOST_SLOPE or late_deg < _LEAST_LATE_DEG:
         raise ValueError(
-            f"no response of speed to torque: it goes with the power {slope:.2g} of the frequency; "
-            "expected about -1, as a mass has it"
+            f"no response of speed to torque: it goes with the power {slope:.2g} of the frequency, "
+            f"{late_deg:.0f} degrees late; a mass has -1 and 90, unless its speed loop is closed"
         )
 
 
