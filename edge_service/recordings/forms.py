@@ -37,8 +37,6 @@ _LOOKED_AT = 400
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """One form of recordings: its name, by which first bytes it is told, and how it is opened."""
-
     name: str
     recognises: Callable[[bytes, Path], bool]
     open: Callable[[Path, IO[bytes], ControllerAxis], Source]
@@ -75,7 +73,6 @@ def is_recording(path: Path) -> bool:
 
 
 def is_database(source: Path) -> bool:
-    """Return whether SQLite has written a file."""
     try:
         with source.open("rb") as file:
             return file.read(16) == b"SQLite format 3\0"

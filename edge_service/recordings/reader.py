@@ -95,12 +95,10 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
 
     @property
     def ragged_rows(self) -> int:
-        """Rows with too few or too many cells so far."""
         return self._source.ragged_rows
 
     @property
     def fraction_read(self) -> float:
-        """Fraction of the file that has been read, 0 to 1."""
         return self._source.fraction_read
 
     @property

@@ -92,9 +92,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
             return
         columns = {TIME: np.concatenate([frame.time_s for frame in self._pending])}
         for name in self.channels:
-            parts = [
-                frame.channels.get(name, np.full(len(frame), np.nan)) for frame in self._pending
-            ]
+            parts = [each.channels.get(name, np.full(len(each), np.nan)) for each in self._pending]
             columns[name] = np.concatenate(parts)
         self._pending, self._pending_rows = [], 0
         arrays = {

@@ -135,7 +135,6 @@ class EdgeContext:
     remarks: list[str] = field(default_factory=list)  # one line each
 
     def name_axis(self, address: str, name: str) -> None:
-        """Note the name of the axis that a signal belongs to."""
         number = address.rpartition("|")[2]
         if name.strip() and number.isdecimal() and len(self.axis_names) < _MOST_AXES:
             self.axis_names.setdefault(int(number), name.strip()[:20])
@@ -286,9 +285,8 @@ class EdgeSource(Source):
         self._inner = inner
         told_s = period_s or context.period_s
         self.clock = CycleClock(told_s or PERIOD_S)
-        self._guessed = (
-            "" if told_s else "; the usual period of Industrial Edge, as no header says it"
-        )
+        why = "; the usual period of Industrial Edge, as no header says it"
+        self._guessed = "" if told_s else why
         self._counted = EDGE_CYCLE in inner.names
         self._own = ((TIME,) if sets_time else ()) + EVENT_COLUMNS
         time = (TIME,) if sets_time and TIME not in inner.names else ()
