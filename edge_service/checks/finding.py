@@ -16,8 +16,6 @@ _KNOWN_FACTORS = {ratio: words for words, ratio in _MISTAKES.items()}
 
 
 class Verdict(StrEnum):
-    """Verdict of a check."""
-
     FITS = "fits"
     DOUBTFUL = "doubtful"
     UNKNOWN = "unknown"
@@ -39,7 +37,6 @@ class Finding:
 
     @property
     def is_doubtful(self) -> bool:
-        """Something is wrong, or may be."""
         return self.verdict is Verdict.DOUBTFUL
 
 
@@ -50,13 +47,12 @@ def judge_factor(
     if not factor.determined:
         return Finding(name, Verdict.UNKNOWN, f"cannot tell: {factor.note}", factor, expected)
     low, high = sorted((factor.low / expected, factor.high / expected))
+    verdict, sentence = Verdict.FITS, said
     if low > 1.0 + FACTOR_TOLERANCE or high < 1.0 - FACTOR_TOLERANCE:
-        ratio = factor.value / expected
-        sentence = looks_wrong(channel or name, ratio)
-        return Finding(name, Verdict.DOUBTFUL, sentence, factor, expected)
-    if high - low > 2.0 * FACTOR_TOLERANCE:
-        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", factor, expected)
-    return Finding(name, Verdict.FITS, said, factor, expected)
+        verdict, sentence = Verdict.DOUBTFUL, looks_wrong(channel or name, factor.value / expected)
+    elif high - low > 2.0 * FACTOR_TOLERANCE:
+        verdict, sentence = Verdict.UNKNOWN, "too little motion to tell"
+    return Finding(name, verdict, sentence, factor, expected)
 
 
 def looks_wrong(channel: str, ratio: float) -> str:

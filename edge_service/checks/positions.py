@@ -40,7 +40,6 @@ LONGEST_FILTER_S = 2e-3
 
 
 def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the travel of the table per turn against the stated lead."""
     lead = _encoders(recordings).factor.scaled(2e3 * math.pi, "mm")
     expected = 1e3 * machine.axis.lead_m
     found = judge_factor("lead", lead, expected, f"lead is {lead.value:.6g} mm")
@@ -71,18 +70,19 @@ def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> boo
 
 
 def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the clock of one encoder against that of the other."""
-    lag = _encoders(recordings).lag.scaled(1e3, "ms")
-    name, least_ms = "encoder_lag", 1e3 * LEAST_LAG_S
+    lag, least_ms = _encoders(recordings).lag.scaled(1e3, "ms"), 1e3 * LEAST_LAG_S
+    verdict, sentence = Verdict.FITS, "both encoders are read at the same time"
     if not lag.determined:
-        return Finding(name, Verdict.UNKNOWN, f"cannot tell: {lag.note}", lag, 0.0)
-    if lag.low > least_ms or lag.high < -least_ms:
+        verdict, sentence = Verdict.UNKNOWN, f"cannot tell: {lag.note}"
+    elif lag.low > least_ms or lag.high < -least_ms:
         way = "lags" if lag.value > 0.0 else "leads"
-        sentence = f"linear encoder {way} rotary by {abs(lag.value):.2g} ms"
-        return Finding(name, Verdict.DOUBTFUL, sentence, lag, 0.0)
-    if lag.high - lag.low > 10.0 * least_ms:
-        return Finding(name, Verdict.UNKNOWN, "too little motion to tell", lag, 0.0)
-    return Finding(name, Verdict.FITS, "both encoders are read at the same time", lag, 0.0)
+        verdict, sentence = (
+            Verdict.DOUBTFUL,
+            f"linear encoder {way} rotary by {abs(lag.value):.2g} ms",
+        )
+    elif lag.high - lag.low > 10.0 * least_ms:
+        verdict, sentence = Verdict.UNKNOWN, "too little motion to tell"
+    return Finding("encoder_lag", verdict, sentence, lag, 0.0)
 
 
 def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -154,12 +154,10 @@ def _rests(position: Floats, setpoint: Floats) -> Iterator[tuple[float, float]]:
 
 
 def check_motor_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the motor's speed against its angle."""
     return _speed(recordings, MOTOR_SPEED, ANGLE)
 
 
 def check_table_speed(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the table's speed against its position."""
     return _speed(recordings, TABLE_SPEED, TABLE_POSITION)
 
 

@@ -34,7 +34,6 @@ class Clock:
 
     @property
     def rate_hz(self) -> float:
-        """Rate of the median step."""
         return 1.0 / self.period_s
 
     @property

@@ -21,6 +21,7 @@ from ..messages.samples import (
     SampleFrame,
 )
 from ..models.machine import Machine
+from ..recordings.columns import there_are
 from ..recordings.conditioning import with_angle
 from .channel_regression import regress_channel
 from .columns.names import Quantity, column_names
@@ -41,7 +42,6 @@ POSITIONS = {ANGLE, TABLE_POSITION}
 LEAST_S = 1.0
 """Shorter recordings may well repeat a value, and show no motion to be judged."""
 _EFFORTS = (Quantity.TORQUE, Quantity.CURRENT, Quantity.FORCE)
-_SHOWN = 8
 STROKE_SLACK = 0.02
 LIMIT_SLACK = 1.5
 """Drives overshoot their speed by tenths, and motors give half more than rated for a moment."""
@@ -50,6 +50,8 @@ FASTEST_HZ = 1e5
 """No controller records an axis faster; a clock in minutes or hours would seem to."""
 UNITS = {"milliseconds": "1e-3", "microseconds": "1e-6", "nanoseconds": "1e-9", "minutes": "60.0"}
 """Unit that a clock may count in place of seconds -> its scale to seconds."""
+LEAST_MARKS = 3
+"""Times that a value comes which stands for a missing one, and other values at the least."""
 FEW = 5e-4
 """Share of samples that may seem to be none of a drive's."""
 
@@ -98,10 +100,6 @@ def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
     """Find a torque that is missing, and the column that may hold it."""
     compared = "headers of the columns against the known channels"
 
-    def listed(names: Sequence[str]) -> str:
-        more = ", ..." if len(names) > _SHOWN else ""
-        return ", ".join(repr(name) for name in names[:_SHOWN]) + more
-
     named = [name for name in unread if name]
     told = [] if TORQUE in channels else column_names(named)
     units = ("N m", "A")
@@ -112,11 +110,11 @@ def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
     elif TORQUE in channels:
         sentence = f"neither {ANGLE} nor {TABLE_POSITION} is read"
     elif likely:
-        sentence = f"no column is read as {TORQUE}, though there is {listed(likely)}"
+        sentence = f"no column is read as {TORQUE}, though {there_are(likely)}"
         remedy = f"add columns.{TORQUE} = {{ column = {likely[0]!r}, scale = ... }}"
     else:
         sentence = f"no column is read as {TORQUE}"
-        sentence += f"; not read: {listed(named)}" if named else ""
+        sentence += f"; {there_are(named)}" if named else ""
         remedy = f"name the column of the torque or current in columns.{TORQUE}"
     forbids = bool(likely)
     return Finding("columns", verdict, sentence, compared=compared, remedy=remedy, forbids=forbids)
@@ -168,13 +166,24 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
             said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.2g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
             said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
+        if math.isfinite(mark := _mark_of(_values(recordings, name))):
+            said.append(f"{name} is {mark:.5g} several times, far from all else: a missing value")
     if not said:
         return Finding("samples", Verdict.FITS, "each sample goes with its neighbours")
     return Finding("samples", Verdict.DOUBTFUL, "; ".join(said), forbids=any(by for _, by in turns))
 
 
+def _mark_of(values: Floats) -> float:
+    """Value that comes again, farther from all others than these lie apart; NaN if none does."""
+    known, count = np.unique(values, return_counts=True)
+    ends = ((0, known[1:]), (-1, known[:-1])) if len(known) > LEAST_MARKS else ()
+    for end, others in ends:
+        if count[end] >= LEAST_MARKS and np.abs(others - known[end]).min() > np.ptp(others):
+            return float(known[end])
+    return math.nan
+
+
 def check_stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the table's range against the stroke."""
     stroke = machine.axis.stroke_m
     if stroke is None:
         return Finding("stroke", Verdict.UNKNOWN, "cannot tell: axis.stroke_m is missing")
@@ -185,7 +194,6 @@ def check_stroke(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
 
 
 def check_temperature(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the temperature against what a machine can have."""
     low, high = _range(recordings, TEMPERATURE)
     inside = TEMPERATURES_C[0] <= low and high <= TEMPERATURES_C[1]
     sentence = f"temperature from {low:.3g} to {high:.3g} degC"
@@ -193,7 +201,6 @@ def check_temperature(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
 
 
 def check_limits(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the greatest speed and torque against the axis' stated limits."""
     said, exceeded = [], False
     for what, unit, limit, values in (
         ("speed", "rad/s", machine.axis.max_speed_rad_s, motion_speeds(machine, recordings)),

@@ -52,7 +52,6 @@ _BORROWED_SIGN = Finding(
 
 
 def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the torque against the direction, the acceleration and the stated inertia."""
     if TORQUE in machine.columns and machine.columns[TORQUE].direction:
         return _BORROWED_SIGN
     able, settings = _readable(machine, recordings)

@@ -68,7 +68,6 @@ class AxesAnswer(Frozen):
 
 
 def axis_row(health: AxisHealth, now_ns: int) -> AxisRow:
-    """Row of an axis from the last word on it."""
     names = AxisRow.model_fields.keys() & AxisHealth.model_fields.keys()
     measured_ns, trend = health.measured_time_ns, health.trend
     return AxisRow(

@@ -85,8 +85,9 @@ _SPELLED = [(_plain(text), u) for us in _UNITS.values() for u in us for text in 
 
 
 def units_spelled(text: str) -> list[str]:
-    """Units that may be written so, as they are called here: `nm` is N m, and a length, too."""
-    return [unit for spelled, unit in _SPELLED if spelled == _plain(text)]
+    """Units that may be written so, as they are called here: `nm` is a length, and N m, too."""
+    able = [unit for spelled, unit in _SPELLED if spelled == _plain(text)]
+    return sorted(able, key=lambda unit: unit.replace(" ", "") != re.sub(r"\W", "", text))
 
 
 def factor_to(unit: str, wanted: str, lead_m: float) -> float | None:

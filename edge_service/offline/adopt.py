@@ -26,7 +26,7 @@ from ..command_answer import Answer, progress
 from ..config import ConfigError, load_machine
 from ..messages.samples import CHANNELS, TABLE_POSITION, TIME, TORQUE, ColumnMap, SampleFrame
 from ..models.screw.ball_screw import transmission_ratio
-from ..recordings.columns import TraceError
+from ..recordings.columns import TraceError, there_are
 from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 from .machine_text import Ask, asked, machine_text
@@ -62,7 +62,8 @@ def adopt(
     told: dict[str, Any] = {"columns": _taken(raw.of_axis(axis), understood)}
     told |= {"understood": understood.guesses, "unknown": understood.questions}
     try:
-        frames = [_read(path, understood, number) for path in files]
+        there = there_are([each.name for each in raw.names])
+        frames = [_read(path, understood, number, there) for path in files]
     except TraceError as error:
         error.document = told
         raise
@@ -163,17 +164,18 @@ def _understand(raw: RawColumns, axis: str, known: Known, ask: Ask | None) -> Un
     return found
 
 
-def _read(path: Path, understood: Understanding, number: int | None) -> SampleFrame:
+def _read(path: Path, understood: Understanding, number: int | None, there: str) -> SampleFrame:
     """The recording as the proposed columns give it: what any later command will read."""
     found = understood.columns.items()
     columns = {channel: each for channel, each in found if each != ColumnMap(channel)}
     if not any(name in CHANNELS for name in understood.columns):
-        what = "column of a position" if TIME in understood.columns else "clock"
-        asked = "; ".join(f"{e.option} {e.words} ({e.why})" for e in understood.questions)
-        raise TraceError(
-            f"{path}: no {what} is understood: expected samples of an axis in motion"
-            f"{f'; {asked}' if asked else ''}; figures of single days are no recording"
+        what, quantity = (
+            ("position", TABLE_POSITION) if TIME in understood.columns else ("time", TIME)
         )
+        said = [f"{path}: no column is understood as the {what} of an axis in motion", there]
+        said += [f"{e.option} {e.words} ({e.why})" for e in understood.questions]
+        said += [each.words for each in understood.guesses if each.subject == "file"]
+        raise TraceError("; ".join([*said, f"name it by --column {quantity}=COLUMN:UNIT"]))
     progress(f"reading {path.name}")
     return read_trace(path, columns, axis=ControllerAxis(number, understood.lead_m))
 

@@ -122,7 +122,6 @@ class DriftReport:
         }
 
     def write(self, out: Path) -> None:
-        """Write `drift.json` into a folder."""
         text = json.dumps(self.document(), indent=1, allow_nan=False)
         write_whole(out / "drift.json", text + "\n")
 

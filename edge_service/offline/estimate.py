@@ -49,7 +49,6 @@ class OfflineEstimate:
             raise ConfigError(f"--state {path}: cannot be resumed: {error}") from None
 
     def keep(self, path: Path) -> None:
-        """Leave the state in a file."""
         stages = (("downsampler", self._downsampler), ("estimator", self._estimator))
         snapshot = {name: stage.snapshot() for name, stage in stages}
         document = Kept(self._end_s, 0, snapshot).document(self._machine.axis.name, self._identity)

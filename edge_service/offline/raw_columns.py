@@ -16,7 +16,7 @@ from ..checks.columns.names import (
     units_below,
 )
 from ..messages.samples import Floats
-from ..recordings.columns import TraceError
+from ..recordings.columns import TraceError, there_are
 from ..recordings.forms import open_source
 from ..recordings.sinumerik.edge import edge_recording
 from ..recordings.sinumerik.signals import ControllerAxis
@@ -101,20 +101,20 @@ def read_columns(path: Path, given: Sequence[str]) -> RawColumns:
         source.close()
     values = {name: np.concatenate([block[name] for block in blocks]) for name in single if blocks}
     numeric = [name for name, each in values.items() if np.isfinite(each).any()]
+    said = [f"{name!r}: {text}" for name, text in unread.items()]
     if not numeric:
-        raise TraceError(f"{path}: holds no column of numbers")
+        raise TraceError("; ".join([f"{path}: holds no column of numbers", *said[:1]]))
     names = _with_given(path, column_names(numeric, units_below(source.names, source.below)), given)
-    remarks = (*source.remarks, *(f"{name!r}: {text}" for name, text in unread.items()))
+    remarks = (*source.remarks, *said)
     return RawColumns(tuple(names), {name: values[name] for name in numeric}, remarks)
 
 
 def _with_given(path: Path, names: Sequence[ColumnName], given: Sequence[str]) -> list[ColumnName]:
     said = dict(_parse(text) for text in given)
-    there = {each.name for each in names}
-    shown = ", ".join(sorted(map(repr, there))[:12])
+    there = [each.name for each in names]
     for name in said:
         if name not in there:
-            raise TraceError(f"{path}: --column: no column {name!r}; there are {shown}")
+            raise TraceError(f"{path}: --column: no column {name!r}; {there_are(there)}")
     chosen = {quantity for quantity, _ in said.values()}
     if chosen & {Quantity.TORQUE, Quantity.CURRENT}:
         chosen |= {Quantity.TORQUE, Quantity.CURRENT}

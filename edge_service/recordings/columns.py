@@ -51,19 +51,19 @@ def choose_columns(
     for name in (*wanted, TIME, *CHANNELS):
         twins = [each for each in names if each.startswith(f"{name} {BY_NUMBER}")]
         if twins and name not in names:
-            raise TraceError(f"{path}: column {name!r} appears more than once: {_there(twins)}")
+            raise TraceError(f"{path}: column {name!r} appears more than once: {there_are(twins)}")
     if TIME not in chosen and f"{BY_NUMBER}1" in names:
         raise TraceError(
             f"{path}: numbers without a header; name the columns in the machine file: [columns] "
-            f'time_s = {{ column = "{BY_NUMBER}1", scale = 0.001 }}; {_there(names)}'
+            f'time_s = {{ column = "{BY_NUMBER}1", scale = 0.001 }}; {there_are(names)}'
         )
     if TIME not in chosen:
-        raise TraceError(f"{path}: no column {TIME!r}{_hint(TIME, names)}; {_there(names)}")
+        raise TraceError(f"{path}: no column {TIME!r}{_hint(TIME, names)}; {there_are(names)}")
     if not any(channel in chosen for channel in (TORQUE, *POSITION_CHANNELS)):
         expected = ", ".join((TORQUE, *POSITION_CHANNELS))
         raise TraceError(
             f"{path}: no torque and no position channel; expected one of {expected}; "
-            f"{_there(names)}"
+            f"{there_are(names)}"
         )
     for channel in [each for each in chosen if each in names and each not in columns]:
         twin = next((n for n in names if n != channel and n.casefold() == channel), None)
@@ -99,7 +99,7 @@ def _choose(
 def _absent(path: Path, column: str, channel: str, names: Sequence[str]) -> TraceError:
     return TraceError(
         f"{path}: no column {column!r}, which the machine file gives for {channel}"
-        f"{_hint(column, names)}; {_there(names)}"
+        f"{_hint(column, names)}; {there_are(names)}"
     )
 
 
@@ -108,7 +108,8 @@ def _hint(name: str, names: Sequence[str]) -> str:
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
-def _there(names: Sequence[str]) -> str:
+def there_are(names: Sequence[str]) -> str:
+    """The columns of a file in words, the first ones of many."""
     shown = ", ".join(repr(name[:40]) for name in names[:_NAMES_SHOWN])
     more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
     return f"there are {shown}{more}"

@@ -161,7 +161,8 @@ def _seconds(cells: Any) -> Floats:
 
     def part(name: str) -> Floats:
         cells = pc.struct_field(text, name)
-        number = pc.cast(pc.if_else(pc.equal(cells, ""), "0", cells), pa.float64())
+        cells = pc.replace_substring(pc.if_else(pc.equal(cells, ""), "0", cells), ":", ".")
+        number = pc.cast(cells, pa.float64())
         return np.asarray(number.to_numpy(zero_copy_only=False))
 
     half, side = (pc.struct_field(text, name).to_numpy(False) for name in ("half", "side"))

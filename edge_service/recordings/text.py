@@ -18,10 +18,12 @@ SPACES = " "
 """Any number of spaces."""
 _SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
-_DELIMITERS = (",", ";", "\t")
+_DELIMITERS = (",", ";", "\t", "|")
 _SAMPLE_LINES, _MOST_ABOVE = 20, 100
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+_QUOTED_COMMA = re.compile(r"[+-]?\d*,(\d{1,2}|\d{4,})([eE][+-]?\d+)?")
+"""A decimal comma in quotes, between cells parted by commas: it parts no thousands."""
 _VALUE = re.compile(r"_?(\w*[_ ])?(var)?(value|val|wert|valeur|valore|valor)", re.IGNORECASE)
 _AS_PYTHON = str.maketrans(",Dd\u2212", ".EE-")
 _WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
@@ -72,7 +74,7 @@ class TextSource(Source):
             raw = _decoded(raw).encode()
         if b'"' in raw:
             delimiter = self._delimiter.encode()
-            raw = _QUOTED.sub(lambda match: match[1].replace(delimiter, b" "), raw)
+            raw = _QUOTED.sub(lambda match: match[1].replace(delimiter, self._in_quotes), raw)
         if self._delimiter == SPACES:
             raw = _AT_ENDS.sub(b"", _SPACES.sub(b" ", raw))
         return raw
@@ -131,7 +133,7 @@ class TextSource(Source):
         names = heading[0] if heading else _split(comments[-1].text.lstrip("# "), delimiter)
         if not heading and len(names) != len(cells[0]):  # numpy.savetxt has its names in a comment
             names = [f"{BY_NUMBER}{column}" for column in range(1, len(cells[0]) + 1)]
-        flat = itertools.chain.from_iterable(cells)
+        flat = [*itertools.chain.from_iterable(cells)]
         has_comma = delimiter != "," and any(map(_DECIMAL_COMMA.fullmatch, flat))
         wide = [row for row in cells if len(names) < len(row) <= 2 * len(names)]
         wide = [row for row in wide if all(map(_WHOLE.fullmatch, row))]
@@ -142,6 +144,7 @@ class TextSource(Source):
                 "between cells"
             )
         self._delimiter, self._decimal_point = delimiter, "," if has_comma else "."
+        self._in_quotes = b"." if any(map(_QUOTED_COMMA.fullmatch, flat)) else b" "
         fitted = _fit_names(names, cells)
         self.names = _each_once(fitted)
         self.below = heading[1:]

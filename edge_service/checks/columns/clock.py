@@ -11,11 +11,13 @@ from .relations import changes, proportion, travelled
 
 EDGE_PERIOD_S = 0.002
 """Cycle of Industrial Edge's high-frequency data (Siemens, SINUMERIK Connector)."""
-_TIME_UNITS = ("s", "ms", "us", "ns")
+_TIME_UNITS = ("s", "ms", "us", "ns", "d")
 _RATES_HZ = (10.0, 20_000.0)
 _ROUND = 0.05
 _SURE = 0.9
-_MOST_REPEATED = 0.5
+_MOST_REPEATED, _MOST_BACKWARDS = 0.5, 0.1
+_HUNDRED_NS = 5e16, 1e18
+"""Times of today as Windows counts them, in 100 ns from 1601 or from the year 1."""
 _PERIOD = "Length of a sample, s"
 _FEW_ROWS = 5
 """Rows of one window where rows may be missing unseen."""
@@ -37,7 +39,8 @@ def find_clock(
         why = "each channel has times of its own, and they differ: bring all to one time first"
         found.ask("--period", _PERIOD, why)
         return None
-    names = [each for each in names if not _is_set_aside(each, values[each.name], known, found)]
+    others = Understanding() if len(clocks) > 1 else found
+    names = [each for each in names if not _is_set_aside(each, values[each.name], known, others)]
     for quantity in (Quantity.COUNTER, Quantity.TIME)[:: 1 if known.period_s else -1]:
         for each in names:
             if each.quantity is quantity:
@@ -58,7 +61,7 @@ def _is_set_aside(each: ColumnName, values: Floats, known: Known, found: Underst
     same, why = float(np.mean(steps == 0.0)), ""
     if same > _MOST_REPEATED:
         why = f"{each.name!r} repeats {100.0 * same:.0f} % of its times: it has too few digits"
-    elif float(np.mean(steps < 0.0)) > _SURE:
+    elif float(np.mean(steps < 0.0)) > _MOST_BACKWARDS:
         why = f"{each.name!r} runs backwards: sort the rows by it"
     if why:
         found.ask("--period", _PERIOD, why)
@@ -84,7 +87,9 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
     unit, why = each.unit, each.why
     if each.si_unit != "s":
         usual = float(np.median(forward))
-        rates = {unit: 1.0 / (SI[unit][0] * usual) for unit in _TIME_UNITS}
+        is_of_windows = _HUNDRED_NS[0] < float(np.nanmedian(values)) < _HUNDRED_NS[1]
+        units = ("100 ns",) if is_of_windows else _TIME_UNITS
+        rates = {unit: 1.0 / (SI[unit][0] * usual) for unit in units}
         low, high = _RATES_HZ[0], _RATES_HZ[1] * (1.0 + 1e-9)
         fitting = [unit for unit, rate_hz in rates.items() if low <= rate_hz <= high]
         unit, why = (*fitting, "s")[0], "assumed: no unit gives a usual rate"

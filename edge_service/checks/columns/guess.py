@@ -50,7 +50,6 @@ class Understanding:
     lead_m: float | None = None
 
     def say(self, subject: str, words: str, *, assumed: bool = False) -> None:
-        """Add a guess."""
         self.guesses.append(Guess(subject, words, assumed))
 
     def ask(self, option: str, words: str, why: str) -> None:

@@ -65,13 +65,11 @@ def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Me
     ahead, back = (np.array(means[sign]) for sign in (1.0, -1.0))
     nothing = undetermined("kg m^2", _NO_SIGN), undetermined("N m s/rad", _NO_SIGN)
     most = _most_inertia(frames, settings)
-    if min(len(ahead), len(back)) < _LEAST_PASSAGES:
-        unknown = undetermined("N m", "too little steady motion both ways")
-        return Mechanics(*nothing, unknown, unknown, False, most, seconds)
-    sigma = 0.5 * math.sqrt(np.var(ahead) / len(ahead) + np.var(back) / len(back))
-    passages = float(min(len(ahead), len(back)))
-    level = around(0.5 * float(ahead.mean() - back.mean()), sigma, "N m", passages)
-    load = around(0.5 * float(ahead.mean() + back.mean()), sigma, "N m", passages)
+    level = load = undetermined("N m", "too little steady motion both ways")
+    if (passages := min(len(ahead), len(back))) >= _LEAST_PASSAGES:
+        sigma = 0.5 * math.sqrt(np.var(ahead) / len(ahead) + np.var(back) / len(back))
+        level = around(0.5 * float(ahead.mean() - back.mean()), sigma, "N m", float(passages))
+        load = around(0.5 * float(ahead.mean() + back.mean()), sigma, "N m", float(passages))
     return Mechanics(*nothing, level, load, False, most, seconds)
 
 

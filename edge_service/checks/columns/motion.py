@@ -176,13 +176,18 @@ class Motion:
         return max(able, key=lambda each: close[each.name], default=None)
 
     def _table(self, table: ColumnName, setpoint: ColumnName | None) -> None:
+        if not table.unit and (self._known.lead_m or 0.0) > LEADS_M[1]:
+            why = "no screw has such a lead, and an angle has no unit that all drives use"
+            self._found.ask("--column", f'"{ANGLE}={table.name}:UNIT"', why)
+            return
         self._choose(TABLE_POSITION, table, *self._length_unit(table, setpoint))
         named = {each.quantity for each in self._names}
         if table.quantity is Quantity.POSITION and Quantity.MOTOR_POSITION not in named:
-            words = (
-                "taken as measured at the table; if it is the motor's encoder, it has no stretch"
-            )
-            self._found.say(TABLE_POSITION, f"{table.name!r} is {words}", assumed=True)
+            words = "is taken as measured at the table; if it is the motor's encoder, it has no "
+            words += "stretch"
+            if not table.unit:
+                words += f', if it is an angle, say --column "{ANGLE}={table.name}:UNIT"'
+            self._found.say(TABLE_POSITION, f"{table.name!r} {words}", assumed=True)
 
     def _motor(self, motor: ColumnName) -> None:
         lead = self._lead

@@ -65,12 +65,10 @@ class ColumnName:
 
     @property
     def why(self) -> str:
-        """Reason for which it is taken for what it is."""
         return "as given" if self.is_given else "by its name"
 
     @property
     def is_position(self) -> bool:
-        """It is a measured position, whatever of."""
         return self.quantity.name.endswith("POSITION")
 
     @property
@@ -91,6 +89,7 @@ _COMMAND, _MOTOR, _TABLE_SIDE = _KINDS["command"], _KINDS["motor"], _KINDS["tabl
 _POSITION, _SPEED = _KINDS["position"], _KINDS["speed"]
 _SIMPLE = [(each, _KINDS[each.name.lower()]) for each in list(_SUITED)[:6]]
 _VOCABULARY = frozenset(_TABLE["german"]).union(*_KINDS.values())
+_REMARKS = _VOCABULARY - _KINDS["counter"] | {""}
 _LEAST_PART = 4
 _BRACKET = re.compile(r"\s*[\[(（【]\s*([^\])）】]*?)\s*[\])）】]")
 _BEHIND = re.compile(r"\s*(?:/|,|\bin\b)\s*([^\s/,]+(?: [^\s/,]{1,3})?)$")
@@ -110,13 +109,9 @@ _CONTROLLER = {
     for rank, short in enumerate(shorts)
 }
 
-QUANTITIES = {
-    **{channel: quantity for channel, (quantity, _) in _CANONICAL.items()},
-    "current": Quantity.CURRENT,
-    "position_error": Quantity.POSITION_ERROR,
-    "counter": Quantity.COUNTER,
-    "other": Quantity.OTHER,
-}
+_OTHERS = (Quantity.CURRENT, Quantity.POSITION_ERROR, Quantity.COUNTER, Quantity.OTHER)
+QUANTITIES = {channel: quantity for channel, (quantity, _) in _CANONICAL.items()}
+QUANTITIES |= {each.name.lower(): each for each in _OTHERS}
 """Word for a quantity on the command line -> quantity."""
 
 
@@ -207,7 +202,7 @@ def _without_unit(name: str) -> tuple[str, str, str]:
         text = f"{name[: match.start()]} {name[match.end() :]}"
         if unit := unit_of(match[1], _quantity(_words(text), "")):
             return text.strip(), unit, ""
-        if not {word.rstrip(digits) for word in _words(match[1])} <= _VOCABULARY | {""}:
+        if not {word.rstrip(digits) for word in _words(match[1])} <= _REMARKS:
             stranger = match[1]
     for match in filter(None, (_BEHIND.search(name), _SUFFIX.search(name))):
         text = name[: match.start()]
@@ -220,18 +215,22 @@ def _without_unit(name: str) -> tuple[str, str, str]:
 
 
 def _quantity(words: frozenset[str], unit: str) -> Quantity:
+    si_unit = SI.get(unit, (0.0, ""))[1]
     if words & _KINDS["none"] and not words & _POSITION - {"load"}:
         return Quantity.OTHER
+    if si_unit == "s" and words & _KINDS["time"] and not words & _KINDS["counter"]:
+        return Quantity.TIME
     for quantity, spelled in _SIMPLE:
         if words & spelled and not words & _POSITION:
             return quantity
+    kind = Quantity.TORQUE if si_unit == "N m" else Quantity.OTHER
     if words & _KINDS["error"] and not words & _SPEED:
-        return Quantity.POSITION_ERROR
-    if words & _SPEED:
-        return _speed(words, unit)
-    if words & _POSITION or words & _COMMAND or SI.get(unit, (0.0, ""))[1] in ("m", "rad"):
-        return _position(words, unit)
-    return Quantity.OTHER
+        kind = Quantity.POSITION_ERROR
+    elif words & _SPEED:
+        kind = _speed(words, unit)
+    elif words & _POSITION or words & _COMMAND or si_unit in ("m", "rad"):
+        kind = _position(words, unit)
+    return kind
 
 
 def _speed(words: frozenset[str], unit: str) -> Quantity:

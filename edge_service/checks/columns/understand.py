@@ -23,7 +23,7 @@ from .names import QUANTITIES, ColumnName, Quantity, suits
 from .relations import follows, is_unsigned
 from .unnamed import with_quantities
 
-_PLAIN = ((Quantity.TEMPERATURE, TEMPERATURE, "degC"), (Quantity.FORCE, EXTERNAL_FORCE, "N"))
+_PLAIN = ((Quantity.TEMPERATURE, TEMPERATURE, "degC"), (Quantity.FORCE, EXTERNAL_FORCE, ""))
 _MOST_A = 300.0
 _FRICTION = 0.3
 """Share of an unnamed effort that must follow the direction."""
@@ -54,13 +54,11 @@ def understand(
     motion = Motion(columns, table, time_s, known, found)
     motion.find()
     _find_effort(columns, table, motion.speed(), known, found)
-    for quantity, channel, unit in _PLAIN:
-        for each in columns:
-            if each.quantity is quantity and channel not in found.columns:
-                known_unit = each.unit if each.si_unit == unit else ""
-                if known_unit or quantity is Quantity.TEMPERATURE:
-                    found.columns[channel] = ColumnMap(each.name, SI[known_unit or unit][0])
-                    found.say(channel, f"{each.name!r} in {known_unit or unit}")
+    for quantity, channel, usual in _PLAIN:
+        able = [each for each in columns if each.quantity is quantity and (each.unit or usual)]
+        for each in able[:1]:
+            found.columns[channel] = ColumnMap(each.name, SI[each.unit or usual][0])
+            found.say(channel, f"{each.name!r} in {each.unit or usual}")
     return found
 
 

@@ -56,7 +56,6 @@ class ChannelLimits:
 
     @property
     def growth_m(self) -> float:
-        """Greatest growth of the screw, m."""
         return self.length_m * MOST_GROWTH
 
 

@@ -65,9 +65,7 @@ def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
     rows = len(values) - first
     low, high = float(other_m[first:].min()), float(other_m[first:].max())
     if first == 0 and before.value == values[-1]:
-        return OpenRun(
-            before.value, rows + before.rows, min(low, before.low_m), max(high, before.high_m)
-        )
+        rows, low, high = rows + before.rows, min(low, before.low_m), max(high, before.high_m)
     return OpenRun(float(values[-1]), rows, low, high)
 
 
