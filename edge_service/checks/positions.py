@@ -86,7 +86,6 @@ def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
 
 
 def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    """Hold the position against its setpoint, and where it lags or overshoots, at rest."""
     has_table = any(TABLE_POSITION in frame.channels for frame in recordings)
     position = TABLE_POSITION if has_table else ANGLE
     unit = 1.0 if position == TABLE_POSITION else machine.transmission_ratio_m_per_rad

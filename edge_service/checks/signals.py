@@ -166,11 +166,13 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
             said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.2g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
             said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
-        if math.isfinite(mark := _mark_of(_values(recordings, name))):
-            said.append(f"{name} is {mark:.5g} several times, far from all else: a missing value")
+    marks = [(n, m) for n in _MEASURED if math.isfinite(m := _mark_of(_values(recordings, n)))]
+    missing = "several times, far from all else: a missing value"
+    said += [f"{name} is {mark:.5g} {missing}" for name, mark in marks]
     if not said:
         return Finding("samples", Verdict.FITS, "each sample goes with its neighbours")
-    return Finding("samples", Verdict.DOUBTFUL, "; ".join(said), forbids=any(by for _, by in turns))
+    forbids = any(by for _, by in turns) or bool(marks and not longest_rows(period_s))
+    return Finding("samples", Verdict.DOUBTFUL, "; ".join(said), forbids=forbids)
 
 
 def _mark_of(values: Floats) -> float:

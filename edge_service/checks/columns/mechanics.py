@@ -35,7 +35,6 @@ class Mechanics:
     sign_is_told: bool = True  # inertia or friction shows which way the torque counts
 
     def named(self) -> dict[str, IntervalEstimate]:
-        """The parameters by their names in words."""
         return {
             "inertia": self.inertia,
             "dry friction": self.coulomb,
