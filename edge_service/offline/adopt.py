@@ -170,9 +170,9 @@ def _read(path: Path, understood: Understanding, number: int | None, there: str)
     columns = {channel: each for channel, each in found if each != ColumnMap(channel)}
     if not any(name in CHANNELS for name in understood.columns):
         what, quantity = (
-            ("position", TABLE_POSITION) if TIME in understood.columns else ("time", TIME)
+            ("position", TABLE_POSITION) if TIME in understood.columns else ("clock", TIME)
         )
-        said = [f"{path}: no column is understood as the {what} of an axis in motion", there]
+        said = [f"{path}: no {what} is understood: expected samples of an axis in motion", there]
         said += [f"{e.option} {e.words} ({e.why})" for e in understood.questions]
         said += [each.words for each in understood.guesses if each.subject == "file"]
         raise TraceError("; ".join([*said, f"name it by --column {quantity}=COLUMN:UNIT"]))
