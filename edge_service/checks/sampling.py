@@ -17,14 +17,13 @@ TOO_SLOW = "{:.3g} samples/s do not show what a machine does while it accelerate
 STEPS = 10
 """Samples between two angles: longer than the noise of an encoder, shorter than a move."""
 _GAP_PERIODS = 1.5
-_WRAPS = (360.0, 2.0 * np.pi, 1.0, *(2.0**bits for bits in range(8, 33)))
+_TURNS = (360.0, 400.0, 3.6e3, 3.6e4, 3.6e5, 2.0 * np.pi, 1.0)
+_WRAPS = (*_TURNS, *(2.0**bits for bits in range(8, 33)))
 _WRAP_SLACK = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Clock of one or several recordings."""
-
     period_s: float  # median step
     gaps: int  # steps in which a row or more is missing
     longest_s: float  # step of all
