@@ -8,7 +8,8 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Collection
-from typing import Generic
+from functools import lru_cache
+from typing import Any, Generic
 
 import zenoh
 
@@ -25,6 +26,14 @@ _EARLY_S = 0.01
 """Time by which something may come before the end of a rest, or else is read after it, s."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
+_SHARED_BYTES = 20_000
+"""Longest payload that is decoded once for all who read it in a process."""
+
+
+@lru_cache(256)
+def _decoded(topic: Topic[Any], payload: bytes) -> tuple[str, Header, Any]:
+    """Axis, header and payload of what several nodes of a process read. Raises CodecError."""
+    return topic.decode(payload)
 
 
 class Subscriber(Generic[T]):
@@ -145,7 +154,9 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            axis, header, value = self.topic.decode(arrival.payload)
+            shared = len(arrival.payload) <= _SHARED_BYTES
+            decode = _decoded if shared else _decoded.__wrapped__
+            axis, header, value = decode(self.topic, arrival.payload)
         except CodecError:
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):

@@ -6,7 +6,7 @@ that whoever reads it may count on that.
 
 import json
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from pydantic import BaseModel
@@ -76,7 +76,8 @@ class Topic(ABC, Generic[T]):
 
     def members(self, axis: str | None, header: Header) -> dict[str, Any]:
         """Members of every message."""
-        return {"schema": self.schema, "axis": axis} | asdict(header)
+        own = {name: getattr(header, name) for name in _HEADER}
+        return {"schema": self.schema, "axis": axis, **own}
 
     def taken(self, members: dict[str, Any]) -> tuple[str, Header]:
         """Axis (empty if none) and header, the latter taken out. Raises CodecError."""
@@ -145,21 +146,21 @@ def _refuse(constant: str) -> NoReturn:
 _DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
-def _check(value: Any, depth: int) -> None:
-    if isinstance(value, str):
-        if len(value) > MOST_TEXT:
-            raise ValueError(f"a text of more than {MOST_TEXT} characters")
-        value.encode()  # a lone surrogate cannot be written anywhere
-    elif isinstance(value, int):
-        if abs(value) > LARGEST:
-            raise ValueError("an integer of more than 64 bits")
-    elif isinstance(value, float):
-        if not abs(value) <= FURTHEST:  # 1e999 is infinite
-            raise ValueError("a number beyond all bounds")
-    elif value is not None:
-        if depth == 0:
-            raise ValueError(f"nested deeper than {MOST_DEPTH}")
-        if len(value) > MOST_ENTRIES:
-            raise ValueError(f"more than {MOST_ENTRIES} entries")
-        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+def _check(values: Any, depth: int) -> None:
+    """Raise ValueError where an object or a list holds what nobody may count on."""
+    if depth == 0:
+        raise ValueError(f"nested deeper than {MOST_DEPTH}")
+    if len(values) > MOST_ENTRIES:
+        raise ValueError(f"more than {MOST_ENTRIES} entries")
+    for each in (*values, *values.values()) if isinstance(values, dict) else values:
+        if isinstance(each, str):
+            if len(each) > MOST_TEXT:
+                raise ValueError(f"a text of more than {MOST_TEXT} characters")
+            each.encode()  # a lone surrogate cannot be written anywhere
+        elif isinstance(each, dict | list):
             _check(each, depth - 1)
+        elif isinstance(each, int):
+            if abs(each) > LARGEST:
+                raise ValueError("an integer of more than 64 bits")
+        elif each is not None and not abs(each) <= FURTHEST:  # 1e999 is infinite
+            raise ValueError("a number beyond all bounds")

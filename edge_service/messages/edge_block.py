@@ -16,6 +16,7 @@ import struct
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -84,7 +85,13 @@ class BlockTopic(Topic[T]):
             body = np.frombuffer(payload, dtype="<f8", offset=start)
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
-        units, rows = _units_of(members.get("columns")), members.get("rows")
+        columns, rows = members.get("columns"), members.get("rows")
+        if not (isinstance(columns, list) and all(isinstance(each, list) for each in columns)):
+            raise CodecError("an edge block without columns, or with one that is no list")
+        try:
+            units = _units_of(tuple(map(tuple, columns)))
+        except TypeError:  # one that no table of known ones can hold
+            raise CodecError("a column that is no name with its unit") from None
         if type(rows) is not int or rows < 0 or body.size != rows * len(units):
             raise CodecError("an edge block whose size contradicts its header")
         axis, header = self.taken(members)
@@ -101,12 +108,13 @@ class BlockTopic(Topic[T]):
         }
 
 
-def _units_of(columns: object) -> dict[str, str]:
+@lru_cache(64)
+def _units_of(columns: tuple[tuple[Any, ...], ...]) -> dict[str, str]:
     """Units by the names of the columns. Raises CodecError."""
     units: dict[str, str] = {}
-    for column in columns if isinstance(columns, list) else ():
+    for column in columns:
         match column:
-            case [str(name), str(unit)] if name not in units and len(unit) <= MOST_UNIT:
+            case (str(name), str(unit)) if name not in units and len(unit) <= MOST_UNIT:
                 try:
                     units[check_column(name)] = unit
                 except ValueError as error:
@@ -190,15 +198,16 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
             part = getattr(payload, phase)
             row |= {f"{phase}_{field}": getattr(part, field) for field in PHASE_FIELDS}
         row |= {each.name: each.value for each in payload.vibration}
-        columns = {name: np.array([value], np.float64) for name, value in row.items()}
+        columns = dict(zip(row, np.array([*row.values()], np.float64)[:, np.newaxis], strict=True))
         return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         if self.units.keys() - columns.keys() or len(columns[TIME]) != 1:
             raise CodecError("a block of features without its columns, or without one row")
+        values = np.concatenate([*columns.values()]).tolist()
         row: dict[str, Any] = {
-            name: float(column[0])
-            for name, column in columns.items()
+            name: value
+            for name, value in zip(columns, values, strict=True)
             if name in self.units or "." in name
         }
         if any(abs(number) > FURTHEST for number in row.values()):
