@@ -112,7 +112,8 @@ class JsonTopic(Topic[_Payload]):
 
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
         try:
-            members = parse_bounded(payload)
+            members = parse_object(payload)
+            check_bounded(members)
             axis, header = self.taken(members)
             if "axis" not in self.model.model_fields:
                 del members["axis"]
@@ -130,12 +131,11 @@ class JsonTopic(Topic[_Payload]):
         return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
 
 
-def parse_bounded(text: bytes) -> dict[str, Any]:
+def parse_object(text: bytes) -> dict[str, Any]:
     """Members of a JSON object. Raises ValueError, RecursionError."""
     members = _DECODER.decode(text.decode())
     if not isinstance(members, dict):
         raise ValueError("no object")
-    _check(members, MOST_DEPTH)
     return members
 
 
@@ -146,7 +146,7 @@ def _refuse(constant: str) -> NoReturn:
 _DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
-def _check(values: Any, depth: int) -> None:
+def check_bounded(values: Any, depth: int = MOST_DEPTH) -> None:
     """Raise ValueError where an object or a list holds what nobody may count on."""
     if depth == 0:
         raise ValueError(f"nested deeper than {MOST_DEPTH}")
@@ -158,7 +158,7 @@ def _check(values: Any, depth: int) -> None:
                 raise ValueError(f"a text of more than {MOST_TEXT} characters")
             each.encode()  # a lone surrogate cannot be written anywhere
         elif isinstance(each, dict | list):
-            _check(each, depth - 1)
+            check_bounded(each, depth - 1)
         elif isinstance(each, int):
             if abs(each) > LARGEST:
                 raise ValueError("an integer of more than 64 bits")

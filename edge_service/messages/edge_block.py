@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .codec import FURTHEST, CodecError, Header, T, Topic, parse_bounded
+from .codec import FURTHEST, CodecError, Header, T, Topic, check_bounded, parse_object
 from .features import (
     FEATURE_FIELDS,
     PHASE_FIELDS,
@@ -81,15 +81,16 @@ class BlockTopic(Topic[T]):
             if magic != MAGIC:
                 raise ValueError("wrong first four bytes")
             start = _PREFIX.size + length
-            members = parse_bounded(payload[_PREFIX.size : start])
+            members = parse_object(payload[_PREFIX.size : start])
+            columns = members.pop("columns", None)
+            check_bounded(members)
             body = np.frombuffer(payload, dtype="<f8", offset=start)
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
-        columns, rows = members.get("columns"), members.get("rows")
         if not (isinstance(columns, list) and all(isinstance(each, list) for each in columns)):
             raise CodecError("an edge block without columns, or with one that is no list")
         try:
-            units = _units_of(tuple(map(tuple, columns)))
+            units, rows = _units_of(tuple(map(tuple, columns))), members.get("rows")
         except TypeError:  # one that no table of known ones can hold
             raise CodecError("a column that is no name with its unit") from None
         if type(rows) is not int or rows < 0 or body.size != rows * len(units):
@@ -116,6 +117,7 @@ def _units_of(columns: tuple[tuple[Any, ...], ...]) -> dict[str, str]:
         match column:
             case (str(name), str(unit)) if name not in units and len(unit) <= MOST_UNIT:
                 try:
+                    check_bounded({name: unit})
                     units[check_column(name)] = unit
                 except ValueError as error:
                     raise CodecError(f"an edge block with a column: {error}") from None
