@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Collection
 from functools import lru_cache
-from typing import Any, Generic
+from typing import Generic
 
 import zenoh
 
@@ -19,8 +19,7 @@ from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
 
 _PATIENCE_SHARE = 0.25
 """Of the time after which a topic is stale: after so much silence another publisher is heard."""
-_TURN = 32
-"""Payloads after which everybody else gets a turn."""
+_TURN = 32  # payloads after which everybody else gets a turn
 _LONGEST_REST_S = 0.2
 _EARLY_S = 0.01
 """Time by which something may come before the end of a rest, or else is read after it, s."""
@@ -28,12 +27,7 @@ _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
 _SHARED_BYTES = 20_000
 """Longest payload that is decoded once for all who read it in a process."""
-
-
-@lru_cache(256)
-def _decoded(topic: Topic[Any], payload: bytes) -> tuple[str, Header, Any]:
-    """Axis, header and payload of what several nodes of a process read. Raises CodecError."""
-    return topic.decode(payload)
+_decoded = lru_cache(256)(lambda topic, payload: topic.decode(payload))
 
 
 class Subscriber(Generic[T]):
@@ -154,8 +148,7 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            shared = len(arrival.payload) <= _SHARED_BYTES
-            decode = _decoded if shared else _decoded.__wrapped__
+            decode = _decoded if len(arrival.payload) <= _SHARED_BYTES else type(self.topic).decode
             axis, header, value = decode(self.topic, arrival.payload)
         except CodecError:
             return Refusal.MALFORMED

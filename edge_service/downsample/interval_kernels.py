@@ -146,6 +146,16 @@ def _mean_known(inside: Floats, column: int) -> float:
 
 
 @compiled
+def fastest_step(rows: Floats) -> float:
+    """Greatest speed between two rows (n, 8), rad/s."""
+    found = 0.0
+    for row in range(1, len(rows)):
+        way = abs(rows[row, THETA] - rows[row - 1, THETA])
+        found = max(found, way / (rows[row, T] - rows[row - 1, T]))
+    return found
+
+
+@compiled
 def extremes(inside: Floats) -> tuple[float, float, float, bool]:
     """Greatest angle and torque in size, way of the angle, and whether a torque is missing."""
     angle, torque_nm, missing = 0.0, 0.0, False

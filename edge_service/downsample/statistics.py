@@ -8,7 +8,6 @@ import numpy as np
 
 from ..checks.live.channel_check import ChannelCheck
 from ..checks.live.channel_limits import ChannelLimits
-from ..checks.live.encoder_agreement import fastest_step
 from ..messages.features import FEATURE_FIELDS, PHASES, Fault, FeatureBlock, Phase
 from ..messages.row_faults import (
     LIMIT_SHARE,
@@ -97,7 +96,7 @@ def summarise(
     if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):
         found |= Fault.STUCK | Fault.TORQUE_STUCK
     fault |= found | verdict.fault
-    if fastest_step(segment[max(first - 1, 0) : end + 2]) > MAX_SPEED_RAD_S:
+    if kernels.fastest_step(segment[max(first - 1, 0) : end + 2]) > MAX_SPEED_RAD_S:
         fault |= Fault.IMPLAUSIBLE  # faster than any axis, in or beside the interval
     table = kernels.table(inside).tolist() if verdict.has_table else _UNKNOWN
     has_table = not math.isnan(table[2])

@@ -18,10 +18,8 @@ LARGEST = 2**63 - 1
 FURTHEST = 1e50
 """No measured or computed number lies beyond; its powers can still be computed with."""
 MOST_DEPTH = 8
-MOST_TEXT = 4096
-"""Characters of one text."""
-MOST_ENTRIES = 1024
-"""Values in one list, or keys in one object."""
+MOST_TEXT = 4096  # characters of one text
+MOST_ENTRIES = 1024  # values in one list, or keys in one object
 T = TypeVar("T")
 _Payload = TypeVar("_Payload", bound=BaseModel)
 
@@ -76,8 +74,7 @@ class Topic(ABC, Generic[T]):
 
     def members(self, axis: str | None, header: Header) -> dict[str, Any]:
         """Members of every message."""
-        own = {name: getattr(header, name) for name in _HEADER}
-        return {"schema": self.schema, "axis": axis, **own}
+        return {"schema": self.schema, "axis": axis, **{n: getattr(header, n) for n in _HEADER}}
 
     def taken(self, members: dict[str, Any]) -> tuple[str, Header]:
         """Axis (empty if none) and header, the latter taken out. Raises CodecError."""

@@ -38,10 +38,8 @@ from .samples import CHANNELS, TIME, Floats, SampleFrame, Waveform
 BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
 MOST_COLUMNS, MOST_UNIT = 256, 32
-LONGEST_S = 1e11
-"""No clock of an axis shows more, s: some three thousand years."""
-PERIOD_S = (1e-7, 10.0)
-"""Shortest and longest time between two values of a fast sensor, s."""
+LONGEST_S = 1e11  # no clock of an axis shows more, s: some three thousand years
+PERIOD_S = (1e-7, 10.0)  # shortest and longest time between two values of a fast sensor, s
 _PREFIX = struct.Struct("<4sI")
 _QUALITY = ".quality"
 _MOST_COUNT = {"fault": int(~Fault.NONE), "sample_count": 2**31, "reversal_count": 2**31}
@@ -87,12 +85,7 @@ class BlockTopic(Topic[T]):
             body = np.frombuffer(payload, dtype="<f8", offset=start)
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
-        if not (isinstance(columns, list) and all(isinstance(each, list) for each in columns)):
-            raise CodecError("an edge block without columns, or with one that is no list")
-        try:
-            units, rows = _units_of(tuple(map(tuple, columns))), members.get("rows")
-        except TypeError:  # one that no table of known ones can hold
-            raise CodecError("a column that is no name with its unit") from None
+        units, rows = _units_of(json.dumps(columns)), members.get("rows")
         if type(rows) is not int or rows < 0 or body.size != rows * len(units):
             raise CodecError("an edge block whose size contradicts its header")
         axis, header = self.taken(members)
@@ -110,12 +103,13 @@ class BlockTopic(Topic[T]):
 
 
 @lru_cache(64)
-def _units_of(columns: tuple[tuple[Any, ...], ...]) -> dict[str, str]:
-    """Units by the names of the columns. Raises CodecError."""
+def _units_of(text: str) -> dict[str, str]:
+    """Units by the names of the columns, as JSON. Raises CodecError."""
     units: dict[str, str] = {}
-    for column in columns:
+    columns = json.loads(text)
+    for column in columns if isinstance(columns, list) else ():
         match column:
-            case (str(name), str(unit)) if name not in units and len(unit) <= MOST_UNIT:
+            case [str(name), str(unit)] if name not in units and len(unit) <= MOST_UNIT:
                 try:
                     check_bounded({name: unit})
                     units[check_column(name)] = unit

@@ -67,7 +67,6 @@ FAULT_WORDS = {
 UNUSABLE = Fault.GAP | Fault.TIME_BACKWARDS | Fault.STUCK | Fault.IMPLAUSIBLE
 UNUSABLE |= Fault.NO_TORQUE | Fault.NO_POSITION | Fault.TORQUE_HELD | Fault.ANGLE_HELD
 """An interval with one of these is no good data."""
-_UNUSABLE = int(UNUSABLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +155,7 @@ class FeatureBlock:
     @property
     def usable(self) -> bool:
         """Return whether an estimator may read this interval as good data."""
-        return not int(self.fault) & _UNUSABLE
+        return not int(self.fault) & int(UNUSABLE)
 
 
 PHASE_FIELDS = tuple(field.name for field in fields(Phase))

@@ -56,12 +56,9 @@ COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 a part of `http`.
 """
 
-
 ROOT = "feeddrive/v1"
 ALIVE = "@alive"
 COMPONENT = "@component"
-
-
 _ROOT_PARTS = 4
 
 

@@ -5,7 +5,6 @@ import os
 import shutil
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -68,7 +67,8 @@ def is_private(folder: Path) -> bool:
 
 if "scipy.linalg" not in sys.modules:  # which Numba looks for at once; kernels that need it do too
     sys.modules["scipy.linalg"] = cast(Any, None)
-    import_module("numba.np.arraymath")
+    import numba.np.arraymath
+
     del sys.modules["scipy.linalg"]
 if not os.environ.get("NUMBA_CACHE_DIR"):
     cast(Any, numba.config).CACHE_DIR = str(cache_folder() or "")

@@ -19,10 +19,9 @@ def test_the_nodes_load_no_library_before_it_is_needed() -> None:
     code = (
         "import sys; import edge_service.cli.entry, edge_service.nodes.service;"
         "from drivers.base import load_driver; load_driver('simulated');"
-        "from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine;"
-        "from edge_service.nodes.stages import warm_up;"
-        "commissioned = load_machine(DEFAULT_MACHINE.with_name('commissioned.toml'));"
-        "warm_up(EstimatorConfig(), [commissioned]);"
+        "from edge_service import config; from edge_service.nodes.stages import warm_up;"
+        "file = config.DEFAULT_MACHINE.with_name('commissioned.toml');"
+        "warm_up(config.EstimatorConfig(), [config.load_machine(file)]);"
         f"print([name for name in {HEAVY!r} if name in sys.modules])"
     )
     assert printed(sys.executable, "-c", code).strip() == "[]"

@@ -13,19 +13,16 @@ from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Number, StoredFloats
 from .channel_limits import ChannelLimits
-from .encoder_agreement import SPEED, Agreement, Comparison, compared, parted_m, table_followed
-from .repeats import FORGET, OpenRun, held
+from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, parted_m, pieces_of
+from .repeats import FORGET, OpenRun, followed, held, standing
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
 what the detection of a fault needs, and every error periodic in a turn has shown itself."""
 LONGEST_TRIAL_S = 64.0
-SETTLED_S = 60.0
-"""A fault within so much motion after a trial doubles the next one."""
-LOST_S = 1.0
-"""A channel that was missing for longer may have been reset."""
-_SMOOTH = 1.0 / 16.0
-"""Of the noise of the last interval."""
+SETTLED_S = 60.0  # A fault within so much motion after a trial doubles the next one
+LOST_S = 1.0  # A channel that was missing for longer may have been reset
+_SMOOTH = 1.0 / 16.0  # of the noise of the last interval
 LONGER = 1.5
 """Factor on the hold of a channel at commissioning from which on its lag is another."""
 _HELD = ((U, Fault.TORQUE_HELD), (THETA, Fault.ANGLE_HELD), (X, Fault.TABLE_HELD))
@@ -170,21 +167,24 @@ class ChannelCheck:
         return fault
 
     def _check_positions(self, inside: Floats, ahead: Floats) -> Verdict:
-        state = self.state
+        way = inside[:, THETA] * self._limits.ratio_m_per_rad
+        state, table = self.state, inside[:, X]
         before, least, most = state.torque_nm.copy(), inside[:, U].min(), inside[:, U].max()
         state.torque_nm[:2] = least, most
         span_nm = float(np.fmax(most, before[1]) - np.fmin(least, before[0]))
-        if np.isnan(inside[:, X]).any():
-            return self._without_table(inside)
+        if np.isnan(table).any():
+            return self._without_table(inside, way)
         state.trial.missing_s = 0.0
-        ratio, runs = self._limits.ratio_m_per_rad, (state.table_run, state.angle_run)
-        both = compared(inside, ahead, ratio, self._limits.skew_s, *runs)
-        state.table_run, state.angle_run = both.table_run, both.angle_run
-        return self._check_both(inside, both, span_nm)
+        verdict = self._check_both(inside, ahead, way, span_nm)
+        state.table_run = followed(table[:-1], way[:-1], state.table_run)
+        state.angle_run = followed(way[:-1], table[:-1], state.angle_run)
+        return verdict
 
-    def _without_table(self, inside: Floats) -> Verdict:
-        state, ratio = self.state, self._limits.ratio_m_per_rad
-        state.table_run = table_followed(inside[:-1], ratio, state.table_run)
+    def _without_table(self, inside: Floats, way: Floats) -> Verdict:
+        state = self.state
+        known = np.flatnonzero(~np.isnan(inside[:-1, X]))
+        if known.size:
+            state.table_run = followed(inside[known][:, X], way[known], state.table_run)
         state.angle_run = OpenRun()
         state.agreement.interrupt()
         state.trial.missing_s += float(inside[-1, T] - inside[0, T])
@@ -192,45 +192,54 @@ class ChannelCheck:
             _doubt(state)
         return _MISSING
 
-    def _check_both(self, inside: Floats, both: Comparison, span_nm: float) -> Verdict:
-        state, limits = self.state, self._limits
-        if both.fastest_rad_s > self._fastest_rad_s:
+    def _check_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
+        state = self.state
+        if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
             state.agreement.interrupt()
             return _verdict(state.trial, Fault.NONE, has_stretch=False)
-        speed_m_s = float(np.abs(both.pieces[:, SPEED]).max())
-        duration_s = float(inside[-1, T] - inside[0, T])
-        period_s = duration_s / (len(inside) - 1)
+        limits, table = self._limits, inside[:, X]
+        pieces = pieces_of(inside, limits.ratio_m_per_rad, limits.skew_s)
+        speed_m_s = float(np.abs(pieces[:, SPEED]).max())
+        period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         steps_m = state.least_step[1] * limits.ratio_m_per_rad + state.least_step[2]
         lags_s = state.hold_s[1:].sum()
         resolution_m = 4.0 * (steps_m + (2.0 * period_s + lags_s) * speed_m_s)  # of one value
         stretch_m = limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
-        if both.angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
+        angle_m, _ = standing(way, table, state.angle_run)
+        if angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
             state.agreement.interrupt()
             return _verdict(state.trial, Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
+        later = ahead[~np.isnan(ahead[:, X])]
+        tables = np.concatenate([table, later[:, X]])
+        ways = np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad])
+        table_m, open_m = standing(tables, ways, state.table_run)
         rough = np.array([state.noise_m, lags_s, span_nm])
         agreement, pushed = state.agreement, state.agreement.closed
-        apart_m = parted_m(both.pieces, agreement.contact, agreement.anchors, self._numbers, rough)
+        apart_m = parted_m(pieces, agreement.contact, agreement.anchors, self._numbers, rough)
         hidden_m = stretch_m + (0.0 if pushed and agreement.closed else limits.play_m)
-        table_stands = both.table_m > max(hidden_m, limits.periodic_m) + coarse_m
+        table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
         if table_stands or apart_m > 0.0:
             _doubt(state)
-            stuck = table_stands or both.open_m > 0.5 * apart_m
+            stuck = table_stands or open_m > 0.5 * apart_m
             why = Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES
             return Verdict(why | Fault.NO_TABLE, False, False)
-        suspect = max(both.angle_m, both.table_m) > resolution_m
+        suspect = max(angle_m, table_m) > resolution_m
         if not suspect:
-            self._agreed(both, duration_s, rough)
+            self._agreed(inside, way, pieces, rough)
         return _verdict(state.trial, Fault.NONE, has_stretch=not suspect)
 
-    def _agreed(self, both: Comparison, duration_s: float, rough: Floats) -> None:
+    def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Floats) -> None:
         """Learn from an interval in which nothing is wrong."""
-        state, trial = self.state, self.state.trial
-        state.noise_m += _SMOOTH * (both.noise_m - state.noise_m)
-        if trial.doubted and both.moving > 0.0:
-            trial.elsewhere = state.level.is_elsewhere(both.pieces[-1], self._numbers, rough)
+        state, trial, speeds = self.state, self.state.trial, pieces[:, SPEED]
         turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
-        trial.follow(both.moving * duration_s, both.way_m, turn_m)
+        moving = np.abs(speeds) > RESTING_RAD_S * self._limits.ratio_m_per_rad
+        duration_s = float(inside[-1, T] - inside[0, T])
+        noise_m = float(np.median(np.abs(np.diff(way - inside[:, X]))))
+        state.noise_m += _SMOOTH * (noise_m - state.noise_m)
+        if trial.doubted and moving.any():
+            trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
+        trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
 
 
 def _doubt(state: ChannelState) -> None:

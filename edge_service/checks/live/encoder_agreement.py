@@ -4,7 +4,7 @@ Compared piece by piece, as machine code.
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator
@@ -14,7 +14,6 @@ from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...models.compiled import compiled
 from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH
-from .repeats import OpenRun, followed, standing
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
@@ -77,68 +76,6 @@ class Agreement:
             > limits[PLAY] + _allowed_m(each, piece, limits, rough)
             for each in self.anchors[[HELD, REST]]
         )
-
-
-class Comparison(NamedTuple):
-    """Angle and table of one interval beside each other."""
-
-    pieces: Floats  # (k, 5)
-    fastest_rad_s: float  # greatest speed between two rows
-    # angle_m, table_m: travel of the other one while a channel stood still; open_m: until now
-    angle_m: float
-    table_m: float
-    open_m: float
-    noise_m: float  # of their difference from row to row
-    moving: float  # share of the pieces that move
-    way_m: float
-    # table_run, angle_run: of a repeated value, in which the channels end
-    table_run: OpenRun
-    angle_run: OpenRun
-
-
-@compiled
-def compared(
-    inside: Floats,
-    ahead: Floats,
-    ratio_m_per_rad: float,
-    skew_s: float,
-    table_run: OpenRun,
-    angle_run: OpenRun,
-) -> Comparison:
-    """Compare the encoders over rows (n + 1, 8) and those ahead, (m, 8); see `ChannelCheck`."""
-    pieces, later = pieces_of(inside, ratio_m_per_rad, skew_s), ahead[~np.isnan(ahead[:, X])]
-    way, table = inside[:, THETA] * ratio_m_per_rad, inside[:, X].copy()
-    ways = np.concatenate((way, later[:, THETA] * ratio_m_per_rad))
-    table_m, open_m = standing(np.concatenate((table, later[:, X])), ways, table_run)
-    return Comparison(
-        pieces,
-        fastest_step(inside),
-        standing(way, table, angle_run)[0],
-        table_m,
-        open_m,
-        np.median(np.abs(np.diff(way - table))),
-        float(np.mean(np.abs(pieces[:, SPEED]) > RESTING_RAD_S * ratio_m_per_rad)),
-        np.max(way) - np.min(way),
-        followed(table[:-1], way[:-1], table_run),
-        followed(way[:-1], table[:-1], angle_run),
-    )
-
-
-@compiled
-def table_followed(rows: Floats, ratio_m_per_rad: float, before: OpenRun) -> OpenRun:
-    """Run of the linear encoder in which rows (n, 8) end, without those that lack it."""
-    known = rows[~np.isnan(rows[:, X])]
-    return followed(known[:, X].copy(), known[:, THETA] * ratio_m_per_rad, before)
-
-
-@compiled
-def fastest_step(rows: Floats) -> float:
-    """Greatest speed between two rows (n, 8), rad/s."""
-    found = 0.0
-    for row in range(1, len(rows)):
-        way = abs(rows[row, THETA] - rows[row - 1, THETA])
-        found = max(found, way / (rows[row, T] - rows[row - 1, T]))
-    return found
 
 
 @compiled

@@ -88,22 +88,19 @@ def _off(values: Floats, time_s: Floats, row: int, before: int, behind: int) -> 
 
 
 @compiled
-def _exceeds(size: float, times: float, values: Floats, time_s: Floats, row: int, end: int) -> bool:
-    """Return whether a size is so many times the usual bend around an excursion, or more.
-
-    The usual one is what a quarter of the rows exceed, but no less than one step.
-    """
+def _exceeds(size: float, by: float, values: Floats, time_s: Floats, row: int, end: int) -> bool:
+    """Return whether a size is `by` times one step, and the bend that a quarter of rows exceed."""
     begin, stop = max(row - BEFORE, 1), min(end + BEHIND, len(values) - 1)
     bent, least = (stop - begin) - (3 * (stop - begin)) // 4, np.inf
     rounding = 1e-9 * (abs(values[row - 1]) + abs(values[end]))
     for each in range(begin, stop):
         bend = abs(_off(values, time_s, each, each - 1, each + 1))
-        bent -= not size > times * bend
+        bent -= not size > by * bend
         if bent == 0:
             return False
         if rounding < bend < least:
             least = bend
-    return size > times * least
+    return size > by * least
 
 
 @compiled

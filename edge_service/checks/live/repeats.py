@@ -60,12 +60,12 @@ def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, f
 
 @compiled
 def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
-    """Run of one value in which rows (n,) end; that of before if there are none."""
-    first, low, high = len(values), np.inf, -np.inf
-    while first > 0 and values[first - 1] == values[-1]:
+    """Run of one value in which rows (n,), n > 0, end."""
+    value, first, low, high = values[-1], len(values), np.inf, -np.inf
+    while first > 0 and values[first - 1] == value:
         first -= 1
         low, high = min(low, other_m[first]), max(high, other_m[first])
-    value, rows = (values[-1], len(values) - first) if len(values) else (before.value, 0)
+    rows = len(values) - first
     if first == 0 and before.value == value:
         rows, low, high = rows + before.rows, min(low, before.low_m), max(high, before.high_m)
     return OpenRun(value, rows, low, high)

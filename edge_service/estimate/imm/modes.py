@@ -25,8 +25,7 @@ THESIS_MODE_TRANSITION: Floats = np.array(
 """p_ij per step of 0.1 s (thesis, eq. 4.5.1), row = from, (5, 5)."""
 THESIS_MODE_TRANSITION.setflags(write=False)
 
-PUBLISHED_EXPONENT = 1.33
-"""Exponent of the thesis' simulations (section 4.5)."""
+PUBLISHED_EXPONENT = 1.33  # exponent of the thesis' simulations (section 4.5)
 
 
 @lru_cache(maxsize=256)

@@ -18,8 +18,7 @@ from .process_meter import Program, ServiceProcess, Usage, get, usage_of, wait_u
 
 RATE_HZ = 1000.0
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
-_KEPT_UP = 0.97
-"""Share of the samples that are due which a service that keeps up has read at least."""
+_KEPT_UP = 0.97  # share of the samples that are due which a service that keeps up has read at least
 SERVICE = """\
 [bus]
 endpoint = "tcp/127.0.0.1:0"
