@@ -57,10 +57,8 @@ class Sender:
         self._patience_s = patience_s
         self._last: Header | None = None
         self._heard_s = 0.0
-        self.lost = 0
-        """Payloads that never arrived, by holes in the sequence."""
-        self.restarts = 0
-        """Changes of the publisher."""
+        self.lost = 0  # payloads that never arrived, by holes in the sequence
+        self.restarts = 0  # changes of the publisher
 
     def judge(self, header: Header, arrival_s: float) -> Refusal | None:
         """Take a payload in; why it must not be read, if so."""
@@ -107,8 +105,7 @@ class KeyRings:
         self._lock = Lock()
         self._rings: dict[str, _Ring] = {}
         self._turn: OrderedDict[str, None] = OrderedDict()
-        self.overruns = 0
-        """Payloads that were pushed out unread."""
+        self.overruns = 0  # payloads that were pushed out unread
 
     def __bool__(self) -> bool:
         return bool(self._turn)

@@ -84,8 +84,6 @@ def _of_mode(endpoints: Any, mode: str) -> list[str]:
 _CACHES = [f"{ROOT}/*/*/*/{topic.name}/@adv/**" for topic in TOPICS.values() if topic.cached]
 """Keys on which Zenoh's advanced publishers show presence and hand over what was missed."""
 _EVERYTHING = ["**", f"{ROOT}/*/*/{COMPONENT}/**", f"{ROOT}/*/*/@alive", *_CACHES]
-
-
 _RULE = ("id", "permission", "flows", "messages", "key_exprs")
 _HEARD = ["put", "reply", "liveliness_token", "declare_subscriber", "declare_queryable", "query"]
 _ASKED = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]

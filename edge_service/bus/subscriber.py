@@ -8,6 +8,7 @@ import asyncio
 import threading
 import time
 from collections.abc import AsyncIterator, Collection
+from functools import lru_cache
 from typing import Generic
 
 import zenoh
@@ -18,13 +19,15 @@ from .reception import Arrival, KeyRings, Refusal, Refusals, Sender
 
 _PATIENCE_SHARE = 0.25
 """Of the time after which a topic is stale: after so much silence another publisher is heard."""
-_TURN = 32
-"""Payloads after which everybody else gets a turn."""
+_TURN = 32  # payloads after which everybody else gets a turn
 _LONGEST_REST_S = 0.2
 _EARLY_S = 0.01
 """Time by which something may come before the end of a rest, or else is read after it, s."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
+_SHARED_BYTES = 20_000
+"""Longest payload that is decoded once for all who read it in a process."""
+_decoded = lru_cache(256)(lambda topic, payload: topic.decode(payload))
 
 
 class Subscriber(Generic[T]):
@@ -145,7 +148,8 @@ class Subscriber(Generic[T]):
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
         try:
-            axis, header, value = self.topic.decode(arrival.payload)
+            decode = _decoded if len(arrival.payload) <= _SHARED_BYTES else type(self.topic).decode
+            axis, header, value = decode(self.topic, arrival.payload)
         except CodecError:
             return Refusal.MALFORMED
         if axis != axis_of(arrival.key):

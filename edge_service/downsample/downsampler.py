@@ -276,7 +276,7 @@ class Downsampler:
             segment.first,
             end,
             state.reach,
-            Fault(int(inside)) | (Fault(int(beside)) & UNUSABLE),
+            Fault(int(inside) | int(beside) & int(UNUSABLE)),
             segment.history,
             self._settings,
             self._channels,

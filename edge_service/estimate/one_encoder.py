@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.features import FeatureBlock
@@ -167,6 +166,8 @@ class OneEncoderEstimator(MixturePreloadEstimator):
 
     def _by_stiffness(self, softer: float, worse: float) -> Floats:
         """Density of the compliance with each cell, (n,): Student's t of the few repeats."""
+        from scipy import stats  # 60 MB that an axis without a test by shaking does without
+
         known = self._notch
         z = stats.norm.ppf((np.arange(9) + 0.5) / 9.0)
         share = np.clip(known.nut_share + known.nut_share_sigma * z, 0.02, 0.98)[:, None]

@@ -6,7 +6,7 @@ that whoever reads it may count on that.
 
 import json
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from pydantic import BaseModel
@@ -18,10 +18,8 @@ LARGEST = 2**63 - 1
 FURTHEST = 1e50
 """No measured or computed number lies beyond; its powers can still be computed with."""
 MOST_DEPTH = 8
-MOST_TEXT = 4096
-"""Characters of one text."""
-MOST_ENTRIES = 1024
-"""Values in one list, or keys in one object."""
+MOST_TEXT = 4096  # characters of one text
+MOST_ENTRIES = 1024  # values in one list, or keys in one object
 T = TypeVar("T")
 _Payload = TypeVar("_Payload", bound=BaseModel)
 
@@ -76,7 +74,7 @@ class Topic(ABC, Generic[T]):
 
     def members(self, axis: str | None, header: Header) -> dict[str, Any]:
         """Members of every message."""
-        return {"schema": self.schema, "axis": axis} | asdict(header)
+        return {"schema": self.schema, "axis": axis, **{n: getattr(header, n) for n in _HEADER}}
 
     def taken(self, members: dict[str, Any]) -> tuple[str, Header]:
         """Axis (empty if none) and header, the latter taken out. Raises CodecError."""
@@ -111,7 +109,8 @@ class JsonTopic(Topic[_Payload]):
 
     def decode(self, payload: bytes) -> tuple[str, Header, _Payload]:
         try:
-            members = parse_bounded(payload)
+            members = parse_object(payload)
+            check_bounded(members)
             axis, header = self.taken(members)
             if "axis" not in self.model.model_fields:
                 del members["axis"]
@@ -129,12 +128,11 @@ class JsonTopic(Topic[_Payload]):
         return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
 
 
-def parse_bounded(text: bytes) -> dict[str, Any]:
+def parse_object(text: bytes) -> dict[str, Any]:
     """Members of a JSON object. Raises ValueError, RecursionError."""
     members = _DECODER.decode(text.decode())
     if not isinstance(members, dict):
         raise ValueError("no object")
-    _check(members, MOST_DEPTH)
     return members
 
 
@@ -145,21 +143,21 @@ def _refuse(constant: str) -> NoReturn:
 _DECODER = json.JSONDecoder(parse_constant=_refuse)
 
 
-def _check(value: Any, depth: int) -> None:
-    if isinstance(value, str):
-        if len(value) > MOST_TEXT:
-            raise ValueError(f"a text of more than {MOST_TEXT} characters")
-        value.encode()  # a lone surrogate cannot be written anywhere
-    elif isinstance(value, int):
-        if abs(value) > LARGEST:
-            raise ValueError("an integer of more than 64 bits")
-    elif isinstance(value, float):
-        if not abs(value) <= FURTHEST:  # 1e999 is infinite
+def check_bounded(values: Any, depth: int = MOST_DEPTH) -> None:
+    """Raise ValueError where an object or a list holds what nobody may count on."""
+    if depth == 0:
+        raise ValueError(f"nested deeper than {MOST_DEPTH}")
+    if len(values) > MOST_ENTRIES:
+        raise ValueError(f"more than {MOST_ENTRIES} entries")
+    for each in (*values, *values.values()) if isinstance(values, dict) else values:
+        if isinstance(each, str):
+            if len(each) > MOST_TEXT:
+                raise ValueError(f"a text of more than {MOST_TEXT} characters")
+            each.encode()  # a lone surrogate cannot be written anywhere
+        elif isinstance(each, dict | list):
+            check_bounded(each, depth - 1)
+        elif isinstance(each, int):
+            if abs(each) > LARGEST:
+                raise ValueError("an integer of more than 64 bits")
+        elif each is not None and not abs(each) <= FURTHEST:  # 1e999 is infinite
             raise ValueError("a number beyond all bounds")
-    elif value is not None:
-        if depth == 0:
-            raise ValueError(f"nested deeper than {MOST_DEPTH}")
-        if len(value) > MOST_ENTRIES:
-            raise ValueError(f"more than {MOST_ENTRIES} entries")
-        for each in (*value, *value.values()) if isinstance(value, dict) else value:
-            _check(each, depth - 1)

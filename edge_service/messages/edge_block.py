@@ -16,11 +16,12 @@ import struct
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from .codec import FURTHEST, CodecError, Header, T, Topic, parse_bounded
+from .codec import FURTHEST, CodecError, Header, T, Topic, check_bounded, parse_object
 from .features import (
     FEATURE_FIELDS,
     PHASE_FIELDS,
@@ -37,10 +38,8 @@ from .samples import CHANNELS, TIME, Floats, SampleFrame, Waveform
 BLOCK_ENCODING = "application/octet-stream;edge-block/1"
 MAGIC = b"EDB1"
 MOST_COLUMNS, MOST_UNIT = 256, 32
-LONGEST_S = 1e11
-"""No clock of an axis shows more, s: some three thousand years."""
-PERIOD_S = (1e-7, 10.0)
-"""Shortest and longest time between two values of a fast sensor, s."""
+LONGEST_S = 1e11  # no clock of an axis shows more, s: some three thousand years
+PERIOD_S = (1e-7, 10.0)  # shortest and longest time between two values of a fast sensor, s
 _PREFIX = struct.Struct("<4sI")
 _QUALITY = ".quality"
 _MOST_COUNT = {"fault": int(~Fault.NONE), "sample_count": 2**31, "reversal_count": 2**31}
@@ -80,11 +79,13 @@ class BlockTopic(Topic[T]):
             if magic != MAGIC:
                 raise ValueError("wrong first four bytes")
             start = _PREFIX.size + length
-            members = parse_bounded(payload[_PREFIX.size : start])
+            members = parse_object(payload[_PREFIX.size : start])
+            columns = members.pop("columns", None)
+            check_bounded(members)
             body = np.frombuffer(payload, dtype="<f8", offset=start)
         except (ValueError, RecursionError, struct.error) as error:
             raise CodecError(f"no edge block: {error}") from error
-        units, rows = _units_of(members.get("columns")), members.get("rows")
+        units, rows = _units_of(json.dumps(columns)), members.get("rows")
         if type(rows) is not int or rows < 0 or body.size != rows * len(units):
             raise CodecError("an edge block whose size contradicts its header")
         axis, header = self.taken(members)
@@ -101,13 +102,16 @@ class BlockTopic(Topic[T]):
         }
 
 
-def _units_of(columns: object) -> dict[str, str]:
-    """Units by the names of the columns. Raises CodecError."""
+@lru_cache(64)
+def _units_of(text: str) -> dict[str, str]:
+    """Units by the names of the columns, as JSON. Raises CodecError."""
     units: dict[str, str] = {}
+    columns = json.loads(text)
     for column in columns if isinstance(columns, list) else ():
         match column:
             case [str(name), str(unit)] if name not in units and len(unit) <= MOST_UNIT:
                 try:
+                    check_bounded({name: unit})
                     units[check_column(name)] = unit
                 except ValueError as error:
                     raise CodecError(f"an edge block with a column: {error}") from None
@@ -190,15 +194,16 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
             part = getattr(payload, phase)
             row |= {f"{phase}_{field}": getattr(part, field) for field in PHASE_FIELDS}
         row |= {each.name: each.value for each in payload.vibration}
-        columns = {name: np.array([value], np.float64) for name, value in row.items()}
+        columns = dict(zip(row, np.array([*row.values()], np.float64)[:, np.newaxis], strict=True))
         return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> FeatureBlock:
         if self.units.keys() - columns.keys() or len(columns[TIME]) != 1:
             raise CodecError("a block of features without its columns, or without one row")
+        values = np.concatenate([*columns.values()]).tolist()
         row: dict[str, Any] = {
-            name: float(column[0])
-            for name, column in columns.items()
+            name: value
+            for name, value in zip(columns, values, strict=True)
             if name in self.units or "." in name
         }
         if any(abs(number) > FURTHEST for number in row.values()):

@@ -155,7 +155,7 @@ class FeatureBlock:
     @property
     def usable(self) -> bool:
         """Return whether an estimator may read this interval as good data."""
-        return not self.fault & UNUSABLE
+        return not int(self.fault) & int(UNUSABLE)
 
 
 PHASE_FIELDS = tuple(field.name for field in fields(Phase))

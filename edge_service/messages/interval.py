@@ -18,8 +18,7 @@ from pydantic import (
 LAST_S = 253402300799.0
 """The end of the year 9999, the last that RFC 3339 can write, in UNIX seconds."""
 _MOMENT = TypeAdapter(AwareDatetime)
-_MOST_MORE = 3
-"""Decimals that are added at most."""
+_MOST_MORE = 3  # decimals that are added at most
 
 
 class Frozen(BaseModel):

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Protocol
 
 from pydantic import AfterValidator
@@ -55,15 +56,13 @@ COMPONENTS |= {f"{node}_process" for node in (*NODES, "bus")}
 a part of `http`.
 """
 
-
 ROOT = "feeddrive/v1"
 ALIVE = "@alive"
 COMPONENT = "@component"
-
-
 _ROOT_PARTS = 4
 
 
+@lru_cache(1024)
 def axis_of(key: str) -> str:
     """Axis that a key names; empty if it serves all axes.
 

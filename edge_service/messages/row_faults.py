@@ -17,8 +17,7 @@ CLOCK_RESET_S = 1.0
 WILDEST = 1e12
 """No quantity of an axis in SI units, nor its clock, is as large; such a value is a missing one."""
 
-STUCK_S = 0.05
-"""A channel that repeats one value for this long while the axis moves is stuck."""
+STUCK_S = 0.05  # a channel that repeats one value for this long while the axis moves is stuck
 
 MOVED_ANGLE_RAD, MOVED_TABLE_M, MOVED_SETPOINT_M = 0.02, 20e-6, 100e-6
 """Travel in one of the positions above which the axis has moved."""

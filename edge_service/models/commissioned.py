@@ -1,16 +1,14 @@
 """`[commissioned]` of a machine file: parameters identified on a healthy, cold axis."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+_PAIRS = BeforeValidator(lambda raw: tuple(map(tuple, raw)) if isinstance(raw, list) else raw)
 
 
 class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-def _pairs(raw: Any) -> Any:
-    return tuple(tuple(pair) for pair in raw) if isinstance(raw, list) else raw
 
 
 def _is_none(value: object) -> bool:
@@ -68,7 +66,7 @@ class CommissionedConfig(_Table):
     viscous_asymmetry_nm_s_per_rad: float = 0.0
     stribeck_excess_nm: float = 0.0  # falling with exp(-|v| / stribeck_speed_rad_s)
     stribeck_speed_rad_s: float = Field(1.0, gt=0.0)
-    stroke_map: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_pairs)] = ()
+    stroke_map: Annotated[tuple[tuple[float, float], ...], _PAIRS] = ()
     """Cosine and sine of the k-th harmonic of preload over its mean along the stroke."""
     coulomb_nm: float = Field(gt=0.0)  # whole Coulomb friction at the motor shaft
     noise_density_nm2_s: float = Field(gt=0.0)

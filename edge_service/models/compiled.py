@@ -3,6 +3,7 @@
 import hashlib
 import os
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -64,5 +65,10 @@ def is_private(folder: Path) -> bool:
     return status.st_uid in {0, os.getuid()} and not status.st_mode & 0o022
 
 
+if "scipy.linalg" not in sys.modules:  # which Numba looks for at once; kernels that need it do too
+    sys.modules["scipy.linalg"] = cast(Any, None)
+    import numba.np.arraymath
+
+    del sys.modules["scipy.linalg"]
 if not os.environ.get("NUMBA_CACHE_DIR"):
     cast(Any, numba.config).CACHE_DIR = str(cache_folder() or "")

@@ -11,8 +11,7 @@ from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_rat
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""
-INTERVAL_S = 0.1
-"""Length of a block of features where no commissioning has stated another."""
+INTERVAL_S = 0.1  # length of a block of features where no commissioning has stated another
 MEASURED_SUM = 0.02
 """Relative standard deviation of the frictions of a commissioned axis, taken together."""
 
@@ -102,8 +101,7 @@ class ModelConfig(_Table):
         return self
 
 
-def _as_column(raw: Any) -> Any:
-    return {"column": raw} if isinstance(raw, str) else raw
+_AsColumn = BeforeValidator(lambda raw: {"column": raw} if isinstance(raw, str) else raw)
 
 
 class EffectConfig(_Table):
@@ -125,7 +123,7 @@ class Machine(_Table):
 
     axis: AxisConfig
     model: ModelConfig
-    columns: dict[str, Annotated[ColumnMap, BeforeValidator(_as_column)]] = {}
+    columns: dict[str, Annotated[ColumnMap, _AsColumn]] = {}
     effects: tuple[EffectConfig, ...] = ()
     tolerance: ToleranceConfig = ToleranceConfig()
     commissioned: CommissionedConfig | None = None

@@ -36,7 +36,8 @@ class AxisDownsampling:
         self.vibration.follow(frame)
         for gathered in self._gathering.add(frame, self.downsampler.due_s):
             for block in self.downsampler.push(gathered):
-                told = replace(block, vibration=self.vibration.take())
+                vibration = self.vibration.take()
+                told = replace(block, vibration=vibration) if vibration else block
                 at_ns = source_time_ns(header, gathered, block, self._heard_ns)
                 self._publisher.publish(told, at_ns)
         self._heard_ns = header.source_time_ns

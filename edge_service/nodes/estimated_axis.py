@@ -35,8 +35,7 @@ STOP_S = 600.0
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 30.0
 MOST_FAILURES = 3
 """Times that an estimator may raise after one sound state."""
-SOUND_PERIOD = 10
-"""Intervals after which the state is remembered."""
+SOUND_PERIOD = 10  # intervals after which the state is remembered
 
 
 class StateError(Exception):

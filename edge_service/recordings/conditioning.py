@@ -36,14 +36,11 @@ from .reader import joined
 
 LARGEST_HOLE = 4.5
 """Samples further apart than this many periods are not bridged: up to three may be lost."""
-EVEN = 1e-3
-"""Clock jitter below this share of a period is none."""
+EVEN = 1e-3  # clock jitter below this share of a period is none
 MOSTLY = 0.5
 """A channel that is stuck for more than this share of a run is not measured at all."""
-MAX_ROWS = 500_000
-"""A longer run is handed on in pieces; about 30 MB of eight channels."""
-LEAST_ROWS = 50
-"""A shorter run is dropped."""
+MAX_ROWS = 500_000  # a longer run is handed on in pieces; about 30 MB of eight channels
+LEAST_ROWS = 50  # a shorter run is dropped
 LEAST_REPEATS = 10
 """A slow recording or a coarse encoder repeats a value a few times while the axis creeps."""
 MOVED = {ANGLE: MOVED_ANGLE_RAD, TABLE_POSITION: MOVED_TABLE_M, SETPOINT: MOVED_SETPOINT_M}

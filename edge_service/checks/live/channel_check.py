@@ -20,12 +20,9 @@ TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
 what the detection of a fault needs, and every error periodic in a turn has shown itself."""
 LONGEST_TRIAL_S = 64.0
-SETTLED_S = 60.0
-"""A fault within so much motion after a trial doubles the next one."""
-LOST_S = 1.0
-"""A channel that was missing for longer may have been reset."""
-_SMOOTH = 1.0 / 16.0
-"""Of the noise of the last interval."""
+SETTLED_S = 60.0  # A fault within so much motion after a trial doubles the next one
+LOST_S = 1.0  # A channel that was missing for longer may have been reset
+_SMOOTH = 1.0 / 16.0  # of the noise of the last interval
 LONGER = 1.5
 """Factor on the hold of a channel at commissioning from which on its lag is another."""
 _HELD = ((U, Fault.TORQUE_HELD), (THETA, Fault.ANGLE_HELD), (X, Fault.TABLE_HELD))
@@ -155,7 +152,7 @@ class ChannelCheck:
         held_longer, verdict = self._held_longer(inside), self._check_positions(inside, ahead)
         if Fault.TABLE_HELD in held_longer:
             return Verdict(verdict.fault | held_longer | Fault.NO_TABLE, False, False)
-        return replace(verdict, fault=verdict.fault | held_longer)
+        return replace(verdict, fault=verdict.fault | held_longer) if held_longer else verdict
 
     def _held_longer(self, inside: Floats) -> Fault:
         """Channels that repeat their values for longer than at commissioning."""
@@ -187,7 +184,7 @@ class ChannelCheck:
         state = self.state
         known = np.flatnonzero(~np.isnan(inside[:-1, X]))
         if known.size:
-            state.table_run = followed(inside[known, X], way[known], state.table_run)
+            state.table_run = followed(inside[known][:, X], way[known], state.table_run)
         state.angle_run = OpenRun()
         state.agreement.interrupt()
         state.trial.missing_s += float(inside[-1, T] - inside[0, T])

@@ -75,7 +75,7 @@ def _end(values: Floats, time_s: Floats, row: int, longest: int) -> int:
             size = min(size, abs(_off(values, time_s, each, before, end)))
         missed = values[end] - values[before] - slope * (time_s[end] - time_s[before])
         is_back = values[end] != values[end - 1] and abs(missed) <= _BACK * size
-        if is_back and size > _FAR * _usual(values, time_s, row, end):
+        if is_back and _exceeds(size, _FAR, values, time_s, row, end):
             return end
     return row
 
@@ -88,16 +88,19 @@ def _off(values: Floats, time_s: Floats, row: int, before: int, behind: int) -> 
 
 
 @compiled
-def _usual(values: Floats, time_s: Floats, row: int, end: int) -> float:
-    """Bend around an excursion that a quarter of the rows exceed, but no less than one step."""
+def _exceeds(size: float, by: float, values: Floats, time_s: Floats, row: int, end: int) -> bool:
+    """Return whether a size is `by` times one step, and the bend that a quarter of rows exceed."""
     begin, stop = max(row - BEFORE, 1), min(end + BEHIND, len(values) - 1)
-    bends, least = np.empty(stop - begin), np.inf
+    bent, least = (stop - begin) - (3 * (stop - begin)) // 4, np.inf
     rounding = 1e-9 * (abs(values[row - 1]) + abs(values[end]))
     for each in range(begin, stop):
-        bends[each - begin] = bend = abs(_off(values, time_s, each, each - 1, each + 1))
+        bend = abs(_off(values, time_s, each, each - 1, each + 1))
+        bent -= not size > by * bend
+        if bent == 0:
+            return False
         if rounding < bend < least:
             least = bend
-    return max(float(np.sort(bends)[(3 * len(bends)) // 4]), least)
+    return size > by * least
 
 
 @compiled
@@ -106,8 +109,8 @@ def _moves_apart(angle: Floats, time_s: Floats, row: int, end: int) -> bool:
     begin, stop = row - 2, min(end + 2, len(angle) - 2)
     beside = _off(angle, time_s, begin - 1, begin - 2, begin)
     beside = 0.5 * (beside + _off(angle, time_s, stop, stop - 1, stop + 1))
-    most = _ANSWERED * _usual(angle, time_s, row, end)
     for each in range(begin, stop):
-        if abs(_off(angle, time_s, each, each - 1, each + 1) - beside) > most:
+        bend = abs(_off(angle, time_s, each, each - 1, each + 1) - beside)
+        if _exceeds(bend, _ANSWERED, angle, time_s, row, end):
             return True
     return False

@@ -58,15 +58,17 @@ def standing(values: Floats, other_m: Floats, before: OpenRun) -> tuple[float, f
     return caught_up_m, (high - low if rows > 1 else 0.0)
 
 
+@compiled
 def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
     """Run of one value in which rows (n,), n > 0, end."""
-    changes = np.flatnonzero(values != values[-1])
-    first = int(changes[-1]) + 1 if changes.size else 0
+    value, first, low, high = values[-1], len(values), np.inf, -np.inf
+    while first > 0 and values[first - 1] == value:
+        first -= 1
+        low, high = min(low, other_m[first]), max(high, other_m[first])
     rows = len(values) - first
-    low, high = float(other_m[first:].min()), float(other_m[first:].max())
-    if first == 0 and before.value == values[-1]:
+    if first == 0 and before.value == value:
         rows, low, high = rows + before.rows, min(low, before.low_m), max(high, before.high_m)
-    return OpenRun(float(values[-1]), rows, low, high)
+    return OpenRun(value, rows, low, high)
 
 
 @compiled

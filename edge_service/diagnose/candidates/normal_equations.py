@@ -10,8 +10,7 @@ from ...messages.samples import Floats, Integers
 
 Columns = npt.NDArray[np.float32]
 """Half the memory; products of theirs are summed in double precision."""
-_CHUNK = 4096
-"""Rows whose products are summed at once, in double precision."""
+_CHUNK = 4096  # rows whose products are summed at once, in double precision
 _RIDGE = 1e-12
 
 

@@ -160,9 +160,10 @@ def compared(channel: str, run: Run) -> Booleans:
     """Rows of a run at which a channel is compared: in a rest friction holds a spring anywhere."""
     if channel == TORQUE_GAP:
         return run.compared_rows & run.has_torque
-    rest = np.ones(max(round(REST_S / run.low_pass.period_s), 1))
-    resting: Booleans = ndimage.binary_opening(~run.moving, rest)[:: run.low_pass.step]
-    return ~resting & (run.transmission_m is not None)
+    rows = max(round(REST_S / run.low_pass.period_s), 1)
+    lasts = ndimage.minimum_filter1d(~run.moving, rows, mode="constant")
+    resting: Booleans = ndimage.maximum_filter1d(lasts, rows, mode="constant", origin=rows % 2 - 1)
+    return ~resting[:: run.low_pass.step] & (run.transmission_m is not None)
 
 
 def channel_gap(

@@ -30,8 +30,7 @@ ASYMMETRY_SHARE, OFFSET_SHARE = 0.2, 0.3
 """Prior sigmas: of the asymmetry over the viscous friction, of the offset over the friction."""
 VISCOUS_FLOOR_SHARE = 0.5
 """Of the first friction torque seen: as much is thought to be viscous, whatever the file states."""
-NOISE_MEMORY = 50.0
-"""Intervals over which the noise is learned."""
+NOISE_MEMORY = 50.0  # intervals over which the noise is learned
 WANDER_ADAPTION, HASTE_BOUNDS = 0.03, (0.3, 30.0)
 """Step, in logs, of the wander's factor per interval, and its bounds."""
 CORRELATION = 4.0

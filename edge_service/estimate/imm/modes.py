@@ -25,8 +25,7 @@ THESIS_MODE_TRANSITION: Floats = np.array(
 """p_ij per step of 0.1 s (thesis, eq. 4.5.1), row = from, (5, 5)."""
 THESIS_MODE_TRANSITION.setflags(write=False)
 
-PUBLISHED_EXPONENT = 1.33
-"""Exponent of the thesis' simulations (section 4.5)."""
+PUBLISHED_EXPONENT = 1.33  # exponent of the thesis' simulations (section 4.5)
 
 
 @lru_cache(maxsize=256)
@@ -36,11 +35,12 @@ def scaled_mode_transition(step_s: float) -> Floats:
     The printed matrix is per step: left as it is at a tenth of the step, modes would jump ten times
     as often per second. Its logarithm, the chain's generator, is real, with rates above 0.
     """
-    from scipy.linalg import fractional_matrix_power
-
     if not (np.isfinite(step_s) and step_s > 0.0):
         raise ValueError(f"step_s: {step_s:g}, expected a finite length above 0")
-    scaled = fractional_matrix_power(THESIS_MODE_TRANSITION, step_s / REFERENCE_STEP_S)
+    scaled, exponent = THESIS_MODE_TRANSITION, step_s / REFERENCE_STEP_S
+    if exponent != 1.0:
+        rates, modes = np.linalg.eig(scaled)
+        scaled = modes * rates**exponent @ np.linalg.inv(modes)
     return np.asarray(scaled / scaled.sum(axis=1, keepdims=True))
 
 

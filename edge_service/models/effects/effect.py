@@ -14,8 +14,7 @@ Values = Mapping[str, float]
 """Parameter name -> value, for every parameter of an effect."""
 ACCELERATION_HZ = 200.0
 """Below this sampling rate accelerations come and go between two samples."""
-MATERIAL_TOLERANCES = 3.0
-"""A parameter that is off by more tolerances than this is a cause."""
+MATERIAL_TOLERANCES = 3.0  # a parameter that is off by more tolerances than this is a cause
 MOST_ORDER = 96
 """Highest order of a harmonic: its periods per turn of the screw."""
 

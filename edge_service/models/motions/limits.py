@@ -11,8 +11,7 @@ DEFAULT_STROKE_M = 0.8
 DEFAULT_SPEED_RAD_S = 628.0  # 6000 rpm, Table A.4
 DEFAULT_SPEED_M_S = 2.0  # 6000 rpm at that lead
 DEFAULT_ACCELERATION_M_S2 = 4.0
-RAPID_M_S = 0.5
-"""Speed of ordinary moves; only tests that name their speeds go beyond it."""
+RAPID_M_S = 0.5  # speed of ordinary moves; only tests that name their speeds go beyond it
 STROKE_MARGIN = 0.05
 """Share of the stroke that a motion leaves free at either end."""
 TORQUE_SHARE = 0.5

@@ -12,8 +12,7 @@ from edge_service.messages.samples import CHANNELS
 from ..speed.process_meter import PATIENCE_S, ServiceProcess
 from ..table import BenchError, Figure
 
-SESSIONS = 8
-"""Of the ten that the stub has."""
+SESSIONS = 8  # of the ten that the stub has
 _URL = "opc.tcp://127.0.0.1:{port}"
 _AXIS = """[[axes]]
 name = "A{number}"

@@ -15,8 +15,7 @@ from ..table import Table, listed, mean_of
 from .healthy.production_cases import HEALTHY, Course, produced
 from .scores import Score, follow, pooled, score
 
-STEP_S = 0.01
-"""A sudden loss takes so long."""
+STEP_S = 0.01  # a sudden loss takes so long
 CASES = ("healthy", "part lost at once", "all lost at once", "lost steadily", "worn at the start")
 
 

@@ -23,8 +23,7 @@ from ..table import Table, mean_of
 PRELOADS = (1.0, 0.75, 0.5, 0.25, 0.1)
 LARGE_SHARE = 0.25
 """Share of the nut in the compliance from which on a test is asked to be worth it."""
-STATED = 0.15
-"""Standard deviation of the nut's stated stiffness, a share."""
+STATED = 0.15  # standard deviation of the nut's stated stiffness, a share
 
 
 @dataclass(frozen=True, slots=True)

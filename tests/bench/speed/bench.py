@@ -82,7 +82,7 @@ class SpeedBench:
             found, name = self._measured(axes), f"{_axes(axes)} at 1 kHz"
             us, theirs = found.us_per_sample, found.peer_us_per_sample
             least = None if theirs is None else aim
-            cores, memory = (0.2, 250.0) if axes == 8 else (None, None)
+            cores, memory = (0.15, 250.0) if axes == 8 else (None, None)
             figures += [
                 Figure(f"{name}: processor per sample", us, "us", theirs, "peer", at_least=least),
                 Figure(f"{name}: cores", 1e-3 * us * axes, "", at_most=cores),
@@ -157,8 +157,8 @@ class SpeedBench:
         helped, page, first = np.median(times, axis=0)
         return [
             Figure("edge-service --help", float(helped), "s", at_most=0.3),
-            Figure("start to the page", float(page), "s"),
-            Figure("start to the first `estimated`", float(first), "s"),
+            Figure("start to the page", float(page), "s", at_most=1.0),
+            Figure("start to the first `estimated`", float(first), "s", at_most=2.2),
         ]
 
     def _delay(self) -> list[Figure]:
@@ -170,7 +170,9 @@ class SpeedBench:
             for percent in (50, 99):
                 name = f"sample to `/preload`, {_axes(axes)}: {percent}th percentile"
                 delay_ms = 1e3 * float(np.percentile(delays_s, percent))
-                figures.append(Figure(name, delay_ms, "ms"))
+                figures.append(
+                    Figure(name, delay_ms, "ms", at_most=110.0 if percent == 99 else None)
+                )
         return figures
 
     def _page(self) -> list[Figure]:
@@ -193,8 +195,8 @@ class SpeedBench:
         line = ("diagnose", str(trace), "--out", str(self._folder / "diagnosis"))
         new, again = (self._spent(*line)[1] for _ in range(2))
         return [
-            Figure("diagnosis, machine never met: processor", new, "s", at_most=20.0),
-            Figure("the same again: processor", again, "s", at_most=8.0),
+            Figure("diagnosis, machine never met: processor", new, "s", at_most=10.0),
+            Figure("the same again: processor", again, "s", at_most=6.0),
         ]
 
     def _soak(self) -> list[Figure]:

@@ -1,6 +1,6 @@
 """Processor time per sample of the service and of a peer, both at work in the same seconds."""
 
-import re
+import json
 import shutil
 import socket
 import sys
@@ -17,10 +17,8 @@ from ..table import BenchError
 from .process_meter import Program, ServiceProcess, Usage, get, usage_of, wait_until
 
 RATE_HZ = 1000.0
-_SAMPLES = re.compile(r'counter="samples"\} ([0-9.e+]+)')
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
-_KEPT_UP = 0.97
-"""Share of the samples that are due which a service that keeps up has read at least."""
+_KEPT_UP = 0.97  # share of the samples that are due which a service that keeps up has read at least
 SERVICE = """\
 [bus]
 endpoint = "tcp/127.0.0.1:0"
@@ -71,7 +69,7 @@ def measure_paced(
         address = ours.wait_for_address()
         peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO and beside_peer else None
         read = f"{axes} axes: not all of them are read"
-        wait_until(lambda: sum(n > 0.0 for n in _samples(*address)) >= axes, read, 1.0)
+        wait_until(lambda: sum(map(bool, _samples(*address))) >= axes, read, 1.0)
         time.sleep(warm_up_s)
         samples = sum(_samples(*address))
         before, begun_s = usage_of(ours.pid), time.monotonic()
@@ -88,9 +86,10 @@ def measure_paced(
     return Paced(us, peers_us, after)
 
 
-def _samples(host: str, port: int) -> list[float]:
-    """Samples read so far, of each axis that has any."""
-    return [float(each) for each in _SAMPLES.findall(get(host, port, "/metrics")[1].decode())]
+def _samples(host: str, port: int) -> list[int]:
+    """Samples read so far, of each axis."""
+    parts = json.loads(get(host, port, "/api/v1/health")[1])["components"]
+    return [each["counters"]["samples"] for each in parts if "samples" in each["counters"]]
 
 
 class _Peer:

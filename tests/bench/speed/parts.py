@@ -45,8 +45,7 @@ TYPICAL_EFFECTS = (
     "encoder_eccentricity",
 )
 YEAR_S, BUCKETS = 365.0 * 86_400.0, 1000
-_BEGIN_S = 1_767_225_600.0
-"""2026 in UTC, which is one file of hours."""
+_BEGIN_S = 1_767_225_600.0  # 2026 in UTC, which is one file of hours
 FRAME_ROWS = 100
 
 

@@ -11,8 +11,7 @@ from ..effect import Effect, Kind, Values, amount, reference_temperature, shape
 from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 _HEAT_CELLS = 40
-EXPANSION_PER_K = 11.5e-6
-"""Thermal expansion of screw steel."""
+EXPANSION_PER_K = 11.5e-6  # thermal expansion of screw steel
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
