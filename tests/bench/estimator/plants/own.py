@@ -1,7 +1,7 @@
 """Cases of the estimator's bench on the library's own plant."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from edge_service.estimate.validity import Validity
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
-from ..axis import RATE_HZ, OwnAxis, downsampled
+from ..axis import RATE_HZ, OwnAxis
 from ..scores import Recorded, Score, Track, detection, follow, score
 
 FULL_S, QUICK_S = 100.0, 40.0
@@ -72,21 +72,6 @@ def closed_loop(seed: int, quick: bool) -> Iterator[Part]:
     for row, (percent, loss) in losses(axis.fresh_percent, QUICK_S if quick else FULL_S).items():
         case = axis.produced(percent, 5 + seed)
         yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss)
-
-
-def intervals(seed: int, quick: bool) -> Iterator[Part]:
-    """One recording with a ramp and a drop, cut into intervals of 0.1 s to 1 ms."""
-    axis = OwnAxis(seed)
-    count = round((20.0 if quick else 60.0) * RATE_HZ)
-    share = np.arange(count) / count
-    percent = axis.fresh_percent * np.where(share < 0.6, 1.0 - 0.5 * share, 0.0)
-    frames = list(axis.frames("production", percent, 31 + seed))
-    for interval_s in (0.1, 0.02, 0.005, 0.001):
-        blocks = downsampled(frames, axis.nominal(), interval_s)
-        case = Recorded(blocks, np.arange(count) / RATE_HZ, percent)
-        estimator = MixturePreloadEstimator(axis.commissioned())
-        track = follow(estimator, case, every=round(0.1 / interval_s))
-        yield Part(f"T = {interval_s:g} s", score(track))
 
 
 def warm_up(seed: int, quick: bool) -> Iterator[Part]:
@@ -152,38 +137,3 @@ def loads(seed: int, quick: bool) -> Iterator[Part]:
     ):
         case = axis.produced(percent, 61 + seed, (), lubricant, **load)
         yield judged(row, axis.commissioned(), axis.nominal(), case, event_s=event_s)
-
-
-ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
-    ("calibration exact", (OwnAxis(),)),
-    (
-        "torque gain +-2 %",
-        tuple(
-            OwnAxis(effects=(f"torque_gain_error:excess_share={share}",)) for share in (-0.02, 0.02)
-        ),
-    ),
-    (
-        "inertia and table mass +-5 %",
-        tuple(OwnAxis(inertia_off=share) for share in (-0.05, 0.05)),
-    ),
-    (
-        "skew +-1 us",
-        tuple(OwnAxis(effects=(f"timestamp_skew:skew_s={skew}",)) for skew in (-1e-6, 1e-6)),
-    ),
-    (
-        "nut stiffness +-10 %",
-        tuple(OwnAxis(nut_off=share) for share in (-0.1, 0.1)),
-    ),
-)
-"""Errors unknown to the nominal machine file; commissioning and test share the true axis."""
-
-
-def calibration(which: int, quick: bool) -> Iterator[Part]:
-    """A loss of two points with one kind of calibration error."""
-    row, axes = ERRORS[which]
-    for axis in axes:
-        count = round((QUICK_S if quick else 60.0) * RATE_HZ)
-        after = np.arange(count) >= 0.5 * count
-        percent: Floats = np.where(after, axis.fresh_percent - 2.0, axis.fresh_percent)
-        case = axis.produced(percent, 71)
-        yield judged(row, axis.commissioned(), axis.nominal(), case)
