@@ -19,7 +19,6 @@ from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
 from .plants.foreign import foreign, foreign_one_encoder
 from .plants.own import closed_loop, loads, long_run, warm_up
-from .plants.second_plant import plant_table, run_second_plant
 from .plants.thesis import thesis_runs
 from .rows import table_of
 
@@ -31,7 +30,6 @@ _TABLES: Mapping[str, Callable[[Any], Table]] = {
     "losses": losses_table,
     "notch": notch_table,
     "dates": dates_table,
-    "second-plant": plant_table,
 }
 
 
@@ -105,8 +103,4 @@ def run_estimator_bench(
     found: dict[str, list[Any]] = {}
     for number, task in enumerate(tasks):
         found.setdefault("table" if task.part in TABLE else task.part, []).extend(done[number])
-    if "second-plant" in parts:
-        for each in range(seed, seed + seeds):
-            rows = run_second_plant(each, quick, PROCESSES, say)
-            found.setdefault("second-plant", []).extend(rows)
     return [_TABLES[name](found[name]) for name in _TABLES if name in found]

@@ -2,5 +2,5 @@
 
 TABLE = ("own", "foreign", "thesis")
 """Parts whose rows make the table with aims."""
-PARTS = (*TABLE, "life", "healthy", "losses", "notch", "dates", "second-plant")
+PARTS = (*TABLE, "life", "healthy", "losses", "notch", "dates")
 FIRST_SEED = 3
