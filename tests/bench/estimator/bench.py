@@ -18,7 +18,7 @@ from .losses import losses_table, lost
 from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
 from .plants.foreign import foreign, foreign_one_encoder
-from .plants.own import closed_loop, loads, long_run, warm_up
+from .plants.own import closed_loop, warm_up
 from .plants.thesis import thesis_runs
 from .rows import table_of
 
@@ -51,7 +51,6 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
         axes: seeds of the axes of lives, shifts and losses.
     """
     few = (1,) if quick else (1, 2)
-    yield Task("own", "40 minutes", partial(long_run, 1, quick))
     for axis in few:
         yield Task("own", f"warm-up, axis {axis}", partial(warm_up, axis, quick))
     for axis in (3,) if quick else (3, 4, 5):
@@ -60,7 +59,6 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
         yield Task("foreign", f"foreign, one encoder {axis}", blind)
     for axis in few:
         yield Task("own", f"closed loop, axis {axis}", partial(closed_loop, axis, quick))
-        yield Task("own", f"loads, axis {axis}", partial(loads, axis, quick))
     runs = 1 if quick else 2
     for first in range(0, 1 if quick else 8, runs):
         yield Task("thesis", f"thesis' simulations {first}", partial(thesis_runs, first, runs))
