@@ -16,7 +16,6 @@ from edge_service.messages.samples import Floats
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="no recordings beside the checkout")
-EMPS_RATIO_M_PER_RAD = 0.0025 / (2.0 * math.pi)
 
 
 def said(*arguments: object, status: int = 0) -> str:
@@ -74,8 +73,8 @@ def test_a_torque_with_a_borrowed_sign_is_refused_with_what_would_serve(tmp_path
         assert "edge-service drift" in text
 
 
-def test_emps_commissions_to_its_published_mass_and_friction(tmp_path: Path) -> None:
-    trace, ratio = DATA / "emps" / "emps_estimation.csv", EMPS_RATIO_M_PER_RAD
+def test_emps_gives_its_published_mass_and_friction_and_no_percent(tmp_path: Path) -> None:
+    trace, ratio = DATA / "emps" / "emps_estimation.csv", 0.0025 / (2.0 * math.pi)
     machine = adopted(trace, tmp_path, "--lead", 2.5, "--torque-constant", 35.15065 * ratio)
     text = said("commission", "--machine", machine, trace, "--out", tmp_path / "c.toml")
     inertia, coulomb = (
@@ -84,11 +83,6 @@ def test_emps_commissions_to_its_published_mass_and_friction(tmp_path: Path) -> 
     )
     assert inertia / ratio**2 == pytest.approx(95.1089, rel=0.02)
     assert coulomb / ratio == pytest.approx(20.3935, rel=0.05)
-
-
-def test_emps_estimates_its_published_friction_and_no_percent(tmp_path: Path) -> None:
-    trace, ratio = DATA / "emps" / "emps_estimation.csv", EMPS_RATIO_M_PER_RAD
-    machine = adopted(trace, tmp_path, "--lead", 2.5, "--torque-constant", 35.15065 * ratio)
     said("estimate", "--machine", machine, trace, "--out", tmp_path / "e.csv")
     with (tmp_path / "e.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "estimated"]

@@ -8,10 +8,11 @@ import asyncio
 import gc
 import importlib
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
 from importlib.metadata import distribution, entry_points
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,24 +64,13 @@ def open_files() -> set[str]:
     return held
 
 
-async def settle(before: set[str]) -> set[str]:
-    """Files open beyond `before`, once the event loop has closed what it was asked to."""
+async def left_of(held: Callable[[], set[Any]], before: set[Any]) -> set[Any]:
+    """Files or tasks beyond `before`, once event loop and source have ended what they were to."""
     for _ in range(50):
-        left = open_files() - before
-        if not left:
+        if not held() - before:
             break
         await asyncio.sleep(0.01)
-    return left
-
-
-async def settle_tasks(before: set["asyncio.Task[object]"]) -> set["asyncio.Task[object]"]:
-    """Tasks that run beyond `before`, once the source has seen that its reader is gone."""
-    for _ in range(50):
-        left = asyncio.all_tasks() - before
-        if not left:
-            break
-        await asyncio.sleep(0.01)
-    return left
+    return held() - before
 
 
 async def test_samples_are_known_channels_in_rising_time(driver: Driver) -> None:
@@ -141,8 +131,8 @@ async def test_nothing_is_left_after_a_cancelled_read(bench: DriverBench) -> Non
             await reading
         await driver.close()
     await asyncio.sleep(0.05)
-    assert await settle_tasks(tasks) == set()
-    assert await settle(files) == set()
+    assert await left_of(asyncio.all_tasks, tasks) == set()
+    assert await left_of(open_files, files) == set()
 
 
 async def _open_and_take(driver: Driver) -> None:
@@ -158,8 +148,8 @@ async def test_nothing_is_left_open(bench: DriverBench) -> None:
         await driver.open()
         await take(driver, 2)
         await driver.close()
-    assert await settle(files) == set()
-    assert await settle_tasks(tasks) == set()
+    assert await left_of(open_files, files) == set()
+    assert await left_of(asyncio.all_tasks, tasks) == set()
 
 
 async def test_probe_says_what_there_is(driver: Driver) -> None:
