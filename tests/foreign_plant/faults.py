@@ -157,10 +157,11 @@ def bad_lead(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
 def hot_screw(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     rise = rng.uniform(2.5, 6.0) * strength
     slow_s = rng.uniform(25.0, 100.0)
+    start = -float(np.expm1(-plan.elapsed_s / slow_s))
     end = 11.5e-6 * rise * plan.machine.stroke_m
-    plan.growth_m = plan.growth_m[:1] + grow(plan, end, slow_s)
-    warm = warmth(activity(plan), slow_s)
-    plan.truth["housing_rise_k"] = rise * warmth(warm, 0.3 * slow_s)
+    plan.growth_m = plan.growth_m[:1] + grow(plan, end, slow_s, start)
+    warm = warmth(activity(plan), slow_s, start)
+    plan.truth["housing_rise_k"] = rise * warmth(warm, 0.3 * slow_s, start)
     return {"rise_k": rise, "time_constant_s": slow_s}
 
 
@@ -202,10 +203,11 @@ def cold_start(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     """Friction above the stated one that eases as motion heats the lubricant."""
     excess = rng.uniform(0.3, 0.55) * strength
     tau = rng.uniform(20.0, 90.0)
-    warm = warmth(activity(plan), tau)
+    start = -float(np.expm1(-plan.elapsed_s / tau))
+    warm = warmth(activity(plan), tau, start)
     for part, share in (("guide", 1.0), ("nut", 0.8), ("bearing", 1.2), ("viscous", 0.6)):
         plan.slow[part] *= 1.0 + share * excess * np.exp(-2.0 * np.maximum(warm, 0.0))
-    plan.truth["housing_rise_k"] = rng.uniform(2, 6) * warmth(warm, 0.5 * tau)
+    plan.truth["housing_rise_k"] = rng.uniform(2, 6) * warmth(warm, 0.5 * tau, start)
     return {"excess_share": excess, "time_constant_s": tau}
 
 

@@ -28,6 +28,7 @@ class Plan:
     walk_m: Array
     rub_n: Array
     sensors: Sensors
+    elapsed_s: float = 0.0  # of this session, before the recording
     waves: dict[str, list[tuple[float, float, float, float]]] = field(
         default_factory=lambda: {"ripple": [], "lead": [], "disc": [], "rev": []}
     )

@@ -34,6 +34,7 @@ class Case:
     events: tuple[ageing.Event, ...] = ()
     effects: tuple[tuple[str, float], ...] = ()  # (name, strength)
     stroke_map: tuple[float, float] = (0.0, 0.0)  # preload over one and two periods of the stroke
+    elapsed_s: float = 0.0  # the axis has been running for so long
     sensors: dict[str, Any] = field(default_factory=dict)
 
 
@@ -64,6 +65,7 @@ def planned(case: Case) -> Plan:
     rng = np.random.default_rng([case.seed, 3])
     axis = np.random.default_rng([case.axis_seed, 5])
     plan = plan_axis(case.machine, case.setpoint_m, case.axis_seed)
+    plan.elapsed_s = case.elapsed_s
     plan.sensors = replace(plan.sensors, **case.sensors)
     plan.drive |= {"map_1": case.stroke_map[0], "map_2": case.stroke_map[1]}
     plan.drive |= {"map_1_phase": axis.uniform(0, 6.28), "map_2_phase": axis.uniform(0, 6.28)}
