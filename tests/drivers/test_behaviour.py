@@ -152,13 +152,15 @@ async def test_nothing_is_left_open(bench: DriverBench) -> None:
     assert await left_of(asyncio.all_tasks, tasks) == set()
 
 
-async def test_probe_says_what_there_is(driver: Driver) -> None:
+async def test_probe_and_readings_say_what_there_is(driver: Driver) -> None:
     probe = await driver.probe()
     await driver.open()
     (frame,) = await take(driver, 1)
     assert set(probe.channels) == set(frame.channels)
     assert probe.description
     assert probe.rate_hz is None or probe.rate_hz > 0.0
+    assert all(math.isfinite(value) for value in driver.readings.values())
+    assert all(count >= 0 for count in driver.counters.values())
 
 
 async def test_a_source_that_is_lost_is_unavailable_and_comes_back(
@@ -221,13 +223,6 @@ async def test_a_step_of_the_source_clock_is_soon_a_new_run(
         assert loop.time() - stepped_s < NEW_RUN_S
         time_s = np.concatenate([(await anext(frames)).time_s for _ in range(3)])
     assert (np.diff(time_s) > 0.0).all()
-
-
-async def test_readings_are_numbers(driver: Driver) -> None:
-    await driver.open()
-    await take(driver, 2)
-    assert all(math.isfinite(value) for value in driver.readings.values())
-    assert all(count >= 0 for count in driver.counters.values())
 
 
 @pytest.mark.parametrize("name", sorted(OURS & set(driver_names())))
