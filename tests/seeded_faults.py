@@ -94,8 +94,8 @@ FAULTS = (
     ),
     Fault(
         "outputs",
-        'await self._publish(f"{self._root}/status", ONLINE, retain=True)',
-        'await self._publish(f"{self._root}/status", ONLINE, retain=False)',
+        "number = value_at(answer, path) if answer.is_heard else None",
+        "number = value_at(answer, path)",
         "tests/outputs",
     ),
     Fault(

@@ -167,32 +167,6 @@ def test_every_key_of_a_machine_file_stands_in_the_operators_guide() -> None:
         assert re.search(rf"\b{key}\b", text), key
 
 
-def test_every_metric_stands_in_the_operators_guide() -> None:
-    text = guide()
-    for family in family_names():
-        name = family.removeprefix("edge_service_")
-        assert re.search(rf"`{name}[`{{]", text), name
-
-
-def test_every_exit_status_stands_in_the_operators_guide() -> None:
-    statuses = [value for value in vars(exit_status).values() if isinstance(value, int)]
-    assert len(statuses) == 5
-    for status in statuses:
-        assert f"\n| {status} | " in guide()
-
-
-def test_every_reason_of_a_channel_is_explained() -> None:
-    text = document("edge_service/downsample/README.md")
-    for fault in Fault:
-        for reason in channel_reasons(fault):
-            assert f"`{reason.partition(':')[0]}`" in text
-
-
-def test_every_alarm_stands_in_the_operators_guide() -> None:
-    for kind in AlarmKind:
-        assert f"`{kind.value}`" in guide(), kind
-
-
 def test_every_quality_of_a_sample_is_explained() -> None:
     table = re.search(r"(?m)^\| quality .+\n(\|.+\n)+", document("drivers/README.md"))
     assert table
@@ -211,10 +185,25 @@ def schemas() -> set[str]:
     }
 
 
-def test_every_schema_has_a_promise() -> None:
-    assert {"diagnosis/1", "fingerprint/1", "features/1"} <= schemas()
-    for schema in schemas():
-        assert f"`{schema}`" in document("edge_service/messages/README.md"), schema
+STATUSES = [value for value in vars(exit_status).values() if isinstance(value, int)]
+FAMILIES = [name.removeprefix("edge_service_") for name in family_names()]
+REASONS = {reason.partition(":")[0] for fault in Fault for reason in channel_reasons(fault)}
+EXPLAINED = {
+    "metrics": ("guide", "`{}[`{{]", FAMILIES),
+    "exit statuses": ("guide", r"(?m)^\| {} \| ", STATUSES),
+    "alarms": ("guide", "`{}`", [kind.value for kind in AlarmKind]),
+    "reasons": ("edge_service/downsample/README.md", "`{}`", REASONS),
+    "schemas": ("edge_service/messages/README.md", "`{}`", schemas()),
+}
+"""Names -> the document or guide where each stands, and how."""
+
+
+@pytest.mark.parametrize("kind", EXPLAINED)
+def test_every_name_is_explained(kind: str) -> None:
+    place, form, names = EXPLAINED[kind]
+    text = guide() if place == "guide" else document(place)
+    assert len(names) >= 5
+    assert [name for name in names if not re.search(form.format(name), text)] == []
 
 
 def test_the_unit_of_systemd_calls_commands_that_exist() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from . import foreign_plant as plant
-from .diagnose.real import two_mass
 from .foreign_plant.ageing import preload_trajectory
 from .foreign_plant.kernel import lugre, nut_deflection
 from .foreign_plant.simulate import Recording, planned
@@ -23,19 +22,18 @@ QUIET = {
 }
 
 
-def test_no_plant_shares_code_with_the_library_or_with_another_one() -> None:
+def test_it_shares_no_code_with_the_library() -> None:
     allowed = {"numpy", "scipy", "numba"} | sys.stdlib_module_names
     files = sorted(FOLDER.glob("*.py"))
     assert len(files) > 8
-    for file in (*files, Path(two_mass.__file__)):
+    for file in files:
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Import):
                 assert {each.name.split(".")[0] for each in node.names} <= allowed, file.name
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 assert str(node.module).split(".")[0] in allowed, file.name
             else:
-                own = 1 if file.parent == FOLDER else 0
-                assert not (isinstance(node, ast.ImportFrom) and node.level > own), file.name
+                assert not (isinstance(node, ast.ImportFrom) and node.level > 1), file.name
         assert "importlib" not in file.read_text()
         assert "__import__" not in file.read_text()
 
@@ -101,12 +99,9 @@ def test_energy_is_conserved(machine: plant.Machine) -> None:
     assert motor + push == pytest.approx(friction + damping + kinetic + stored + tilt, rel=3e-3)
 
 
-@pytest.mark.parametrize("linear_loop", [False, True])
-def test_it_sticks_at_rest_within_its_friction(linear_loop: bool) -> None:
+def test_it_sticks_at_rest_within_its_friction() -> None:
     path = plant.motions.Route(0.3).to(0.4, 0.2, 4.0, 4.0).positions()
-    recording = plant.simulate(
-        plant.axis_case(setpoint_m=path, linear_loop=linear_loop, stroke_map=(0, 0))
-    )
+    recording = plant.simulate(plant.axis_case(setpoint_m=path, stroke_map=(0, 0)))
     states = recording.truth["states"][-1000:]
     assert np.abs(states[:, 3]).max() < 1e-7
     assert np.ptp(states[:, 2]) < 5e-7
@@ -198,16 +193,3 @@ def test_the_same_case_gives_the_same_recording() -> None:
         plant.simulate(plant.axis_case(duration_s=2.0, seed=4, axis_seed=8)).truth["parameters"]
         != first.truth["parameters"]
     )
-
-
-def test_a_bad_recorder_spoils_rows_and_nothing_else() -> None:
-    clean = plant.simulate(plant.axis_case(duration_s=10.0, seed=1)).columns
-    sensors = {"dropped": 0.01, "repeated": 0.02, "missing": 0.01, "stuck": 2, "clock_jumps": 1}
-    bad = plant.simulate(plant.axis_case(duration_s=10.0, seed=1, sensors=sensors)).columns
-    n, steps = len(clean["time_s"]), np.diff(bad["time_s"])
-    assert 0.01 * n < np.sum(steps == 0.0) < 0.03 * n
-    assert 0.005 * n < n - len(np.unique(bad["time_s"])) < 0.015 * n
-    assert np.sum(steps > 0.04) == 1
-    assert 0.005 < np.isnan(bad["motor_angle_rad"]).mean() < 0.02
-    held = [np.sum(np.diff(bad[name]) == 0.0) for name in ("motor_angle_rad", "table_position_m")]
-    assert all(count >= np.sum(steps == 0.0) * 0.9 for count in held)

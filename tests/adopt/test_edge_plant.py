@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ..foreign_plant import Machine, Recording, axis_case, part_programme, simulate
-from .test_second_commands import said
+from .test_real_machines import said
 
 PLANT = Machine()
 SHEET = (

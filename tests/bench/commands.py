@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 PARTS_OF: dict[str, tuple[str, ...]] = {
     "speed": SPEED_PARTS,
-    "diagnose": ("foreign", "second-plant", "real-machines"),
+    "diagnose": ("foreign", "real-machines"),
     "drivers": (),
     "estimator": PARTS,
     "identification": (),
 }
 """Benchmarks and their parts."""
-NOT_BESIDE_OTHERS = {"soak", "second-plant", "real-machines"}
+NOT_BESIDE_OTHERS = {"soak", "real-machines"}
 """Parts that are measured only where they are asked for: an hour, or what lies elsewhere."""
 
 

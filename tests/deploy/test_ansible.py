@@ -15,7 +15,7 @@ def module_of(task: dict[str, Any]) -> str:
     return next(key for key in task if key.startswith("ansible.builtin."))
 
 
-def test_nothing_is_put_in_place_before_it_was_checked() -> None:
+def test_nothing_is_put_in_place_before_it_was_checked_on_hosts_of_the_inventory() -> None:
     (play,) = yaml.safe_load((FOLDER / "configure.yml").read_text())
     tasks = play["tasks"]
     assert all(module_of(task) and task["name"] for task in (*tasks, *play["handlers"]))
@@ -25,8 +25,4 @@ def test_nothing_is_put_in_place_before_it_was_checked() -> None:
     assert tasks[place]["notify"] in {handler["name"] for handler in play["handlers"]}
     program, command, _ = tasks[check]["ansible.builtin.command"].split()
     assert (program, command in cli.commands) == ("edge-service", True)
-
-
-def test_the_inventory_names_the_hosts_of_the_play() -> None:
-    (play,) = yaml.safe_load((FOLDER / "configure.yml").read_text())
     assert yaml.safe_load((FOLDER / "hosts.yml").read_text())[play["hosts"]]["hosts"]

@@ -78,6 +78,14 @@ def test_the_found_value_is_the_true_one(machine: Machine) -> None:
     assert found.effects[0].parameters["change_nm"].value == pytest.approx(truth, abs=0.012)
 
 
+@pytest.mark.slow
+def test_the_width_of_a_play_is_found_within_its_interval(machine: Machine) -> None:
+    found, _ = diagnosed(machine, ("backlash",), seed=5)
+    truth = recorded(("backlash",), 5).truth["effects"]["backlash"]["width_m"]
+    width = found.effects[0].parameters["width_m"]
+    assert width.low < truth < width.high
+
+
 def test_what_is_left_is_the_gap_less_the_entries(machine: Machine) -> None:
     found, session = diagnosed(machine, ("torque_ripple",), seed=3)
     for name, gap in found.gap.items():

@@ -64,13 +64,13 @@ def open_files() -> set[str]:
     return held
 
 
-async def settle(left: Callable[[], set[Any]]) -> set[Any]:
-    """What is left once the event loop has closed what it was asked to, and sources see it."""
+async def left_of(held: Callable[[], set[Any]], before: set[Any]) -> set[Any]:
+    """Files or tasks beyond `before`, once event loop and source have ended what they were to."""
     for _ in range(50):
-        if not left():
+        if not held() - before:
             break
         await asyncio.sleep(0.01)
-    return left()
+    return held() - before
 
 
 async def test_samples_are_known_channels_in_rising_time(driver: Driver) -> None:
@@ -131,8 +131,8 @@ async def test_nothing_is_left_after_a_cancelled_read(bench: DriverBench) -> Non
             await reading
         await driver.close()
     await asyncio.sleep(0.05)
-    assert await settle(lambda: asyncio.all_tasks() - tasks) == set()
-    assert await settle(lambda: open_files() - files) == set()
+    assert await left_of(asyncio.all_tasks, tasks) == set()
+    assert await left_of(open_files, files) == set()
 
 
 async def _open_and_take(driver: Driver) -> None:
@@ -148,17 +148,19 @@ async def test_nothing_is_left_open(bench: DriverBench) -> None:
         await driver.open()
         await take(driver, 2)
         await driver.close()
-    assert await settle(lambda: open_files() - files) == set()
-    assert await settle(lambda: asyncio.all_tasks() - tasks) == set()
+    assert await left_of(open_files, files) == set()
+    assert await left_of(asyncio.all_tasks, tasks) == set()
 
 
-async def test_probe_says_what_there_is(driver: Driver) -> None:
+async def test_probe_and_readings_say_what_there_is(driver: Driver) -> None:
     probe = await driver.probe()
     await driver.open()
     (frame,) = await take(driver, 1)
     assert set(probe.channels) == set(frame.channels)
     assert probe.description
     assert probe.rate_hz is None or probe.rate_hz > 0.0
+    assert all(math.isfinite(value) for value in driver.readings.values())
+    assert all(count >= 0 for count in driver.counters.values())
 
 
 async def test_a_source_that_is_lost_is_unavailable_and_comes_back(
@@ -221,13 +223,6 @@ async def test_a_step_of_the_source_clock_is_soon_a_new_run(
         assert loop.time() - stepped_s < NEW_RUN_S
         time_s = np.concatenate([(await anext(frames)).time_s for _ in range(3)])
     assert (np.diff(time_s) > 0.0).all()
-
-
-async def test_readings_are_numbers(driver: Driver) -> None:
-    await driver.open()
-    await take(driver, 2)
-    assert all(math.isfinite(value) for value in driver.readings.values())
-    assert all(count >= 0 for count in driver.counters.values())
 
 
 @pytest.mark.parametrize("name", sorted(OURS & set(driver_names())))

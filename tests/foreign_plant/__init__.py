@@ -3,7 +3,7 @@
 from .ageing import Lubricant, Payload, ProcessForce, Ramp, Relubrication, Steps, Warmup
 from .axis import axis_case, commissioning_case
 from .bench import case
-from .faults import FAULTS, NEITHER
+from .faults import FAULTS
 from .gap import gap
 from .machine import DIAGNOSIS, Machine, nominal_machine_toml
 from .motions import part_programme
@@ -14,7 +14,6 @@ __all__ = [
     "ALL",
     "DIAGNOSIS",
     "FAULTS",
-    "NEITHER",
     "ODDITIES",
     "Case",
     "Lubricant",

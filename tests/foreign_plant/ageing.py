@@ -49,17 +49,11 @@ def preload_trajectory(spec: PreloadSpec, time_s: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Warmup:
-    """Share of each friction part lost once warm; time constants spread about `time_constant_s`."""
+    """Friction is less once warm; time constants of its parts spread about `time_constant_s`."""
 
-    guide_drop: float = 0.3
-    bearing_drop: float = 0.3
-    nut_drop: float = 0.3
-    viscous_drop: float = 0.4
     time_constant_s: float = 600.0
-    spread: float = 0.4
     growth_m: float = 40e-6  # of the screw at the end of the stroke when warm
     housing_rise_k: float = 8.0
-    housing_lag_s: float = 400.0
     start: float = 0.0  # 0 cold, 1 warm
 
 
@@ -72,14 +66,11 @@ class Payload:
 
 @dataclass(frozen=True, slots=True)
 class Relubrication:
-    """Fresh lubricant: friction falls within `spread_s` of motion; preload stays."""
+    """Fresh lubricant: friction falls within 3 s of motion; preload stays."""
 
     time_s: float
     guide_drop: float = 0.25
     nut_drop: float = 0.25
-    bearing_drop: float = 0.0
-    viscous_rise: float = 0.1
-    spread_s: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,17 +144,14 @@ def grow(plan: Plan, end_m: float, slow_s: float = 900.0, start: float = 0.0) ->
 def warm_up(plan: Plan, spec: Warmup, rng: np.random.Generator) -> None:
     active = activity(plan)
     for part in ("guide", "bearing", "nut", "viscous"):
-        own = spec.time_constant_s * float(np.exp(rng.uniform(-spec.spread, spec.spread)))
+        own = spec.time_constant_s * float(np.exp(rng.uniform(-0.4, 0.4)))
         warm = np.minimum(warmth(active, own, spec.start), 1.15)
-        drop = getattr(spec, f"{part}_drop")
-        share = np.exp(np.log1p(-drop) * warm) if part == "viscous" else 1.0 - drop * warm
+        share = np.exp(np.log1p(-0.4) * warm) if part == "viscous" else 1.0 - 0.3 * warm
         plan.slow[part] *= np.clip(share, 0.2, 1.5)
     plan.growth_m = plan.growth_m[:1] + grow(
         plan, spec.growth_m, 1.5 * spec.time_constant_s, spec.start
     )
-    housing = warmth(
-        warmth(active, spec.time_constant_s, spec.start), spec.housing_lag_s, spec.start
-    )
+    housing = warmth(warmth(active, spec.time_constant_s, spec.start), 400.0, spec.start)
     plan.truth["housing_rise_k"] = spec.housing_rise_k * housing
 
 
@@ -176,11 +164,11 @@ def relubricate(plan: Plan, spec: Relubrication) -> None:
     moving = np.cumsum(plan.slow_speed_m_s() > 1e-3) * SLOW_STEP_S
     after = moving - np.interp(spec.time_s, plan.slow_time_s, moving)
     worked_in = np.where(
-        plan.slow_time_s >= spec.time_s, -np.expm1(-np.maximum(after, 0.0) / spec.spread_s), 0.0
+        plan.slow_time_s >= spec.time_s, -np.expm1(-np.maximum(after, 0.0) / 3.0), 0.0
     )
-    for part in ("guide", "nut", "bearing"):
-        plan.slow[part] *= 1.0 - getattr(spec, f"{part}_drop") * worked_in
-    plan.slow["viscous"] *= 1.0 + spec.viscous_rise * worked_in
+    plan.slow["guide"] *= 1.0 - spec.guide_drop * worked_in
+    plan.slow["nut"] *= 1.0 - spec.nut_drop * worked_in
+    plan.slow["viscous"] *= 1.0 + 0.1 * worked_in
 
 
 def cut(plan: Plan, spec: ProcessForce, rng: np.random.Generator) -> None:

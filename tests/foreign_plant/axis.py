@@ -18,14 +18,11 @@ def axis_case(
     *,
     duration_s: float = 60.0,
     events: tuple[Event, ...] = (),
-    errors: dict[str, float] | None = None,
     seed: int = 0,
     axis_seed: int = 0,
     setpoint_m: Array | None = None,
     machine: Machine | None = None,
     stroke_map: tuple[float, float] = (0.05, 0.03),
-    sensors: dict[str, Any] | None = None,
-    linear_loop: bool = False,
 ) -> Case:
     """Production, or the given setpoints, on the axis of `axis_seed`."""
     machine = machine or Machine()
@@ -40,10 +37,7 @@ def axis_case(
         axis_seed=axis_seed,
         preload=preload,
         events=events,
-        errors=errors or {},
         stroke_map=stroke_map,
-        linear_loop=linear_loop,
-        sensors=sensors or {},
     )
 
 

@@ -69,8 +69,6 @@ class Drive(NamedTuple):
     torque_max: float = 20.0
     integral_max: float = 4.0
     speed_filter: float = 2.0e-4
-    linear_loop: float = 0.0
-    gain_switch: float = 1.0
 
 
 SLOW = ("preload_n", "table_kg", "bearing", "nut", "guide", "viscous", "nut_drag_per_n")

@@ -16,7 +16,7 @@ from .plan import NODES, Plan, damping
 
 Draw = np.random.Generator
 Cause = Callable[[Plan, Draw, float], dict[str, Any]]
-TORQUE, TRANSMISSION, BOTH, NEITHER = "torque_nm", "transmission_m", "both", "neither"
+TORQUE, TRANSMISSION, BOTH = "torque_nm", "transmission_m", "both"
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,11 +135,9 @@ def run(p, sub, lead_in, setpoint, feed, slow, push, growth, walk, rub, ripple, 
         seal *= np.exp(-abs(v) * 1e-3 / p.seal_reach)
         guide_level = (p.guide_c * row[4] + max(rubbing, -0.9 * p.guide_c)) + seal
         read, read_slope = waves(disc, th_m, 0.0)
-        where = x if p.linear_loop > 0.5 else r * (th_m + read)
-        error = p.kv * (setpoint[k] - where)
+        error = p.kv * (setpoint[k] - r * (th_m + read))
         sd_n = 1.4 * np.sqrt(max(nut_level, 1e-3) / p.nut_reach * p.j_screw)
         sd_g = 1.4 * np.sqrt(guide_level / p.guide_reach * mass)
-        kp = p.kp * (p.gain_switch if (k // 700) % 2 == 1 else 1.0)
         for j in range(TICKS):
             head = (head + 1) % 64
             read, read_slope = waves(disc, th_m, 0.0)
@@ -147,8 +145,8 @@ def run(p, sub, lead_in, setpoint, feed, slow, push, growth, walk, rub, ripple, 
             nxt = min(k + 1, n - 1)
             wanted = feed[k, 0] + (feed[nxt, 0] - feed[k, 0]) * j / TICKS
             e = (error + wanted) / r - w_filtered
-            integral = min(max(integral + kp / p.ti * tick * e, -p.integral_max), p.integral_max)
-            command = kp * e + integral + p.ff_j * feed[k, 1] / r
+            integral = min(max(integral + p.kp / p.ti * tick * e, -p.integral_max), p.integral_max)
+            command = p.kp * e + integral + p.ff_j * feed[k, 1] / r
             command = min(max(command, -p.torque_max), p.torque_max)
             line[head] = command
             if j == 0:

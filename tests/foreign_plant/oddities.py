@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .faults import BOTH, FAULTS, NEITHER, TORQUE, TRANSMISSION, Draw, Fault, needed_nm
+from .faults import BOTH, FAULTS, TORQUE, TRANSMISSION, Draw, Fault, needed_nm
 from .plan import Plan
 
 Columns = dict[str, np.ndarray]
@@ -75,12 +75,6 @@ def interpolation(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     return {"amplitude_m": size, "period_m": 20e-6}
 
 
-def gain_switching(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
-    """The drive swaps its gains every 0.7 s: another trace, the same physics, no gap."""
-    plan.drive["gain_switch"] = 1.0 / (1.0 + strength)
-    return {"share": plan.drive["gain_switch"]}
-
-
 def noise_bursts(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     """A welder next door: bursts on torque and linear encoder."""
     size, n = rng.uniform(0.3, 0.7) * strength, plan.samples
@@ -140,7 +134,6 @@ ODDITIES: dict[str, Fault] = {
     "crosstalk": Fault(crosstalk, TORQUE),
     "loose_fixture": Fault(loose_fixture, TORQUE),
     "interpolation": Fault(interpolation, TRANSMISSION),
-    "gain_switching": Fault(gain_switching, NEITHER),
     "noise_bursts": Fault(noise_bursts, BOTH),
     "cable_chain": Fault(cable_chain, TORQUE),
     "grease_pulses": Fault(grease_pulses, TORQUE),

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class Sensors:
-    """Noise and manners of the recorder; shares are per row."""
+    """Noise and manners of the recorder."""
 
     linear_noise_m: float = 5e-8
     rotary_noise_rad: float = 5e-6
@@ -20,11 +20,6 @@ class Sensors:
     rotary_quantum_rad: float = 2 * np.pi / 2**21
     speed_lag_s: float = 5e-4
     skew_s: float = 0.0  # the linear encoder is read this much later
-    dropped: float = 0.0
-    repeated: float = 0.0
-    missing: float = 0.0
-    stuck: int = 0  # spans of 50 to 400 rows in which one channel stands
-    clock_jumps: int = 0
 
 
 def hermite(value: Array, slope: Array, at: Array) -> Array:
@@ -69,22 +64,3 @@ def record(
         "position_setpoint_m": setpoint_m,
         "temperature_c": np.round(temperature_c + rng.normal(0.0, 0.03, n), 1),
     }
-
-
-def spoiled(columns: dict[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:
-    """The recorder's bad manners: stuck spans, holes, missing and repeated rows, clock jumps."""
-    rng = np.random.default_rng([seed, 13])
-    n = len(columns["time_s"])
-    columns = {name: column.copy() for name, column in columns.items()}
-    signals = [name for name in columns if name not in ("time_s", "position_setpoint_m")]
-    for _ in range(sensors.stuck):
-        begin, name = int(rng.integers(0, n - 500)), str(rng.choice(signals))
-        columns[name][begin : begin + int(rng.integers(50, 400))] = columns[name][begin]
-    for name in signals:
-        columns[name][rng.random(n) < sensors.missing] = np.nan
-    for _ in range(sensors.clock_jumps):
-        columns["time_s"][int(rng.integers(n // 10, n)) :] += rng.uniform(0.05, 1.0)
-    times = np.where(rng.random(n) < sensors.dropped, 0, 1)
-    times = np.where((times == 1) & (rng.random(n) < sensors.repeated), 2, times)
-    rows = np.repeat(np.arange(n), times)
-    return {name: column[rows] for name, column in columns.items()}

@@ -3,7 +3,6 @@
 import csv
 import zlib
 from dataclasses import dataclass, field, replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from .kernel import run
 from .machine import Machine
 from .oddities import ALL
 from .plan import Plan, plan_axis, substeps
-from .sensors import record, spoiled
+from .sensors import record
 
 Array = NDArray[np.float64]
 LEAD_IN_S = 1.5
@@ -34,9 +33,7 @@ class Case:
     preload: ageing.PreloadSpec | None = None  # percent; None: the fresh screw
     events: tuple[ageing.Event, ...] = ()
     effects: tuple[tuple[str, float], ...] = ()  # (name, strength)
-    errors: dict[str, float] = field(default_factory=dict)  # torque_gain, inertia, series, skew_s
     stroke_map: tuple[float, float] = (0.0, 0.0)  # preload over one and two periods of the stroke
-    linear_loop: bool = False
     elapsed_s: float = 0.0  # the axis has been running for so long
     sensors: dict[str, Any] = field(default_factory=dict)
 
@@ -47,12 +44,12 @@ class Recording:
     truth: dict[str, Any]
 
     def write_csv(self, path: Path) -> Path:
-        """Empty cells where a value is missing; full precision."""
+        """In full precision."""
         with Path(path).open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(self.columns)
             for row in zip(*(each.tolist() for each in self.columns.values()), strict=True):
-                rows.writerow(["" if isnan(value) else f"{value:.12g}" for value in row])
+                rows.writerow([f"{value:.12g}" for value in row])
         return Path(path)
 
 
@@ -70,7 +67,6 @@ def planned(case: Case) -> Plan:
     plan = plan_axis(case.machine, case.setpoint_m, case.axis_seed)
     plan.elapsed_s = case.elapsed_s
     plan.sensors = replace(plan.sensors, **case.sensors)
-    plan.drive["linear_loop"] = float(case.linear_loop)
     plan.drive |= {"map_1": case.stroke_map[0], "map_2": case.stroke_map[1]}
     plan.drive |= {"map_1_phase": axis.uniform(0, 6.28), "map_2_phase": axis.uniform(0, 6.28)}
     fresh = case.machine.preload_percent
@@ -78,26 +74,12 @@ def planned(case: Case) -> Plan:
         fresh if case.preload is None else case.preload, plan.slow_time_s
     )
     plan.slow["preload_n"] = percent / 100.0 * case.machine.dynamic_load_rating_n
-    err(plan, case.errors)
     for event in case.events:
         ageing.apply(plan, event, rng)
     for name, strength in case.effects:
         own = np.random.default_rng([case.axis_seed, zlib.crc32(name.encode())])
         plan.truth.setdefault("effects", {})[name] = ALL[name](plan, own, strength)
     return plan
-
-
-def err(plan: Plan, errors: dict[str, float]) -> None:
-    """Calibration errors against the nominal axis, in place of the drawn ones."""
-    if "torque_gain" in errors:
-        plan.drive["gain"] = 1.0 + errors["torque_gain"]
-    if "inertia" in errors:
-        wanted = plan.machine.inertia_kg_m2 * (1.0 + errors["inertia"])
-        table = float(plan.slow["table_kg"][0]) * plan.machine.lead_rad**2
-        plan.drive["j_motor"] = wanted - plan.drive["j_screw"] - table
-    share = 1.0 + errors.get("series", 0.0)
-    plan.scale(coupling_k=share, shaft_gj=share, bearing_k=share, shaft_ae=share)
-    plan.sensors.skew_s += errors.get("skew_s", 0.0)
 
 
 def simulate(case: Case) -> Recording:
@@ -130,9 +112,7 @@ def simulate(case: Case) -> Recording:
     columns = record(states, plan.setpoint_m, temperature(plan, case.seed), plan.sensors, case.seed)
     for edit in plan.record:
         edit(columns)
-    return Recording(
-        spoiled(columns, plan.sensors, case.seed), truth_of(plan, states, forces, energy)
-    )
+    return Recording(columns, truth_of(plan, states, forces, energy))
 
 
 def home(plan: Plan, states: Array, lead_in: int) -> None:

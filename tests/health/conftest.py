@@ -82,8 +82,3 @@ class Scene:
 def scene() -> Scene:
     """A monitor that has heard nothing yet."""
     return Scene()
-
-
-@pytest.fixture
-def make_scene() -> type[Scene]:
-    return Scene

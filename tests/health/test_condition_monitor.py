@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from edge_service.health.advice import advice
 from edge_service.health.headline import headline
 from edge_service.messages.estimate import EstimateStatus
@@ -10,22 +12,46 @@ from edge_service.messages.features import Fault
 from edge_service.messages.health import ComponentHealth, ComponentStatus, Task
 
 from ..messages.examples import estimate_of
+from .conftest import Scene
 
 NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
 FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
 STANDSTILL = EstimateStatus.INSUFFICIENT_EXCITATION
 
 
-def test_healthy_axis_becomes_normal_once(scene):
-    scene.estimate(9.5, steps=50)
-    assert scene.condition is NORMAL
-    assert scene.changes() == ["NORMAL"]
-    assert scene.reasons == ()
+WELL, WIDE, UNBOUND = (9.5, 10), {"half_width": 1.0}, {"low": None, "high": None}
+COURSES = {
+    "a healthy axis": ([(9.5, 50)], "NORMAL"),
+    "the first numbers of a worn axis": ([(1.0, 50)], "FAULT"),
+    "flicker around a limit": ([WELL, (5.7, 10), *[(6.3, 3), (5.7, 3)] * 100], "NORMAL WARNING"),
+    "above a limit, within the hysteresis": ([(5.0, 10), (6.4, 300)], "WARNING"),
+    "above the hysteresis": ([(5.0, 10), (6.4, 300), (6.7, 10)], "WARNING NORMAL"),
+    "a doubtful fault for 5 s": ([WELL, (2.8, 50, WIDE)], "NORMAL WARNING"),
+    "a doubtful fault for 11 s": ([WELL, (2.8, 110, WIDE)], "NORMAL WARNING FAULT"),
+    "no bounds for 5 s": ([WELL, (0.5, 50, UNBOUND)], "NORMAL"),
+    "no bounds for 11 s": ([WELL, (0.5, 110, UNBOUND)], "NORMAL FAULT"),
+    "every second estimate without a number": ([WELL, *[(0.5, 1), (None, 1)] * 5], "NORMAL FAULT"),
+    "a standstill within the hysteresis": (
+        [(5.0, 10), (None, 200), (6.2, 10)],
+        "WARNING UNAVAILABLE WARNING",
+    ),
+    "a loss in silence": ([WELL, 3.0, (0.5, 10)], "NORMAL UNAVAILABLE FAULT"),
+}
+"""Percent, number of estimates and what else they say, or a silence, s; the conditions told."""
 
 
-def test_first_numbers_of_a_worn_axis_are_never_called_normal(scene):
-    scene.estimate(1.0, steps=50)
-    assert scene.changes() == ["FAULT"]
+@pytest.mark.parametrize("course", COURSES)
+def test_each_condition_is_told_once(course, scene):
+    steps, conditions = COURSES[course]
+    for step in steps:
+        if isinstance(step, float):
+            scene.wait(step)
+        else:
+            percent, count, *more = step
+            said = {"status": STANDSTILL} if percent is None else dict(*more)
+            scene.estimate(percent, steps=count, **said)
+    assert scene.changes() == conditions.split()
+    assert scene.condition == conditions.split()[-1]
 
 
 def test_sudden_drop_is_a_fault_within_half_a_second(scene):
@@ -50,31 +76,6 @@ def test_slow_ramp_passes_warning_and_fault_once_each_at_their_limits(scene):
     assert 3.0 - 0.1 - 5 * 0.02 <= seen[FAULT] < 3.0
 
 
-def test_flicker_around_a_limit_is_one_event(scene):
-    scene.estimate(9.5, steps=10)
-    scene.estimate(5.7, steps=10)
-    for _ in range(100):
-        scene.estimate(6.3, steps=3)
-        scene.estimate(5.7, steps=3)
-    assert scene.changes() == ["NORMAL", "WARNING"]
-
-
-def test_recovery_needs_the_hysteresis(scene):
-    scene.estimate(5.0, steps=10)
-    scene.estimate(6.4, steps=300)  # above the limit of 6.0, below 6.0 + 0.5
-    assert scene.condition is WARNING
-    scene.estimate(6.7, steps=10)
-    assert scene.condition is NORMAL
-
-
-def test_doubtful_fault_needs_the_long_delay(scene):
-    scene.estimate(9.5, steps=10)
-    scene.estimate(2.8, half_width=1.0, steps=50)  # 5 s: the interval [1.8, 3.8] holds the limit
-    assert scene.condition is WARNING
-    scene.estimate(2.8, half_width=1.0, steps=60)
-    assert scene.condition is FAULT
-
-
 def test_a_limit_inside_the_interval_is_said_to_be_in_doubt(scene):
     """The condition changes all the same, or a loss hid behind a wide interval for ever."""
     scene.estimate(9.5, steps=10)
@@ -94,22 +95,6 @@ def test_a_limit_inside_the_interval_is_said_to_be_in_doubt(scene):
     assert [each.task for each in advice(health, None)] == [Task.PLAN_NUT]
 
 
-def test_drop_shows_even_when_every_second_estimate_has_no_number(scene):
-    scene.estimate(9.5, steps=10)
-    for _ in range(5):
-        scene.estimate(0.5)
-        scene.estimate(None, status=STANDSTILL)
-    assert scene.condition is FAULT
-
-
-def test_estimate_without_bounds_is_doubtful(scene):
-    scene.estimate(9.5, steps=10)
-    scene.estimate(0.5, low=None, high=None, steps=50)
-    assert scene.condition is NORMAL
-    scene.estimate(0.5, low=None, high=None, steps=60)
-    assert scene.condition is FAULT
-
-
 def test_standstill_keeps_the_condition_for_the_grace_time_only(scene):
     scene.estimate(5.0, steps=10)
     scene.silent(STANDSTILL, 9.0)
@@ -117,20 +102,6 @@ def test_standstill_keeps_the_condition_for_the_grace_time_only(scene):
     scene.silent(STANDSTILL, 2.0)
     assert scene.condition is UNAVAILABLE
     assert scene.reasons[0].startswith("no_number:")
-
-
-def test_limit_remembers_its_side_across_a_standstill(scene):
-    scene.estimate(5.0, steps=10)
-    scene.silent(STANDSTILL, 20.0)
-    scene.estimate(6.2, steps=10)  # inside the hysteresis
-    assert scene.changes() == ["WARNING", "UNAVAILABLE", "WARNING"]
-
-
-def test_axis_that_lost_preload_while_silent_is_not_called_normal(scene):
-    scene.estimate(9.5, steps=10)
-    scene.wait(3.0)
-    scene.estimate(0.5, steps=10)
-    assert scene.changes() == ["NORMAL", "UNAVAILABLE", "FAULT"]
 
 
 def test_silence_is_unavailable_without_any_call_in_between(scene):
@@ -147,8 +118,8 @@ def test_late_arrival_of_old_data_is_stale(scene):
     assert scene.condition is UNAVAILABLE
 
 
-def test_unknown_fresh_preload_has_no_limit(make_scene):
-    scene = make_scene(fresh_percent=None)
+def test_unknown_fresh_preload_has_no_limit():
+    scene = Scene(fresh_percent=None)
     scene.estimate(5.0, steps=50)
     assert scene.condition is UNAVAILABLE
     assert "fresh screw" in scene.reasons[0]

@@ -104,11 +104,10 @@ def _drawn(text: str, case: HiddenCase) -> ActiveEffect:
 def foreign_plant() -> Plant:
     """Axis that shares no code with the library; its seed draws what its effects are."""
     plant = importlib.import_module("foreign_plant")
-    odd = sorted(name for name, each in plant.ODDITIES.items() if each.channel != plant.NEITHER)
     return Plant(
         plant.nominal_machine_toml(plant.DIAGNOSIS),
         sorted(plant.FAULTS),
-        odd,
+        sorted(plant.ODDITIES),
         ("full", FRESH, "staircase"),
         _foreign_recorded,
     )

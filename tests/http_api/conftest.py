@@ -97,11 +97,6 @@ def scene() -> Scene:
     return Scene()
 
 
-@pytest.fixture
-def make_scene() -> type[Scene]:
-    return Scene
-
-
 def foreign_recording(path: Path, duration_s: float) -> None:
     """Write the bench's axis as a control might: a current, and a misleading name of the table."""
     settings = SimulationSettings(duration_s=duration_s, seed=5)

@@ -12,7 +12,7 @@ from edge_service.health.store import events
 from edge_service.http_api.serve import AddressError, bind
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
-from .conftest import client_of
+from .conftest import Scene, client_of
 from .test_limits import served
 
 
@@ -91,9 +91,9 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
         assert "missed 0" in received[0].data
 
 
-async def test_reader_that_was_away_too_long_is_told(make_scene, monkeypatch):
+async def test_reader_that_was_away_too_long_is_told(monkeypatch):
     monkeypatch.setattr(events, "MOST_KEPT", 40)  # a 20th in memory
-    scene = make_scene()
+    scene = Scene()
     first = scene.hear_event("seen")
     for number in range(60):
         scene.hear_event(str(number))

@@ -64,18 +64,24 @@ def _bytes(value: Any) -> bytes:
     return json.dumps(value).encode()
 
 
-def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+def places(
+    value: Any, most: int | None = None, path: tuple[Any, ...] = ()
+) -> list[tuple[Any, ...]]:
+    """Every place in a document, of lists the first `most`."""
     if not isinstance(value, dict | list):
         return []
     found = []
-    for key, each in value.items() if isinstance(value, dict) else enumerate(value):
-        found += [(*path, key), *_places(each, (*path, key))]
+    for key, each in value.items() if isinstance(value, dict) else enumerate(value[:most]):
+        found += [(*path, key), *places(each, most, (*path, key))]
     return found
 
 
-def _replaced(value: Any, changes: list[tuple[tuple[Any, ...], Any]]) -> Any:
+def replaced(value: Any, changes: list[tuple[tuple[Any, ...], Any]]) -> Any:
+    """The document with something else at some places; at () it is that alone."""
     copy = json.loads(json.dumps(value))
     for path, new in changes:
+        if not path:
+            return new
         place = copy
         with suppress(LookupError, TypeError):  # an earlier change has taken the place away
             for key in path[:-1]:
@@ -85,13 +91,13 @@ def _replaced(value: Any, changes: list[tuple[tuple[Any, ...], Any]]) -> Any:
 
 
 def _changes(value: Any) -> st.SearchStrategy[list[tuple[tuple[Any, ...], Any]]]:
-    change = st.tuples(st.sampled_from(_places(value)), st.sampled_from(NASTY))
+    change = st.tuples(st.sampled_from(places(value)), st.sampled_from(NASTY))
     return st.lists(change, min_size=1, max_size=3)
 
 
 def _messages(good: bytes) -> st.SearchStrategy[bytes]:
     members = json.loads(good)
-    return _changes(members).map(lambda changes: _bytes(_replaced(members, changes)))
+    return _changes(members).map(lambda changes: _bytes(replaced(members, changes)))
 
 
 def _blocks(good: bytes) -> st.SearchStrategy[bytes]:
@@ -99,7 +105,7 @@ def _blocks(good: bytes) -> st.SearchStrategy[bytes]:
     members, body = json.loads(good[8 : 8 + length]), np.frombuffer(good[8 + length :], "<f8")
 
     def block(changes: list[Any], numbers: list[tuple[int, float]], cut: int | None) -> bytes:
-        text, values = _bytes(_replaced(members, changes)), body.copy()
+        text, values = _bytes(replaced(members, changes)), body.copy()
         for index, number in numbers:
             values[index] = number
         return MAGIC + struct.pack("<I", len(text)) + text + values[:cut].tobytes()

@@ -251,29 +251,40 @@ def not_finite(snapshot: dict[str, Any]) -> dict[str, Any]:
     return changed
 
 
-DAMAGED: dict[str, Callable[[Kept], Any]] = {
-    "of other kind": lambda _kept: {"schema": "axis-watch/1", "axis": "X"},
-    "a list": lambda _kept: [1, 2],
-    "of another axis": lambda kept: kept.document("Y", identity()),
-    "empty": lambda kept: kept.document("X", identity()) | {"snapshot": {}},
-    "without time": lambda kept: kept.document("X", identity()) | {"time_s": None},
-    "of another estimator": lambda kept: replace(kept, snapshot={"schema": "imm-preload/2"}),
-    "not finite": lambda kept: replace(kept, snapshot=not_finite(kept.snapshot)),
+HEAVIER = MACHINE.model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
+OTHER = identity(MACHINE.model_copy(update={"model": HEAVIER}))
+OLD_NS, ASIDE = round((LONGEST_STOP_S + 3600.0) * NS), "kept as estimate.damaged-"
+REFUSED: dict[str, tuple[Callable[[Kept], Any], str]] = {
+    "of other kind": (lambda _kept: {"schema": "axis-watch/1", "axis": "X"}, ASIDE),
+    "a list": (lambda _kept: [1, 2], ASIDE),
+    "of another axis": (lambda kept: kept.document("Y", identity()), ASIDE),
+    "empty": (lambda kept: kept.document("X", identity()) | {"snapshot": {}}, ASIDE),
+    "without time": (lambda kept: kept.document("X", identity()) | {"time_s": None}, ASIDE),
+    "of another estimator": (lambda kept: replace(kept, snapshot={"schema": "imm/2"}), ASIDE),
+    "not finite": (lambda kept: replace(kept, snapshot=not_finite(kept.snapshot)), ASIDE),
+    "of another machine file": (lambda kept: kept.document("X", OTHER), "another machine file"),
+    "too old": (
+        lambda kept: replace(kept, source_time_ns=kept.source_time_ns - OLD_NS),
+        "30 days old",
+    ),
 }
+"""What is made of a state, and what is said of it."""
 
 
-def fresh_and_warned(
-    folder: Path, document: Any, caplog: pytest.LogCaptureFixture, *words: str
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_state_that_is_refused_is_said_in_a_line_and_the_estimator_is_as_new(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """One line says why, and the estimator is as new."""
-    given = document.document("X", identity()) if isinstance(document, Kept) else document
-    put_state(folder, given)
-    context = NodeContext(config_in(folder), MagicMock())
+    change, said = REFUSED[name]
+    changed = change(kept_at(time.time_ns()))
+    is_whole = isinstance(changed, Kept)
+    put_state(tmp_path, changed.document("X", identity()) if is_whole else changed)
+    context = NodeContext(config_in(tmp_path), MagicMock())
     with closing(context.store), caplog.at_level(logging.WARNING):
         estimators = estimate_node.Estimators(context)
         estimators.load()
     (record,) = caplog.records
-    for word in ("axis X", "starts over", *words):
+    for word in ("axis X", "starts over", said):
         assert word in record.getMessage()
     axis = estimators.axes["X"]
     told = [
@@ -281,31 +292,7 @@ def fresh_and_warned(
         for n, block in enumerate(blocks()[:20])
     ]
     assert told == one_piece(blocks()[:20])
-
-
-@pytest.mark.parametrize("name", DAMAGED)
-def test_a_damaged_state_is_set_aside(
-    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    spoiled = DAMAGED[name](kept_at(time.time_ns()))
-    fresh_and_warned(tmp_path, spoiled, caplog, "kept as estimate.damaged-")
-    assert document_in(tmp_path) is None
-
-
-def test_a_state_that_is_too_old_is_refused(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    kept = kept_at(time.time_ns() - round((LONGEST_STOP_S + 3600.0) * NS))
-    fresh_and_warned(tmp_path, kept, caplog, "30 days old")
-
-
-def test_a_state_of_another_machine_file_is_refused(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    heavier = MACHINE.model.model_copy(update={"inertia_kg_m2": Quantity(value=2e-3)})
-    other = MACHINE.model_copy(update={"model": heavier})
-    document = kept_at(time.time_ns()).document("X", identity(other))
-    fresh_and_warned(tmp_path, document, caplog, "another machine file")
+    assert said != ASIDE or document_in(tmp_path) is None
 
 
 @pytest.mark.parametrize("ahead_s", [2 * AHEAD_S, 74 * 365 * 86400.0])

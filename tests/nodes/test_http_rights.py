@@ -37,21 +37,18 @@ def test_beyond_loopback_and_behind_a_proxy_a_token_is_needed(tmp_path: Path) ->
         assert check_access(config).endswith("for whoever has one of 1 tokens")
 
 
-def test_certificate_and_key_must_fit(tmp_path: Path) -> None:
+def test_certificate_and_key_must_fit_and_others_read_no_key(tmp_path: Path) -> None:
     certificate, key = write_certificates(tmp_path)
-    assert server_files(HttpConfig(certificate=certificate, private_key=key)) == (certificate, key)
+    http = HttpConfig(certificate=certificate, private_key=key)
+    assert server_files(http) == (certificate, key)
+    key.chmod(0o604)
+    with pytest.raises(ConfigError, match=r"http\.private_key: .* others may read"):
+        server_files(http)
     other = trustme.CA().issue_cert("localhost")
     other.private_key_pem.write_to_path(key)
     key.chmod(0o600)
     with pytest.raises(ConfigError, match=r"http\.certificate: .* KEY_VALUES_MISMATCH"):
-        server_files(HttpConfig(certificate=certificate, private_key=key))
-
-
-def test_a_key_that_others_may_read_is_refused(tmp_path: Path) -> None:
-    certificate, key = write_certificates(tmp_path)
-    key.chmod(0o604)
-    with pytest.raises(ConfigError, match=r"http\.private_key: .* others may read"):
-        server_files(HttpConfig(certificate=certificate, private_key=key))
+        server_files(http)
 
 
 async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(

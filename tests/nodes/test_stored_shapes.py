@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import re
-from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ from edge_service.nodes.estimated_axis import DAMAGED, Kept, StateError
 from ..bench.estimator.axis import OwnAxis
 from ..documents import ROOT
 from ..messages.examples import estimate_of
+from ..messages.hostile import places, replaced
 from .conftest import config_of
 
 NS = 10**9
@@ -41,26 +41,6 @@ def monitor() -> AxisMonitor:
     geometry = ScrewGeometry(0.02 / (2.0 * math.pi), 0.8)
     facts = ("X", 6.85, geometry)
     return AxisMonitor(*facts, AlarmsConfig(), NOW_NS)
-
-
-def places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Every place in a document, of lists the first three."""
-    yield path
-    if isinstance(document, dict):
-        for key, value in document.items():
-            yield from places(value, (*path, key))
-    elif isinstance(document, list):
-        for number, value in enumerate(document[:3]):
-            yield from places(value, (*path, number))
-
-
-def with_shape(document: Any, path: tuple[Any, ...], shape: Any) -> Any:
-    if not path:
-        return shape
-    first, *rest = path
-    changed: Any = dict(document) if isinstance(document, dict) else list(document)
-    changed[first] = with_shape(document[first], tuple(rest), shape)
-    return changed
 
 
 def use(monitor: AxisMonitor) -> None:
@@ -126,11 +106,13 @@ def test_a_state_whose_row_was_changed_is_set_aside(name: str, tmp_path: Path) -
 @pytest.mark.parametrize("part", [None, *RECORDED])
 def test_a_snapshot_of_any_shape_within_is_refused_or_taken(part: str | None) -> None:
     """Its digest is right: somebody else has written it."""
-    for place in [()] if part is None else [(part, *each) for each in places(RECORDED[part])]:
+    for place in (
+        [()] if part is None else [(part, *each) for each in ((), *places(RECORDED[part], 3))]
+    ):
         for shape in SHAPES:
             restored = monitor()
             try:
-                restored.restore(with_shape(RECORDED, place, shape))
+                restored.restore(replaced(RECORDED, [(place, shape)]))
             except (ValueError, RecursionError):
                 continue
             use(restored)
@@ -141,11 +123,11 @@ def test_an_estimate_of_any_shape_within_is_refused_or_taken(part: str) -> None:
     """Every way in which reading a state can fail is one that the node expects."""
     machine = OwnAxis(1, one_encoder=True).commissioned()
     make = partial(make_estimator, "mixture", machine, EstimatorConfig(method="mixture"))
-    for place in list(places(MIXTURE[part]))[:40]:
+    for place in [(), *places(MIXTURE[part], 3)][:40]:
         for shape in SHAPES:
             estimator = make()
             try:
-                estimator.restore(with_shape(MIXTURE, (part, *place), shape))
+                estimator.restore(replaced(MIXTURE, [((part, *place), shape)]))
                 estimator.estimate()
                 json.dumps(estimator.snapshot(), allow_nan=False)
             except DAMAGED:

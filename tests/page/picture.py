@@ -6,8 +6,8 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from ..bench.speed.page import CHROMIUM
 from ..bench.speed.process_meter import ServiceProcess
+from .conftest import CHROMIUM
 
 _PATIENCE_S = 120.0
 _SETTLED_MS = 15_000

@@ -1,4 +1,4 @@
-"""The benches of the diagnosis: a foreign plant, one beside the checkout, and real machines."""
+"""The benches of the diagnosis: a foreign plant, and real machines."""
 
 from collections.abc import Collection, Iterator, Sequence
 from functools import partial
@@ -7,7 +7,6 @@ from ...hidden_effects.cases import HiddenCase, foreign_plant, plan
 from ...hidden_effects.score import CheckedCase, checked, total_lines, totals_of
 from .. import real_machines
 from ..table import Progress, Table, in_processes
-from .second_plant import run_diagnosis_plant
 from .seeded_errors import run_seeded_errors
 
 
@@ -17,8 +16,6 @@ def run_diagnose_bench(
     tables = []
     if "foreign" in parts:
         tables.append(run_foreign(20 if quick else 500, seed, progress))
-    if "second-plant" in parts:
-        tables.append(run_diagnosis_plant(seed, quick, progress))
     if "real-machines" in parts:
         tables.append(run_seeded_errors(real_machines.DATA, seed, progress))
     return tables

@@ -24,7 +24,6 @@ from edge_service.recordings.conditioning import white_noise_rms
 
 from ..real_machines import ACTUATOR_TOML, SEQUENCES, moves, one_actuator, written
 from ..table import BenchError, Progress, Table, in_processes
-from .figures import Row, figures_table, share
 
 MAGNITUDES = {"small": 0.1, "medium": 0.25, "large": 0.6}
 """Greatest torque of an error over the root mean square of the torque in motion."""
@@ -281,38 +280,30 @@ def run_seeded_errors(folder: Path, seed: int, say: Progress) -> Table:
         rows.append(row)
         said = f"{row.case.recording}: {row.case.error or 'as it is'}"
         say(f"{len(rows)} of {len(cases)}: {said}")
-    return figures_table(figures_of(rows), (f"real machines in {folder}, seed {seed}",))
+    return Table.of(figures_of(rows), f"real machines in {folder}, seed {seed}")
 
 
-def figures_of(rows: Sequence[SeededRow]) -> list[Row]:
+def figures_of(rows: Sequence[SeededRow]) -> Iterator[Mapping[str, object]]:
     """Counts of right answers by kind and size."""
     known = [row for row in rows if row.case.error in KNOWN]
     claims = [row for row in rows if row.verdict in ("explained", "ambiguous")]
-    unknown = [row for row in rows if row.case.error in OPEN]
-    whole = [row for row in rows if not row.case.error]
-    sure = [row for row in claims if row.effects[0][1] >= 0.9]
-    return [
-        *(
-            share(
-                f"{magnitude} error of the library: named first",
-                "",
-                [row for row in known if row.case.magnitude == magnitude],
-                lambda row: row.right and row in claims,
-            )
-            for magnitude in MAGNITUDES
-        ),
-        share(
-            "an error is named, but a wrong one, above .5",
-            "",
-            known,
-            lambda row: not row.right and bool(row.effects) and row.effects[0][1] > 0.5,
-        ),
-        share(
-            "error that no entry has: unknown, or none above .5",
-            "",
-            unknown,
-            lambda row: not row.effects or row.verdict == "unknown" or row.effects[0][1] <= 0.5,
-        ),
-        share("as it is: no_gap", "", whole, lambda row: row.verdict == "no_gap"),
-        share("first name above .9 is right", "", sure, lambda row: row.right),
+    for magnitude in MAGNITUDES:
+        alike = [row for row in known if row.case.magnitude == magnitude]
+        right = [row.right and row in claims for row in alike]
+        yield _share(f"{magnitude} error of the library: named first", right)
+    wrong = [not row.right and bool(row.effects) and row.effects[0][1] > 0.5 for row in known]
+    yield _share("an error is named, but a wrong one, above .5", wrong)
+    nameless = [
+        not row.effects or row.verdict == "unknown" or row.effects[0][1] <= 0.5
+        for row in rows
+        if row.case.error in OPEN
     ]
+    yield _share("error that no entry has: unknown, or none above .5", nameless)
+    quiet = [row.verdict == "no_gap" for row in rows if not row.case.error]
+    yield _share("as it is: no_gap", quiet)
+    sure = [row.right for row in claims if row.effects[0][1] >= 0.9]
+    yield _share("first name above .9 is right", sure)
+
+
+def _share(name: str, holds: Sequence[bool]) -> Mapping[str, object]:
+    return {"figure": name, "reached": f"{sum(holds)} of {len(holds)}" if holds else "-"}

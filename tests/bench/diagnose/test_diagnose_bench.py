@@ -1,20 +1,16 @@
-"""Small cases of the three benches of the diagnosis: what must hold whatever their numbers."""
+"""Small cases of the benches of the diagnosis: what must hold whatever their numbers."""
 
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from edge_service.cli.entry import main
 from edge_service.diagnose.result import SURE
-from tests.bench.commands import bench
 
 from ...hidden_effects.cases import HiddenCase
 from .. import real_machines
-from ..estimator.plants.second_plant import BESIDE
 from ..real_machines import DATA
 from .bench import run_cases
-from .second_plant import MAKE
 from .seeded_errors import OPEN, SeededCase, recordings, run_case
 
 
@@ -75,12 +71,3 @@ def test_a_real_axis_with_an_error_is_named_rightly(error: str) -> None:
         assert found.verdict == "unknown" or found.effects[0][1] <= 0.5
     else:
         assert found.right, found.effects
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not (BESIDE / MAKE).is_file(), reason=f"no second plant in {BESIDE}")
-def test_the_installed_command_is_scored_on_the_second_plant() -> None:
-    line = ["diagnose", "--only", "second-plant", "--quick", "--seed", "11"]
-    table = CliRunner().invoke(bench, line, catch_exceptions=False).stdout
-    assert "singles, all strengths: named first" in table
-    assert "50 Hz: healthy no_gap" in table

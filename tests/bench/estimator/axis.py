@@ -36,9 +36,6 @@ class OwnAxis:
 
     seed: int = 0
     effects: tuple[str, ...] = ()  # of the true axis beside `FRICTION`
-    # inertia_off, nut_off: errors of its machine file, as shares of the true value
-    inertia_off: float = 0.0
-    nut_off: float = 0.0
     one_encoder: bool = False  # whether the table has none
 
     @property
@@ -92,13 +89,11 @@ class OwnAxis:
 
     def nominal(self) -> Machine:
         machine = _default()
-        inertia = machine.model.inertia_kg_m2.value * (1.0 + self.inertia_off)
-        nut = _nut_stiffness(machine) * (1.0 + self.nut_off)
-        table = 20.0 * (1.0 + self.inertia_off)
+        inertia = machine.model.inertia_kg_m2.value
         stated = {
             "inertia_kg_m2": Quantity(value=inertia, tolerance=0.05),
-            "nut_stiffness_n_per_m": Quantity(value=nut, tolerance=0.1),
-            "table_mass_kg": Quantity(value=table, tolerance=0.02),
+            "nut_stiffness_n_per_m": Quantity(value=_nut_stiffness(machine), tolerance=0.1),
+            "table_mass_kg": Quantity(value=20.0, tolerance=0.02),
         }
         return machine.model_copy(update={"model": machine.model.model_copy(update=stated)})
 

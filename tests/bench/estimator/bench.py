@@ -17,32 +17,20 @@ from .healthy.production_cases import PLANTS, SHIFT_S
 from .losses import losses_table, lost
 from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
-from .plants.foreign import foreign, foreign_errors, foreign_one_encoder
-from .plants.own import ERRORS, calibration, closed_loop, intervals, loads, long_run, warm_up
-from .plants.second_plant import plant_table, run_second_plant
-from .plants.spoiled import hostile
+from .plants.foreign import foreign, foreign_one_encoder
+from .plants.own import closed_loop, warm_up
 from .plants.thesis import thesis_runs
 from .rows import table_of
-from .wear_rates import rate_session, rate_table
 
 PROCESSES = 2
 _TABLES: Mapping[str, Callable[[Any], Table]] = {
     "table": table_of,
     "life": life_table,
-    "rates": rate_table,
     "healthy": healthy_table,
     "losses": losses_table,
     "notch": notch_table,
     "dates": dates_table,
-    "second-plant": plant_table,
 }
-_FOREIGN_ERRORS = (
-    ("no", 0.0),
-    *(("torque_gain", share) for share in (-0.02, 0.02)),
-    *(("inertia", share) for share in (-0.05, 0.05)),
-    *(("skew_s", skew_s) for skew_s in (-1e-6, 1e-6)),
-    *(("series", share) for share in (-0.1, 0.1)),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,26 +48,17 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
 
     Args:
         quick: fewer and shorter cases, for a look.
-        axes: seeds of the axes of lives, rates, shifts and losses.
+        axes: seeds of the axes of lives, shifts and losses.
     """
     few = (1,) if quick else (1, 2)
-    yield Task("own", "40 minutes", partial(long_run, 1, quick))
     for axis in few:
         yield Task("own", f"warm-up, axis {axis}", partial(warm_up, axis, quick))
     for axis in (3,) if quick else (3, 4, 5):
         yield Task("foreign", f"foreign axis {axis}", partial(foreign, axis, quick))
         blind = partial(foreign_one_encoder, axis, quick)
         yield Task("foreign", f"foreign, one encoder {axis}", blind)
-    for error, share in () if quick else _FOREIGN_ERRORS:
-        wrong = partial(foreign_errors, error, share, quick)
-        yield Task("foreign", f"foreign {error} {share:g}", wrong)
-    yield Task("own", "intervals", partial(intervals, 1, quick))
     for axis in few:
         yield Task("own", f"closed loop, axis {axis}", partial(closed_loop, axis, quick))
-        yield Task("own", f"loads, axis {axis}", partial(loads, axis, quick))
-    yield Task("spoiled", "spoiled recordings", partial(hostile, quick))
-    for which in range(0 if quick else len(ERRORS)):
-        yield Task("own", ERRORS[which][0], partial(calibration, which, quick))
     runs = 1 if quick else 2
     for first in range(0, 1 if quick else 8, runs):
         yield Task("thesis", f"thesis' simulations {first}", partial(thesis_runs, first, runs))
@@ -91,9 +70,6 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
             for shape in shapes(quick):
                 name = f"life {plant} {axis}: {shape}"
                 yield Task("life", name, partial(live, plant, shape, axis, quick))
-        for warming in (False, True):
-            name = f"wear axis {axis}, {'warming up' if warming else 'cold'}"
-            yield Task("rates", name, partial(rate_session, axis, warming, quick))
         for plant in PLANTS:
             healthy = partial(shifts, plant, axis, shift_s)
             yield Task("healthy", f"healthy {plant} {axis}", healthy)
@@ -125,8 +101,4 @@ def run_estimator_bench(
     found: dict[str, list[Any]] = {}
     for number, task in enumerate(tasks):
         found.setdefault("table" if task.part in TABLE else task.part, []).extend(done[number])
-    if "second-plant" in parts:
-        for each in range(seed, seed + seeds):
-            rows = run_second_plant(each, quick, PROCESSES, say)
-            found.setdefault("second-plant", []).extend(rows)
     return [_TABLES[name](found[name]) for name in _TABLES if name in found]

@@ -1,6 +1,6 @@
 """Parts of the estimator's bench, and from where on their axes are counted."""
 
-TABLE = ("own", "foreign", "thesis", "spoiled")
+TABLE = ("own", "foreign", "thesis")
 """Parts whose rows make the table with aims."""
-PARTS = (*TABLE, "life", "rates", "healthy", "losses", "notch", "dates", "second-plant")
+PARTS = (*TABLE, "life", "healthy", "losses", "notch", "dates")
 FIRST_SEED = 3

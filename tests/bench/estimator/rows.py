@@ -7,13 +7,11 @@ from ..table import Table
 from .aims import AIMS, Aim
 from .plants.foreign import ROW as _FOREIGN
 from .plants.own import Part
-from .plants.spoiled import CASES
 from .scores import Score, pooled
 
 COVERAGE = (0.94, 0.96)
 ALL_FOREIGN = f"{_FOREIGN}all scenarios"
 _AGAIN = (ALL_FOREIGN, "after step 100")
-_SPOILED = frozenset(case.name for case in CASES)
 
 
 def table_of(parts: Sequence[Part]) -> Table:
@@ -42,7 +40,7 @@ def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) 
         if one is None:
             continue
         found.setdefault(part.row, []).append(one)
-        if part.row.startswith(_FOREIGN) and not part.row.endswith((" error", "one encoder")):
+        if part.row.startswith(_FOREIGN) and not part.row.endswith("one encoder"):
             found.setdefault(ALL_FOREIGN, []).append(one)
     return {row: pooled(scores) for row, scores in found.items()}
 
@@ -50,15 +48,9 @@ def _pooled_by_row(parts: Sequence[Part], pick: Callable[[Part], Score | None]) 
 def _row(
     name: str, aim: Aim, ours: Mapping[str, Score], thesis: Mapping[str, Score]
 ) -> Mapping[str, object]:
-    """Figures, aim, what was added, and for spoiled recordings what was said."""
-    mine, reference, remark = ours.get(name), ours.get(aim.reference or ""), aim.text() or "-"
-    met = "no data"
+    mine, met = ours.get(name), "no data"
     if mine is not None:
-        met = ("yes" if aim.met(mine, reference) else "MISSED") if aim.text() else "-"
-        if reference is not None:
-            remark += f"; added {mine.mae - reference.mae:+.3f}"
-        if name in _SPOILED:
-            remark += f"; misleading {mine.misleading:.1%}; {', '.join(mine.notes)}"
+        met = ("yes" if aim.met(mine) else "MISSED") if aim.text() else "-"
     counted = mine or Score(0, 0)
     return {
         "row": name,
@@ -73,7 +65,7 @@ def _row(
         "score": counted.interval_score,
         "seen s": counted.detection_s,
         "met": met,
-        "aim": remark,
+        "aim": aim.text() or "-",
     }
 
 

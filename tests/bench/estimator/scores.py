@@ -1,13 +1,13 @@
 """Scores of how well an estimator followed the truth over a recording."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
+from edge_service.messages.estimate import PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 
@@ -38,10 +38,6 @@ class Track:
     low: Floats
     high: Floats
     motion_s: Floats  # time in motion until then
-    # how often each status stood
-    status_count: Mapping[str, int] = field(default_factory=dict, kw_only=True)
-    # codes of the reasons for no number, in order of appearance
-    reasons: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def columns(self) -> tuple[Floats, ...]:
@@ -49,7 +45,7 @@ class Track:
         return self.time_s, self.truth, self.percent, self.low, self.high, self.motion_s
 
     def since(self, moment: int) -> "Track":
-        """Without the first moments, and without statuses."""
+        """Without the first moments."""
         return Track(*(column[moment:] for column in self.columns))
 
 
@@ -64,8 +60,6 @@ class Followed(Protocol):
 def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
     """Feed all blocks; ask after every `every`-th."""
     rows: list[tuple[float, ...]] = []
-    status_count = dict.fromkeys((status.value for status in EstimateStatus), 0)
-    reasons: dict[str, None] = {}
     motion_s = 0.0
     for number, block in enumerate(recorded.blocks, start=1):
         estimator.update(block)
@@ -73,15 +67,12 @@ def follow(estimator: Followed, recorded: Recorded, every: int = 1) -> Track:
         if number % every:
             continue
         said = estimator.estimate()
-        status_count[said.status.value] += 1
-        reasons |= dict.fromkeys(reason.partition(":")[0] for reason in said.reasons)
         numbers = (said.preload_percent, said.low, said.high)
         values = (math.nan if value is None else value for value in numbers)
         rows.append((block.time_s, block.duration_s, motion_s, *values))
     time_s, duration_s, moved_s, percent, low, high = np.array(rows).reshape(-1, 6).T
     truth = np.interp(time_s - 0.5 * duration_s, recorded.time_s, recorded.percent)
-    columns = (time_s, truth, percent, low, high, moved_s)
-    return Track(*columns, status_count=status_count, reasons=tuple(reasons))
+    return Track(time_s, truth, percent, low, high, moved_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +94,6 @@ class Score:
     # of motion, until a loss was seen; inf if never, NaN without a loss
     detection_s: float = math.nan
     cases: int = 1  # recordings behind it, each of one axis with one seed
-    notes: tuple[str, ...] = ()  # statuses and reasons
 
 
 def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> Score:
@@ -111,7 +101,7 @@ def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> 
     answered = np.isfinite(track.percent)
     moments, count = len(answered), int(answered.sum())
     if not count:
-        return Score(moments, 0, detection_s=detection_s, notes=_notes(track))
+        return Score(moments, 0, detection_s=detection_s)
     truth, low, high = track.truth[answered], track.low[answered], track.high[answered]
     error = track.percent[answered] - truth
     miss = np.maximum(np.maximum(low - truth, truth - high), 0.0)
@@ -127,14 +117,7 @@ def score(track: Track, event_s: float = 0.0, detection_s: float = math.nan) -> 
         misleading=float((miss > MISLEADING_PERCENT).sum()) / moments,
         wrong=float((miss > WRONG_PERCENT).mean()),
         detection_s=detection_s,
-        notes=_notes(track),
     )
-
-
-def _notes(track: Track) -> tuple[str, ...]:
-    moments = len(track.time_s)
-    shares = {name: count / moments for name, count in track.status_count.items() if count}
-    return (*(f"{name} {share:.0%}" for name, share in shares.items()), *track.reasons)
 
 
 def detection(track: Track, loss_s: float, below_percent: float) -> float:
@@ -172,7 +155,6 @@ def pooled(parts: Iterable[Score]) -> Score:
         wrong=mean(each.wrong for each in scores),
         detection_s=_most(each.detection_s for each in scores),
         cases=sum(each.cases for each in scores),
-        notes=tuple(dict.fromkeys(note for each in scores for note in each.notes)),
     )
 
 

@@ -16,9 +16,8 @@ from ..identification.simulated_axis import write_recording
 from ..table import Figure, Progress, Table, figures_table
 from .bare import request_costs_us
 from .delay import PreloadPoller, sample_delays_s
+from .estimator_cost import estimator_us
 from .paced import MOSQUITTO, Paced, measure_paced, service
-from .page import CHROMIUM, page_times_ms
-from .parts import bank_us, estimator_us, history_us, ivp_s, plant_s, recorder_us
 from .parts_of import SPEED_PARTS
 from .process_meter import PATIENCE_S, ServiceProcess, read_stolen_s
 from .replay_speed import replay_figures
@@ -111,30 +110,8 @@ class SpeedBench:
         return replay_figures(self._folder, self._kernels, 60.0 if self._quick else 300.0)
 
     def _estimator(self) -> list[Figure]:
-        batch, single, filterpy = bank_us(self._repeats)
         ours, theirs = estimator_us(self._recording, self._repeats)
-        return [
-            Figure("five modes, a whole run: each step", batch, "us", filterpy, "filterpy"),
-            Figure("five modes, sample by sample: each step", single, "us", filterpy, "filterpy"),
-            Figure("mixture estimator: each interval", ours, "us", theirs, "filterpy"),
-        ]
-
-    def _plant(self) -> list[Figure]:
-        theirs, peer = ivp_s(self._repeats), "solve_ivp, two masses"
-        name = "simulated plant: 100 s of axis time"
-        return [
-            Figure(f"{name}, {which}", plant_s(effects, self._repeats), "s", theirs, peer)
-            for which, effects in (("no effects", False), ("eight effects", True))
-        ]
-
-    def _recorder(self) -> list[Figure]:
-        ours, theirs = recorder_us(60_000, self._repeats)
-        return [Figure("recorder: each sample", ours, "us", theirs, "numpy.save")]
-
-    def _history(self) -> list[Figure]:
-        ours, theirs = history_us(self._repeats)
-        name = "history of a year in 1000 buckets, off the disk: processor"
-        return [Figure(name, ours / 1e3, "ms", theirs / 1e3, "pyarrow, the bare file")]
+        return [Figure("mixture estimator: each interval", ours, "us", theirs, "filterpy")]
 
     def _requests(self) -> list[Figure]:
         with self._service(1) as process:
@@ -173,18 +150,6 @@ class SpeedBench:
                 figures.append(
                     Figure(name, delay_ms, "ms", at_most=110.0 if percent == 99 else None)
                 )
-        return figures
-
-    def _page(self) -> list[Figure]:
-        """Figures of a browser; none without Chromium."""
-        figures = []
-        for axes in (1, 8) if CHROMIUM else ():
-            with self._service(axes) as process:
-                times_ms = page_times_ms(*process.wait_for_address(), self._repeats)
-            for name, value in zip(
-                ("first paint", "headline"), np.median(times_ms, 0), strict=True
-            ):
-                figures.append(Figure(f"page, {_axes(axes)}: {name}", float(value), "ms"))
         return figures
 
     def _diagnosis(self) -> list[Figure]:

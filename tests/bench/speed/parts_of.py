@@ -8,13 +8,9 @@ SPEED_PARTS = (
     "growth",
     "saturated",
     "estimator",
-    "plant",
-    "recorder",
-    "history",
     "requests",
     "start",
     "delay",
-    "page",
     "diagnosis",
     "soak",
 )

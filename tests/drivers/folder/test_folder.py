@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-from collections.abc import Awaitable, Callable
 from contextlib import aclosing
 from pathlib import Path
 
@@ -44,12 +43,7 @@ class Watch:
         path.write_text("time_s,torque_command_nm\n" + lines)
         return path
 
-    async def read(
-        self,
-        driver: FolderDriver,
-        patience: int = 3,
-        between: Callable[[], Awaitable[None]] | None = None,
-    ) -> list[SampleFrame]:
+    async def read(self, driver: FolderDriver, patience: int = 3) -> list[SampleFrame]:
         """All there is until the driver has looked `patience` times in vain."""
         frames: list[SampleFrame] = []
         await driver.open()

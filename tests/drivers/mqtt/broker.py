@@ -44,8 +44,8 @@ class Broker:
                 except OSError:
                     await asyncio.sleep(0.02)
 
-    async def stop(self, *, kill: bool = False) -> None:
+    async def stop(self) -> None:
         if self._process is not None:
-            self._process.kill() if kill else self._process.terminate()
+            self._process.terminate()
             await self._process.wait()
             self._process = None

@@ -1,87 +1,34 @@
 """Certificates, user and password: the right ones get in, the others name their key."""
 
-import datetime
-import ipaddress
-import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import pytest_asyncio
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import rsa
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.opcua.driver import OpcuaDriver
 from drivers.opcua.variables import OpcuaConfig
 
+from ...certificates import write_pair
 from ..bench import CONTEXT, free_port
 from .bench import config_of, stub_of
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
-def write_pair(folder: Path, name: str, uri: str) -> Path:
-    """A self-signed certificate `NAME.pem` and its key `NAME.key.pem`, as OPC UA wants them."""
-    key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-    now = datetime.datetime.now(datetime.UTC)
-    certificate = (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(subject)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(days=1))
-        .not_valid_after(now + datetime.timedelta(days=1))
-        .add_extension(
-            x509.SubjectAlternativeName(
-                [
-                    x509.UniformResourceIdentifier(uri),
-                    x509.DNSName(socket.gethostname()),
-                    x509.IPAddress(ipaddress.ip_address("127.0.0.1")),
-                ]
-            ),
-            critical=False,
-        )
-        .add_extension(
-            x509.KeyUsage(True, True, True, True, False, True, False, False, False), critical=False
-        )
-        .add_extension(
-            x509.ExtendedKeyUsage(
-                [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
-            ),
-            critical=False,
-        )
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .sign(key, hashes.SHA256())
-    )
-    path = folder / f"{name}.pem"
-    path.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
-    path.with_suffix(".key.pem").write_bytes(
-        key.private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.NoEncryption(),
-        )
-    )
-    return path
-
-
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def secured(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[OpcuaConfig]:
     folder = tmp_path_factory.mktemp("pki")
-    client = write_pair(folder, "client", "urn:edge-service:client")
-    server = write_pair(folder, "server", "urn:edge-service:stub")
+    client, key = write_pair(folder, "client", "urn:edge-service:client")
+    server, _ = write_pair(folder, "server", "urn:edge-service:stub")
     write_pair(folder, "stranger", "urn:edge-service:client")
     config = config_of(
         free_port(),
         security="Basic256Sha256",
         certificate=client,
-        private_key=client.with_suffix(".key.pem"),
+        private_key=key,
         server_certificate=server,
         user="operator",
         password="correct horse",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ... import foreign_plant as plant
-from ...adopt.test_second_commands import said
+from ...adopt.test_real_machines import said
 
 PLANT = plant.Machine()
 DURATION_S = 90.0

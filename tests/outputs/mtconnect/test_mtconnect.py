@@ -82,6 +82,8 @@ def test_a_number_that_may_no_longer_be_read_is_unavailable(status: EstimateStat
     without = answer(estimate=PreloadEstimate(time_s=1.0, status=status))
     agent = told(answer(), without)
     assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
+    agent = told(answer(), answer(is_heard=False))
+    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
     agent = told(answer(), SILENT)
     assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
     assert agent.level("condition_X") == agent.level("alarms_X") == "UNAVAILABLE"

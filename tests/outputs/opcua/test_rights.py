@@ -1,7 +1,6 @@
 """The service with an OPC UA server: it shows the condition of the page to whoever may see it."""
 
 from contextlib import AsyncExitStack
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import httpx
@@ -9,10 +8,6 @@ import pytest
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from click.testing import CliRunner
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import rsa
-from cryptography.x509.oid import NameOID
 
 from edge_service.cli.entry import cli
 from edge_service.config import ConfigError, load_config
@@ -21,31 +16,11 @@ from edge_service.health.store.tokens import Tokens
 from edge_service.nodes.output_node import make_output
 from edge_service.outputs.opcua import URI
 
+from ...certificates import write_pair
 from ...drivers.bench import free_port
 from ...nodes.conftest import PIPELINE, running, until
 
 AXIS = '[[axes]]\nname = "X"\n'
-
-
-def write_pair(folder: Path, name: str, uri: str | None = URI) -> tuple[Path, Path]:
-    """A certificate that signs itself, and its key."""
-    key = rsa.generate_private_key(65537, 2048)
-    who = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-    now = datetime.now(UTC)
-    builder = x509.CertificateBuilder(who, who, key.public_key(), x509.random_serial_number())
-    builder = builder.not_valid_before(now - timedelta(1)).not_valid_after(now + timedelta(9))
-    if uri is not None:
-        names = x509.SubjectAlternativeName([x509.UniformResourceIdentifier(uri)])
-        builder = builder.add_extension(names, critical=False)
-    certificate, private = folder / f"{name}.pem", folder / f"{name}.key.pem"
-    pem = serialization.Encoding.PEM
-    certificate.write_bytes(builder.sign(key, hashes.SHA256()).public_bytes(pem))
-    plain = serialization.NoEncryption()
-    private.write_bytes(
-        key.private_bytes(pem, serialization.PrivateFormat.TraditionalOpenSSL, plain)
-    )
-    private.chmod(0o600)
-    return certificate, private
 
 
 def configured(folder: Path, opcua: str, http: str = "") -> Path:
@@ -85,7 +60,7 @@ def test_check_config_says_what_is_wrong_with_a_certificate(wrong: str, tmp_path
     if wrong == "missing":
         certificate.unlink()
     elif wrong == "another's":
-        write_pair(tmp_path, "b")[1].replace(key)
+        write_pair(tmp_path, "b", URI)[1].replace(key)
     elif wrong == "open":
         key.chmod(0o644)
     path = configured(tmp_path, 'certificate = "a.pem"\nprivate_key = "a.key.pem"')
@@ -99,7 +74,7 @@ def test_check_config_says_what_is_wrong_with_a_certificate(wrong: str, tmp_path
 async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_token(
     tmp_path: Path,
 ) -> None:
-    write_pair(tmp_path, "server")
+    write_pair(tmp_path, "server", URI)
     own = write_pair(tmp_path, "client", "urn:somebody:else")
     tokens = Tokens(Store(tmp_path / "state" / FILE_NAME))
     secret = tokens.add("scada", "viewer", 0)

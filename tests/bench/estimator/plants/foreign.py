@@ -107,19 +107,3 @@ def foreign_one_encoder(axis_seed: int, quick: bool) -> Iterator[Part]:
         event_s=10.0,
         every=2,
     )
-
-
-def foreign_errors(error: str, share: float, quick: bool) -> Iterator[Part]:
-    """A loss of two points where the true axis is off its nominal by an error; `no` is none."""
-    errors = {} if error == "no" else {error: share}
-    healthy = plant.commissioning_case(axis_seed=3, errors=errors)
-    machine = commissioned([recorded(healthy).blocks], nominal_machine())
-    fresh = plant.Machine().preload_percent
-    case = plant.axis_case(
-        plant.Steps(fresh, ((EVENT_S, fresh - 2.0),)),
-        duration_s=40.0 if quick else 60.0,
-        seed=103,
-        axis_seed=3,
-        errors=errors,
-    )
-    yield judged(f"{ROW}{error} error", machine, nominal_machine(), recorded(case))

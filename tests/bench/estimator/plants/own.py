@@ -1,7 +1,7 @@
 """Cases of the estimator's bench on the library's own plant."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from edge_service.estimate.validity import Validity
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
-from ..axis import RATE_HZ, OwnAxis, downsampled
+from ..axis import RATE_HZ, OwnAxis
 from ..scores import Recorded, Score, Track, detection, follow, score
 
 FULL_S, QUICK_S = 100.0, 40.0
@@ -74,21 +74,6 @@ def closed_loop(seed: int, quick: bool) -> Iterator[Part]:
         yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss)
 
 
-def intervals(seed: int, quick: bool) -> Iterator[Part]:
-    """One recording with a ramp and a drop, cut into intervals of 0.1 s to 1 ms."""
-    axis = OwnAxis(seed)
-    count = round((20.0 if quick else 60.0) * RATE_HZ)
-    share = np.arange(count) / count
-    percent = axis.fresh_percent * np.where(share < 0.6, 1.0 - 0.5 * share, 0.0)
-    frames = list(axis.frames("production", percent, 31 + seed))
-    for interval_s in (0.1, 0.02, 0.005, 0.001):
-        blocks = downsampled(frames, axis.nominal(), interval_s)
-        case = Recorded(blocks, np.arange(count) / RATE_HZ, percent)
-        estimator = MixturePreloadEstimator(axis.commissioned())
-        track = follow(estimator, case, every=round(0.1 / interval_s))
-        yield Part(f"T = {interval_s:g} s", score(track))
-
-
 def warm_up(seed: int, quick: bool) -> Iterator[Part]:
     """All dry friction falls by 30 %, preload constant: with two encoders, and with one."""
     time_constant_s = 300.0 if quick else 600.0
@@ -112,78 +97,3 @@ def warm_case(axis: OwnAxis, percent: Floats, time_constant_s: float, seed: int 
         f"warmup:excess_nm={faded_nm},time_constant_s={time_constant_s}",
     )
     return axis.produced(percent, seed, effects)
-
-
-def long_case(axis: OwnAxis, quick: bool) -> tuple[Recorded, tuple[float, float]]:
-    """40 min: warm-up, slow loss of one point, a step of one point at 25 min; and that loss."""
-    duration_s = 240.0 if quick else 2400.0
-    share = np.arange(round(duration_s * RATE_HZ)) / (duration_s * RATE_HZ)
-    percent = axis.fresh_percent - share - (share >= 0.625)
-    before = axis.fresh_percent - 0.625
-    case = warm_case(axis, percent, 0.25 * duration_s, seed=51)
-    return case, (0.625 * duration_s, before - 0.5)
-
-
-def long_run(seed: int, quick: bool) -> Iterator[Part]:
-    axis = OwnAxis(seed)
-    case, loss = long_case(axis, quick)
-    row = "40 min: warm-up, slow loss, step"
-    yield judged(row, axis.commissioned(), axis.nominal(), case, loss=loss, every=5)
-
-
-def loads(seed: int, quick: bool) -> Iterator[Part]:
-    """Payload, lubricant of the nut, process force; preload constant."""
-    axis = OwnAxis(seed)
-    count = round((QUICK_S if quick else 60.0) * RATE_HZ)
-    time_s = np.arange(count) / RATE_HZ
-    event_s = 0.5 * count / RATE_HZ
-    after = time_s >= event_s
-    percent = np.full(count, axis.fresh_percent)
-    bursts = np.sin(2.0 * np.pi * time_s / 7.0) > 0.3
-    untouched = np.ones(count)
-    for row, lubricant, load in (
-        ("payload +10 kg, own plant", untouched, {"added_mass_kg": np.where(after, 10.0, 0.0)}),
-        ("relubrication of the nut, own plant", np.where(after, 0.75, 1.0), {}),
-        (
-            "process force, own plant",
-            untouched,
-            {"external_force_n": np.where(after & bursts, -300.0, 0.0)},
-        ),
-    ):
-        case = axis.produced(percent, 61 + seed, (), lubricant, **load)
-        yield judged(row, axis.commissioned(), axis.nominal(), case, event_s=event_s)
-
-
-ERRORS: Sequence[tuple[str, tuple[OwnAxis, ...]]] = (
-    ("calibration exact", (OwnAxis(),)),
-    (
-        "torque gain +-2 %",
-        tuple(
-            OwnAxis(effects=(f"torque_gain_error:excess_share={share}",)) for share in (-0.02, 0.02)
-        ),
-    ),
-    (
-        "inertia and table mass +-5 %",
-        tuple(OwnAxis(inertia_off=share) for share in (-0.05, 0.05)),
-    ),
-    (
-        "skew +-1 us",
-        tuple(OwnAxis(effects=(f"timestamp_skew:skew_s={skew}",)) for skew in (-1e-6, 1e-6)),
-    ),
-    (
-        "nut stiffness +-10 %",
-        tuple(OwnAxis(nut_off=share) for share in (-0.1, 0.1)),
-    ),
-)
-"""Errors unknown to the nominal machine file; commissioning and test share the true axis."""
-
-
-def calibration(which: int, quick: bool) -> Iterator[Part]:
-    """A loss of two points with one kind of calibration error."""
-    row, axes = ERRORS[which]
-    for axis in axes:
-        count = round((QUICK_S if quick else 60.0) * RATE_HZ)
-        after = np.arange(count) >= 0.5 * count
-        percent: Floats = np.where(after, axis.fresh_percent - 2.0, axis.fresh_percent)
-        case = axis.produced(percent, 71)
-        yield judged(row, axis.commissioned(), axis.nominal(), case)

@@ -10,10 +10,8 @@ from typing import Any
 
 import pytest
 
-from ...bench.real_machines import ACTUATOR_TOML, DATA, SCREW_TOML, recordings, screw_actuator
-from ..conftest import diagnosed
-
-"""At one speed and without the sign of the current all of these are the same."""
+from ..bench.real_machines import ACTUATOR_TOML, DATA, SCREW_TOML, recordings, screw_actuator
+from .conftest import diagnosed
 
 
 def needs(folder: str) -> None:

@@ -1,0 +1,79 @@
+"""Recordings that no estimator should trust: a status and a reason, never a confident number."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from edge_service.messages.estimate import PreloadEstimate
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
+
+from ...bench.estimator.axis import RATE_HZ, downsampled
+from .production import AXIS, FRESH, machine, run
+
+STUCK_S = (20.0, 35.0)
+_Edit = Callable[[SampleFrame], SampleFrame]
+
+
+@dataclass(frozen=True, slots=True)
+class Hostile:
+    """One spoiled recording of a healthy axis."""
+
+    edit: _Edit | None = None  # of the frames of ordinary production
+    effects: tuple[str, ...] = ()  # of the test alone
+
+
+def scaled(channel: str, share: float) -> _Edit:
+    return lambda frame: _with(frame, channel, frame.channels[channel] * share)
+
+
+def stuck(channel: str) -> _Edit:
+    """A channel that repeats one value from the first of `STUCK_S` to the second."""
+
+    def edit(frame: SampleFrame) -> SampleFrame:
+        held = (frame.time_s >= STUCK_S[0]) & (frame.time_s < STUCK_S[1])
+        return _with(frame, channel, np.where(held, 1.0, frame.channels[channel]))
+
+    return edit
+
+
+def holed(share: float) -> _Edit:
+    """A share of all values missing, one by one; always the same ones."""
+
+    def edit(frame: SampleFrame) -> SampleFrame:
+        random = np.random.default_rng(round(frame.time_s[0]))
+        channels = {
+            name: np.where(random.random(len(column)) < share, np.nan, column)
+            for name, column in frame.channels.items()
+        }
+        return SampleFrame(frame.time_s, channels)
+
+    return edit
+
+
+def _with(frame: SampleFrame, channel: str, column: Floats) -> SampleFrame:
+    return replace(frame, channels={**frame.channels, channel: column})
+
+
+CASES = {
+    "saturated drive": Hostile(effects=("saturation:limit_nm=0.9",)),
+    "5 % of all values missing": Hostile(holed(0.05)),
+    "torque missing": Hostile(scaled(TORQUE, np.nan)),
+    "rotary encoder stuck": Hostile(stuck(ANGLE)),
+    "linear encoder stuck": Hostile(stuck(TABLE_POSITION)),
+    "torque stuck": Hostile(stuck(TORQUE)),
+    "torque sign swapped": Hostile(scaled(TORQUE, -1.0)),
+    "angle sign swapped": Hostile(scaled(ANGLE, -1.0)),
+    "lead wrong by 2": Hostile(scaled(ANGLE, 2.0)),
+    "lead wrong by 1 %": Hostile(scaled(ANGLE, 1.01)),
+    "torque constant +30 %": Hostile(scaled(TORQUE, 1.3)),
+    "torque constant -30 %": Hostile(scaled(TORQUE, 0.7)),
+}
+
+
+def answers_to(name: str, duration_s: float = 60.0) -> list[PreloadEstimate]:
+    """What the estimator of a well commissioned axis says to one of `CASES`."""
+    case, percent = CASES[name], np.full(round(duration_s * RATE_HZ), FRESH)
+    frames = AXIS.frames("production", percent, 81, case.effects)
+    edited = frames if case.edit is None else map(case.edit, frames)
+    return run(downsampled(edited, machine()))
