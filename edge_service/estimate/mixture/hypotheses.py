@@ -31,7 +31,7 @@ before the rest is seen, and those begin with what is accepted."""
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY = 0.1
+_WORN_PER_DAY = 0.05
 _OTHER_LOAD, _OTHER_NUT = 0.05, 0.02
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
@@ -285,7 +285,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     the table, and even another nut may be in. As at the start, these stand for themselves until
     the likeliest is accepted.
     """
-    bank.cost[:] = 0.0
+    bank.cost[:] = bank.force[:] = bank.force_n[:] = 0.0
     if bank.moments[state.LEARNING] > 0.0:
         for k in range(len(bank.alive)):
             _age(bank, k, start, stopped_s)
@@ -302,7 +302,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
         _renew(bank, LOAD_SLOT, state.PAYLOAD, 0.0, 0.0)
         _renew(bank, LOAD_SLOT, state.TORQUE_SCALE, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.load
-    bank.force[:] = bank.force_n[:] = bank.moments[:] = 0.0
+    bank.moments[:] = 0.0
     bank.moments[state.LEARNING] = 1.0
 
 

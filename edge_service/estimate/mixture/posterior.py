@@ -13,7 +13,7 @@ from ...models.machine import Machine
 from ...models.screw.nut_law import LEAST_NUT_LOAD_PERCENT
 from ..imm.modes import LEVEL_NAMES, LEVELS_PERCENT
 from . import state
-from .hypotheses import BOTH, FORCED, accepted
+from .hypotheses import BOTH, FORCED, TOTAL_SHARE, accepted
 from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
@@ -26,6 +26,9 @@ MODEL_ERROR = 0.015
 MODEL_ERROR_SHARE, DRAG_ERROR_SHARE = 0.15, 0.02
 """Its growth with the distance from the fresh preload, as a share: the exponent of the nut's law,
 1/3 for Hertz contacts, is known to 15 % (assumed); error of the drag per preload."""
+LAW_FACTORS, LAW_WEIGHTS = np.array([0.6, 1.0, 2.0]), np.array([0.1, 0.8, 0.1])
+"""Of ln(preload / fresh) and their probabilities (assumed): a nut that yields more than is thought
+or stands on a soft spring, Hertz contacts, and rollers, whose exponent is 1/6."""
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
 """An interval below the first share of the fresh preload reaches down to none, for a clearance may
 be there, and up to the second at least."""
@@ -40,7 +43,7 @@ compliance."""
 LASTED_S = 1.0
 """Motion under a force, as is believed, from which on a step that needs none is doubted."""
 DOUBTED = 0.4
-"""Most weight of challengers that have led in one direction only."""
+"""Most weight of challengers that are new."""
 _EDGES = tuple(0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT))
 _STIFFNESS, _LEVEL, _FAULT = 6, 9, 9 + len(LEVEL_NAMES)
 _SIZE = _FAULT + len(FAULTS) + len(TABLE_FAULTS)
@@ -98,7 +101,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     rows = np.flatnonzero(bank.alive)
     weight = np.exp(bank.log_weight[rows])
     weight /= np.sum(weight)
-    _doubt_one_direction(bank, rows, weight)
+    _doubt_new(bank, rows, weight, limits.assumed)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
     values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
@@ -138,9 +141,10 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
 
 
 @compiled
-def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
-    """Let challengers only widen the answer that have led in one direction, by a force or upwards.
+def _doubt_new(bank: Bank, rows: Rows, weight: Floats, assumed: MixtureSettings) -> None:
+    """Let challengers only widen the answer that are new, by a force or upwards.
 
+    New: they have led in one direction, or for less than the shortest time that confirms a step.
     By a force: of their own, or of one that has acted for longer than they are there.
 
     What errs along the way, as a screw that grows unevenly does, looks like a step until the axis
@@ -148,12 +152,13 @@ def _doubt_one_direction(bank: Bank, rows: Rows, weight: Floats) -> None:
     """
     doubted, log_percent = np.zeros(len(rows)), bank.mean[:, state.PRELOAD]
     believed, share = accepted(bank), 0.0
-    forced_s = bank.moments[state.BELIEVED_FORCED_S]
+    forced_s, least_s = bank.moments[state.BELIEVED_FORCED_S], TOTAL_SHARE * assumed.confirm_s
     for i in range(len(rows)):
         k = rows[i]
         rises = log_percent[k] > log_percent[believed]
         by_force = bank.force[k] > FORCED or forced_s > bank.age_s[k] + LASTED_S
-        if k > state.WEARING and bank.directions[k] != BOTH and (by_force or rises):
+        new = bank.directions[k] != BOTH or (by_force and bank.age_s[k] < least_s)
+        if k > state.WEARING and new and (by_force or rises):
             doubted[i] = weight[i]
             share += weight[i]
     if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
@@ -252,14 +257,18 @@ def _interval(
 ) -> tuple[float, float]:
     """95 % interval, %.
 
+    Nobody knows which law of stiffness the nut has: a loss is larger or smaller by LAW_FACTORS.
     Under a standing force one half of a nut with less preload than `open_percent` carries nothing:
     how much less shows neither in its stiffness nor in its drag.
     """
     fresh_percent = model.fresh_percent
     open_percent = abs(model.hanging_n) / OPENING * fresh_percent / model.fresh_preload_n
+    lost = _quantile(0.975, weight, mean, sigma, most) < UNDETERMINED_SHARE * fresh_percent
+    more = np.outer(np.minimum(mean - math.log(fresh_percent), 0.0), LAW_FACTORS - 1.0)
+    mean, sigma = np.repeat(mean, 3) + more.ravel(), np.repeat(sigma, 3)
+    weight = np.outer(weight, LAW_WEIGHTS).ravel()
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
-    lost = high < UNDETERMINED_SHARE * fresh_percent
     if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * fresh_percent * lost):
         low = 0.0
     return low, max(high, UNDETERMINED_HIGH_SHARE * fresh_percent)

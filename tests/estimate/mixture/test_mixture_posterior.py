@@ -1,6 +1,7 @@
 """Posterior of a bank, against one of another kind: vectors, scipy, quadrature."""
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -62,6 +63,7 @@ def flat(found: Posterior) -> Floats:
     return np.array(numbers)
 
 
+ONE_LAW = {1.0: 1.0}
 JOINTS = {state.LOOSENESS: 1.0, state.COUPLING: 1.0}
 
 
@@ -75,9 +77,11 @@ class Another:
         self.weight /= self.weight.sum()
         slots = np.flatnonzero(rows)
         rises = bank.mean[slots, state.PRELOAD] > bank.mean[accepted(bank), state.PRELOAD]
-        doubted = (slots > state.WEARING) & (bank.directions[slots] != BOTH)
         older = bank.moments[state.BELIEVED_FORCED_S] - bank.age_s[slots] > posterior.LASTED_S
-        doubted &= rises | older | (bank.force[slots] > FORCED)
+        forced = older | (bank.force[slots] > FORCED)
+        doubted = (bank.directions[slots] != BOTH) & (forced | rises)
+        doubted |= forced & (bank.age_s[slots] < 0.25 * state.ASSUMED.confirm_s)
+        doubted &= slots > state.WEARING
         share = self.weight[doubted].sum()
         if share > posterior.DOUBTED:
             self.weight[doubted] *= posterior.DOUBTED / share
@@ -91,19 +95,24 @@ class Another:
         self.guide_nm = axis.RATIO * axis.GUIDE_N if self.two else 0.0
         self.bearing_nm = axis.BEARING_NM + axis.RATIO * axis.GUIDE_N - self.guide_nm
 
-    def below(self, percent: float, most: float = MOST) -> float:
-        within = truncnorm(-np.inf, (most - self.q) / self.sigma, self.q, self.sigma)
+    def below(self, percent: float, most: float = MOST, factor: float = 1.0) -> float:
+        q = self.q + (factor - 1.0) * np.minimum(self.q - math.log(axis.FRESH), 0.0)
+        within = truncnorm(-np.inf, (most - q) / self.sigma, q, self.sigma)
         return float(self.weight @ within.cdf(math.log(percent)))
 
-    def quantile(self, probability: float, most: float = MOST) -> float:
+    def quantile(
+        self, probability: float, most: float = MOST, laws: Mapping[float, float] = ONE_LAW
+    ) -> float:
         def missing(x: float) -> float:
-            return self.below(math.exp(x), most) - probability
+            of_laws = [share * self.below(math.exp(x), most, f) for f, share in laws.items()]
+            return sum(of_laws) - probability
 
         return math.exp(brentq(missing, -30.0, most, xtol=1e-13))
 
     def preload(self) -> tuple[float, float, float]:
-        low, high = self.quantile(0.025), self.quantile(0.975)
-        lost = high < posterior.UNDETERMINED_SHARE * axis.FRESH
+        laws = dict(zip(posterior.LAW_FACTORS, posterior.LAW_WEIGHTS, strict=True))
+        low, high = (self.quantile(probability, laws=laws) for probability in (0.025, 0.975))
+        lost = self.quantile(0.975) < posterior.UNDETERMINED_SHARE * axis.FRESH
         if lost and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH:
             low = 0.0
         high = max(high, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
