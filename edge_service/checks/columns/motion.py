@@ -183,8 +183,7 @@ class Motion:
         self._choose(TABLE_POSITION, table, *self._length_unit(table, setpoint))
         named = {each.quantity for each in self._names}
         if table.quantity is Quantity.POSITION and Quantity.MOTOR_POSITION not in named:
-            words = "is taken as measured at the table; if it is the motor's encoder, it has no "
-            words += "stretch"
+            words = "is taken for the table's; if it is the motor's encoder, it has no stretch"
             if not table.unit:
                 words += f', if it is an angle, say --column "{ANGLE}={table.name}:UNIT"'
             self._found.say(TABLE_POSITION, f"{table.name!r} {words}", assumed=True)

@@ -97,7 +97,7 @@ def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior
 @compiled
 def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Floats:
     """Preload, drag and stiffness with their intervals, levels, faults; (_SIZE,)."""
-    values = np.empty(_SIZE)
+    values = np.full(_SIZE, math.nan)
     rows = np.flatnonzero(bank.alive)
     weight = np.exp(bank.log_weight[rows])
     weight /= np.sum(weight)
@@ -110,12 +110,8 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)
     values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
-    above = 1.0
-    for i in range(len(_EDGES)):
-        below = _below(math.log(_EDGES[i]), weight, mean, sigma, most)
-        values[_LEVEL + i] = above - below
-        above = below
-    values[_LEVEL + len(_EDGES)] = above
+    middle = [_below(math.log(edge), weight, mean, sigma, most) for edge in _EDGES]
+    values[_LEVEL:_FAULT] = -np.diff(np.array([1.0, *middle, 0.0]))
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     values[_FAULT] = _below(lost, weight, mean, sigma, most)
     of = np.zeros(bank.mean.shape[1])
@@ -124,7 +120,6 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     of[state.GUIDE_FRICTION] = model.ratio_m_per_rad * model.guide_n
     values[_FAULT + 1] = _above(bank, rows, weight, of, SLICK_SHARE * limits.coulomb_nm)
     values[_FAULT + 2] = np.sum(weight * bank.force[rows])
-    values[_FAULT + 3], values[_FAULT + 4] = math.nan, math.nan
     if bank.mean.shape[1] > state.TORQUE_STATES:
         of[:], limit = 0.0, PAYLOAD_SHARE * model.table_mass_kg
         of[state.PAYLOAD] = 1.0
@@ -196,12 +191,8 @@ def _of_torque_alone(
     high = max(quantile(0.975, every), quantile(0.975, firm), UNDETERMINED_HIGH_SHARE)
     values[0] = fresh * quantile(0.5, firm)
     values[1], values[2] = fresh * low if low > LOST_SHARE else 0.0, fresh * high
-    above = 1.0
-    for i in range(len(_EDGES)):
-        under = below(_EDGES[i] / fresh, firm)
-        values[_LEVEL + i] = above - under
-        above = under
-    values[_LEVEL + len(_EDGES)] = above
+    middle = [below(edge / fresh, firm) for edge in _EDGES]
+    values[_LEVEL:_FAULT] = -np.diff(np.array([1.0, *middle, 0.0]))
     values[_FAULT] = below(1.0 - LOST_SHARE, firm)
     values[_FAULT + 1] = up / whole if whole > 0.0 else 0.0
 
