@@ -10,8 +10,8 @@ from edge_service.diagnose.result import VIBRATION, Diagnosis, Verdict
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-from .conftest import session_of
 from . import two_mass
+from .conftest import session_of
 from .two_mass import Axis
 
 FAULTS = {
