@@ -142,7 +142,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 814,
+    "bus": 813,
     "checks": 3490,
     "cli": 1337,
     "config": 583,
@@ -151,20 +151,20 @@ MOST_LINES = {
     "drivers": 3676,
     "estimate": 5181,
     "fingerprint": 2769,
-    "health": 4558,
+    "health": 4556,
     "http_api": 2440,
     "messages": 2027,
-    "models": 5672,
+    "models": 5671,
     "nodes": 2900,
-    "offline": 5679,
+    "offline": 5661,
     "outputs": 1793,
     "recordings": 3270,
     "regression": 1005,
     "beside the rooms": 765,
-    "tests": 46460,
+    "tests": 45229,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 379
+MOST_FILES = 378
 """Modules of the product."""
 
 
