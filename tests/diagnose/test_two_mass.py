@@ -10,9 +10,8 @@ from edge_service.diagnose.result import VIBRATION, Diagnosis, Verdict
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-from . import two_mass
 from .conftest import session_of
-from .two_mass import Axis
+from .two_mass import MACHINE_TOML, Axis, recording
 
 FAULTS = {
     "compliance": Axis(stiffness_n_per_m=3.5e7),
@@ -26,12 +25,12 @@ TRUE = {"compliance": {"level_m_per_n": 1.0 / 3.5e7}, "backlash": {"width_m": 8e
 @pytest.fixture(scope="module")
 def machine_of_plant(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     path = tmp_path_factory.mktemp("two_mass") / "machine.toml"
-    path.write_text(two_mass.MACHINE_TOML)
+    path.write_text(MACHINE_TOML)
     return load_machine(path)
 
 
 def diagnosed(machine: Machine, axis: Axis, seed: int) -> Diagnosis:
-    columns = two_mass.recording(axis, seed)
+    columns = recording(axis, seed)
     frame = SampleFrame(columns.pop("time_s"), columns)
     return diagnose_session(session_of(machine, frame), machine)
 

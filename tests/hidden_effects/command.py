@@ -1,5 +1,8 @@
 """`edge-service check-diagnosis`: how it is asked."""
 
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,6 +27,7 @@ def check_diagnosis(
     ] = "foreign",
     seed: Seed = 1,
     cases: Annotated[int, Option("Number of recordings.", kind=click.IntRange(1, 10_000))] = 8,
+    jobs: Annotated[int, Option("Number of processes.", kind=click.IntRange(1, 1024))] = 1,
 ) -> Answer:
     """Score the diagnosis on hidden effects, truth beside answer.
 
@@ -37,9 +41,11 @@ def check_diagnosis(
     if plant != "own" and machine is not None:
         raise BadInputError("--machine: the foreign plant has a machine file of its own")
     axis, rows = foreign_plant() if plant != "own" else own_plant(machine), []
-    for number, case in enumerate(plan(axis, cases, seed or 0, effects, without), 1):
-        progress(f"case {number} of {cases}: {100 * (number - 1) // cases} %")
-        rows.append(checked(axis, case))
+    planned = plan(axis, cases, seed or 0, effects, without)
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        for row in (map if jobs == 1 else pool.map)(partial(checked, axis), planned):
+            rows.append(row)
+            progress(f"{len(rows)} of {cases} cases: {100 * len(rows) // cases} %")
     totals = totals_of(rows)
     lines = [*(row.words for row in rows), *total_lines(totals)]
     return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})

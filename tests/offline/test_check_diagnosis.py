@@ -109,9 +109,8 @@ def test_a_seed_draws_the_same_cases_and_the_same_axis_moves_anew() -> None:
     case = replace(cases[1], causes=("torque_ripple",))
     one, same, other = (plant.recorded(case, "production", seed) for seed in (5, 5, 6))
     assert np.array_equal(one.channels["torque_command_nm"], same.channels["torque_command_nm"])
-    assert not np.array_equal(
-        one.channels["position_setpoint_m"], other.channels["position_setpoint_m"]
-    )
+    setpoint = "position_setpoint_m"
+    assert not np.array_equal(one.channels[setpoint], other.channels[setpoint])
 
 
 @pytest.mark.slow
@@ -119,8 +118,8 @@ def test_a_seed_draws_the_same_cases_and_the_same_axis_moves_anew() -> None:
 def test_what_is_hidden_is_named_and_shrinks_another_recording(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    line = ["check-diagnosis", "--plant", "own", "--effect", "drag_error", "--cases", "1", "--json"]
-    assert main(line) == 0
+    line = ["check-diagnosis", "--plant", "own", "--effect", "drag_error", "--cases=1", "--jobs=2"]
+    assert main([*line, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     (case,) = document["cases"]
     assert (case["truth"], case["outcome"]) == (["drag_error"], "named")
@@ -132,8 +131,7 @@ def test_what_is_hidden_is_named_and_shrinks_another_recording(
 @pytest.mark.slow
 def test_a_library_that_lacks_the_cause_never_names_it(tmp_path: Path) -> None:
     trace, out = tmp_path / "trace.csv", tmp_path / "out"
-    effect = ["--effect", "warmup", "--motion", "friction"]
-    assert main(["simulate", *effect, "--out", str(trace)]) == 0
+    assert main(["simulate", "--effect", "warmup", "--motion=friction", "--out", str(trace)]) == 0
     assert main(["diagnose", "--without", "warmup", str(trace), "--out", str(out)]) == 0
     found = json.loads((out / "diagnosis.json").read_text())
     assert "warmup" in own_plant().known

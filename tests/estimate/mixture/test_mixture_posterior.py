@@ -1,7 +1,6 @@
 """Posterior of a bank, against one of another kind: vectors, scipy, quadrature."""
 
 import math
-from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +18,7 @@ from edge_service.messages.samples import Floats
 from . import mixture_axis as axis
 
 MOST = math.log(state.MOST_SHARE * axis.FRESH)
+Laws = tuple[tuple[float, float], ...]
 
 
 def drawn(seed: int, one_encoder: bool = False) -> Bank:
@@ -63,7 +63,6 @@ def flat(found: Posterior) -> Floats:
     return np.array(numbers)
 
 
-ONE_LAW = {1.0: 1.0}
 JOINTS = {state.LOOSENESS: 1.0, state.COUPLING: 1.0}
 
 
@@ -100,17 +99,15 @@ class Another:
         within = truncnorm(-np.inf, (most - q) / self.sigma, q, self.sigma)
         return float(self.weight @ within.cdf(math.log(percent)))
 
-    def quantile(
-        self, probability: float, most: float = MOST, laws: Mapping[float, float] = ONE_LAW
-    ) -> float:
+    def quantile(self, probability: float, most: float = MOST, laws: Laws = ((1.0, 1.0),)) -> float:
         def missing(x: float) -> float:
-            of_laws = [share * self.below(math.exp(x), most, f) for f, share in laws.items()]
+            of_laws = [share * self.below(math.exp(x), most, f) for f, share in laws]
             return sum(of_laws) - probability
 
         return math.exp(brentq(missing, -30.0, most, xtol=1e-13))
 
     def preload(self) -> tuple[float, float, float]:
-        laws = dict(zip(posterior.LAW_FACTORS, posterior.LAW_WEIGHTS, strict=True))
+        laws = tuple(zip(posterior.LAW_FACTORS, posterior.LAW_WEIGHTS, strict=True))
         low, high = (self.quantile(probability, laws=laws) for probability in (0.025, 0.975))
         lost = self.quantile(0.975) < posterior.UNDETERMINED_SHARE * axis.FRESH
         if lost and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH:
