@@ -268,7 +268,7 @@ REFUSED: dict[str, tuple[Callable[[Kept], Any], str]] = {
         "30 days old",
     ),
 }
-"""What is made of a state, and what is said of it."""
+"""Damage to a state by its name, and the words of the refusal."""
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -20,8 +20,8 @@ TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
 what the detection of a fault needs, and every error periodic in a turn has shown itself."""
 LONGEST_TRIAL_S = 64.0
-SETTLED_S = 60.0  # A fault within so much motion after a trial doubles the next one
-LOST_S = 1.0  # A channel that was missing for longer may have been reset
+SETTLED_S = 60.0  # a fault within so much motion after a trial doubles the next one
+LOST_S = 1.0  # a channel that was missing for longer may have been reset
 _SMOOTH = 1.0 / 16.0  # of the noise of the last interval
 LONGER = 1.5
 """Factor on the hold of a channel at commissioning from which on its lag is another."""

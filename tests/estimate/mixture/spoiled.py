@@ -72,7 +72,7 @@ CASES = {
 
 
 def answers_to(name: str, duration_s: float = 60.0) -> list[PreloadEstimate]:
-    """What the estimator of a well commissioned axis says to one of `CASES`."""
+    """Estimates of a well commissioned axis in one of `CASES`, (intervals,)."""
     case, percent = CASES[name], np.full(round(duration_s * RATE_HZ), FRESH)
     frames = AXIS.frames("production", percent, 81, case.effects)
     edited = frames if case.edit is None else map(case.edit, frames)
