@@ -31,8 +31,8 @@ before the rest is seen, and those begin with what is accepted."""
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY = 0.05
-_OTHER_LOAD, _OTHER_NUT = 0.05, 0.02
+_WORN_PER_DAY = 0.03
+_OTHER_LOAD, _OTHER_NUT = 0.05, 0.1
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
