@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.config import DEFAULT_MACHINE
+from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.recordings.writer import TraceWriter
+
+from .conftest import production
 
 COMMISSIONED = DEFAULT_MACHINE.with_name("commissioned.toml")
 MACHINES = {"baseline": DEFAULT_MACHINE, "mixture": COMMISSIONED}
@@ -54,16 +57,15 @@ def test_pieces_give_the_rows_of_the_whole(
 
 
 @pytest.mark.parametrize("torn", [0, 137])
-def test_a_recording_on_a_clock_of_its_own_is_another_day(
-    torn: int, trace_path: Path, tmp_path: Path
-) -> None:
+def test_a_recording_on_a_clock_of_its_own_is_another_day(torn: int, tmp_path: Path) -> None:
     """The estimate goes on from what was known, less surely, and has numbers with the first motion.
 
     Nothing is left of an interval that the recording before has not ended.
     """
     state, trace = str(tmp_path / "axis.state"), tmp_path / "trace.csv"
-    lines = trace_path.read_text().splitlines()
-    trace.write_text("\n".join(lines[: len(lines) - torn]) + "\n")
+    frame = production(load_machine(COMMISSIONED), 6.846, 20_000 - torn)
+    with TraceWriter(trace, tuple(frame.channels)) as writer:
+        writer.write(frame)
     fresh = estimate(trace, COMMISSIONED, "--state", state)
     again = estimate(trace, COMMISSIONED, "--state", state)
     assert [row.split(",")[0] for row in again] == [row.split(",")[0] for row in fresh]

@@ -31,8 +31,8 @@ before the rest is seen, and those begin with what is accepted."""
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY = 0.05
-_OTHER_LOAD, _OTHER_NUT = 0.05, 0.02
+_WORN_PER_DAY = 0.03
+_OTHER_LOAD, _OTHER_NUT = 0.05, 0.1
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
@@ -75,7 +75,9 @@ def adapt_hypotheses(
         return
     base = accepted(bank)
     if _is_confirmed(bank, process, leader, base, calm):
-        _promote(bank, process, leader, base)
+        least = bank.log_weight[leader] - process.assumed.margin
+        left = max(bank.log_weight[base], process.assumed.floor)
+        _succeed(bank, process, leader, least, base, left)
         leader = base = state.STEADY
     log_spawn = math.log(process.assumed.spawn_s)
     if moments[state.STOPPED_S] > 0.0:
@@ -139,16 +141,6 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 
 @compiled
-def _promote(bank: Bank, process: Process, leader: int, base: int) -> None:
-    """Accept a challenger, and prune the rivals spawned beside its predecessor.
-
-    A rival that is about as likely goes on: with one encoder much looks alike.
-    """
-    left = max(bank.log_weight[base], process.assumed.floor)
-    _succeed(bank, process, leader, bank.log_weight[leader] - process.assumed.margin, base, left)
-
-
-@compiled
 def _end_initialisation(bank: Bank, process: Process) -> None:
     """End the initialisation: accept the likeliest, let the next go on beside it."""
     best = leader_of(bank)
@@ -164,19 +156,12 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
 def _succeed(
     bank: Bank, process: Process, slot: int, least: float, other: int, log_weight: float
 ) -> None:
-    """Accept a hypothesis, and let another go on beside it as what was believed before."""
+    """Accept a hypothesis, steady or wearing, and let another go on as what was believed before.
+
+    Challengers of weights above `least` go on, too: with one encoder much looks alike.
+    """
     mean, covariance = bank.mean[other].copy(), bank.covariance[other].copy()
     force, force_n, cost = bank.force[other], bank.force_n[other], bank.cost[other]
-    _accept(bank, process, slot, least)
-    bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
-    bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
-    bank.cost[state.BEFORE] = cost
-    copy_to(bank, state.BEFORE, state.BEFORE, log_weight)
-
-
-@compiled
-def _accept(bank: Bank, process: Process, slot: int, least: float) -> None:
-    """Accept a hypothesis, steady or wearing at any rate, and prune challengers below `least`."""
     weight = bank.log_weight[slot]
     copy_to(bank, state.STEADY, slot, weight)
     _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
@@ -185,6 +170,10 @@ def _accept(bank: Bank, process: Process, slot: int, least: float) -> None:
         if k == slot or bank.log_weight[k] < least:
             bank.alive[k] = 0
     bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
+    bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
+    bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
+    bank.cost[state.BEFORE] = cost
+    copy_to(bank, state.BEFORE, state.BEFORE, log_weight)
 
 
 @compiled

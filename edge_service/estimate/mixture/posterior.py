@@ -103,17 +103,19 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     weight /= np.sum(weight)
     _doubt_new(bank, rows, weight, limits.assumed)
     mean, sigma = _log_preloads(bank, model, limits, rows)
-    most = math.log(state.MOST_SHARE * model.fresh_percent)
-    values[0] = min(_quantile(0.5, weight, mean, sigma, most + READ_ABOVE), model.fresh_percent)
-    sigma *= limits.widening
-    values[1], values[2] = _interval(weight, mean, sigma, most, model)
-    values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)
-    values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, sigma)
-    middle = [_below(math.log(edge), weight, mean, sigma, most) for edge in _EDGES]
+    wide = sigma * limits.widening
+    values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, wide)
+    of_laws, mean, sigma = _by_laws(weight, mean, sigma, model)
+    most = math.log(state.MOST_SHARE * model.fresh_percent)
+    values[0] = min(_quantile(0.5, of_laws, mean, sigma, most + READ_ABOVE), model.fresh_percent)
+    sigma *= limits.widening
+    values[1], values[2] = _interval(of_laws, mean, sigma, most, model)
+    values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
+    middle = [_below(math.log(edge), of_laws, mean, sigma, most) for edge in _EDGES]
     values[_LEVEL:_FAULT] = -np.diff(np.array([1.0, *middle, 0.0]))
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
-    values[_FAULT] = _below(lost, weight, mean, sigma, most)
+    values[_FAULT] = _below(lost, of_laws, mean, sigma, most)
     of = np.zeros(bank.mean.shape[1])
     of[state.NUT_FRICTION] = model.drag_per_percent_nm * model.fresh_percent
     of[state.BEARING_FRICTION] = model.bearing_nm
@@ -213,6 +215,19 @@ def _log_preloads(
 
 
 @compiled
+def _by_laws(
+    weight: Floats, mean: Floats, sigma: Floats, model: AxisModel
+) -> tuple[Floats, Floats, Floats]:
+    """Weights, means and standard deviations of the hypotheses times the laws of the nut.
+
+    Nobody knows which law of stiffness it has: a loss is larger or smaller by LAW_FACTORS.
+    """
+    lost = np.minimum(mean - math.log(model.fresh_percent), 0.0)
+    of_laws = np.repeat(mean, 3) + np.outer(lost, LAW_FACTORS - 1.0).ravel()
+    return np.outer(weight, LAW_WEIGHTS).ravel(), of_laws, np.repeat(sigma, 3)
+
+
+@compiled
 def _normal(z: float) -> float:
     return 0.5 * math.erfc(-z / math.sqrt(2.0))
 
@@ -248,16 +263,12 @@ def _interval(
 ) -> tuple[float, float]:
     """95 % interval, %.
 
-    Nobody knows which law of stiffness the nut has: a loss is larger or smaller by LAW_FACTORS.
     Under a standing force one half of a nut with less preload than `open_percent` carries nothing:
     how much less shows neither in its stiffness nor in its drag.
     """
     fresh_percent = model.fresh_percent
     open_percent = abs(model.hanging_n) / OPENING * fresh_percent / model.fresh_preload_n
     lost = _quantile(0.975, weight, mean, sigma, most) < UNDETERMINED_SHARE * fresh_percent
-    more = np.outer(np.minimum(mean - math.log(fresh_percent), 0.0), LAW_FACTORS - 1.0)
-    mean, sigma = np.repeat(mean, 3) + more.ravel(), np.repeat(sigma, 3)
-    weight = np.outer(weight, LAW_WEIGHTS).ravel()
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
     if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * fresh_percent * lost):

@@ -18,7 +18,6 @@ from edge_service.messages.samples import Floats
 from . import mixture_axis as axis
 
 MOST = math.log(state.MOST_SHARE * axis.FRESH)
-Laws = tuple[tuple[float, float], ...]
 
 
 def drawn(seed: int, one_encoder: bool = False) -> Bank:
@@ -94,22 +93,23 @@ class Another:
         self.guide_nm = axis.RATIO * axis.GUIDE_N if self.two else 0.0
         self.bearing_nm = axis.BEARING_NM + axis.RATIO * axis.GUIDE_N - self.guide_nm
 
-    def below(self, percent: float, most: float = MOST, factor: float = 1.0) -> float:
-        q = self.q + (factor - 1.0) * np.minimum(self.q - math.log(axis.FRESH), 0.0)
-        within = truncnorm(-np.inf, (most - q) / self.sigma, q, self.sigma)
-        return float(self.weight @ within.cdf(math.log(percent)))
+    def below(self, percent: float, most: float = MOST) -> float:
+        total, lost = 0.0, np.minimum(self.q - math.log(axis.FRESH), 0.0)
+        for factor, share in zip(posterior.LAW_FACTORS, posterior.LAW_WEIGHTS, strict=True):
+            q = self.q + (factor - 1.0) * lost
+            within = truncnorm(-np.inf, (most - q) / self.sigma, q, self.sigma)
+            total += share * float(self.weight @ within.cdf(math.log(percent)))
+        return total
 
-    def quantile(self, probability: float, most: float = MOST, laws: Laws = ((1.0, 1.0),)) -> float:
+    def quantile(self, probability: float, most: float = MOST) -> float:
         def missing(x: float) -> float:
-            of_laws = [share * self.below(math.exp(x), most, f) for f, share in laws]
-            return sum(of_laws) - probability
+            return self.below(math.exp(x), most) - probability
 
         return math.exp(brentq(missing, -30.0, most, xtol=1e-13))
 
     def preload(self) -> tuple[float, float, float]:
-        laws = tuple(zip(posterior.LAW_FACTORS, posterior.LAW_WEIGHTS, strict=True))
-        low, high = (self.quantile(probability, laws=laws) for probability in (0.025, 0.975))
-        lost = self.quantile(0.975) < posterior.UNDETERMINED_SHARE * axis.FRESH
+        low, high = self.quantile(0.025), self.quantile(0.975)
+        lost = high < posterior.UNDETERMINED_SHARE * axis.FRESH
         if lost and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH:
             low = 0.0
         high = max(high, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
