@@ -109,8 +109,6 @@ def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
 
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
     """Flag of a linear encoder that agrees with the setpoints."""
-    if not any(SETPOINT in frame.channels for frame in recordings):
-        return False
     try:
         return check_setpoint(machine, recordings).verdict is Verdict.FITS
     except ValueError:

@@ -99,11 +99,9 @@ def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
 def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
     """Find a torque that is missing, and the column that may hold it."""
     compared = "headers of the columns against the known channels"
-
     named = [name for name in unread if name]
     told = [] if TORQUE in channels else column_names(named)
-    units = ("N m", "A")
-    likely = [e.name for e in told if e.quantity in _EFFORTS or e.si_unit in units]
+    likely = [e.name for e in told if e.quantity in _EFFORTS or e.si_unit in ("N m", "A")]
     verdict, remedy = Verdict.DOUBTFUL, ""
     if TORQUE in channels and channels & {ANGLE, TABLE_POSITION}:
         verdict, sentence = Verdict.FITS, "torque and position are read"
@@ -151,7 +149,8 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     period_s = clock_of([frame.time_s for frame in recordings]).period_s
     usual_s = getattr(machine.commissioned, "hold_s", None) or (0.0, 0.0, 0.0)
     hold_s, bits = [0.0, 0.0, 0.0], []
-    for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+    for each in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+        frame = each.part(np.diff(each.time_s, prepend=-np.inf) != 0.0)
         rows = np.full((len(frame), 8), np.nan)
         rows[:, T] = frame.time_s
         for k, (name, (column, _, _)) in enumerate(_MEASURED.items()):

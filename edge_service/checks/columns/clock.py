@@ -42,12 +42,11 @@ def find_clock(
     others = Understanding() if len(clocks) > 1 else found
     names = [each for each in names if not _is_set_aside(each, values[each.name], known, others)]
     for quantity in (Quantity.COUNTER, Quantity.TIME)[:: 1 if known.period_s else -1]:
-        for each in names:
-            if each.quantity is quantity:
-                scale = _scale(each, values[each.name], known, found)
-                if scale is not None:
-                    found.columns[TIME] = ColumnMap(each.name, scale)
-                    return scale * values[each.name]
+        for each in (each for each in names if each.quantity is quantity):
+            scale = _scale(each, values[each.name], known, found)
+            if scale is not None:
+                found.columns[TIME] = ColumnMap(each.name, scale)
+                return scale * values[each.name]
     return _by_rows(names, values, known, found)
 
 

@@ -115,14 +115,12 @@ class Motion:
         return min(self._moving(quantity), key=lambda each: each.rank, default=None)
 
     def _link(self, target: str, source: str, least: float = 0.0) -> Proportion | None:
-        pair = (changes(self._values[name], self._windows) for name in (target, source))
-        link = proportion(*pair)
+        link = proportion(*(changes(self._values[n], self._windows) for n in (target, source)))
         return link if link is not None and abs(link.correlation) >= least else None
 
     def _top_speed(self, name: str) -> float:
         speed = np.abs(smoothed_speed(self._values[name], self._time_s))
-        known = speed[np.isfinite(speed)]
-        return float(np.percentile(known, 99.0)) if known.size else 0.0
+        return float(np.percentile(known_of(speed), 99.0))
 
     def _length_unit(self, column: ColumnName, other: ColumnName | None) -> tuple[str, str]:
         if column.si_unit == "rad":

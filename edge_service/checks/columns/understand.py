@@ -42,6 +42,12 @@ def understand(
         if before.quantity is not after.quantity:
             words = f"{after.name!r} moves like a {after.quantity.value}"
             found.say("columns", words, assumed=True)
+    if known.period_s is None and Quantity.TIME in {each.quantity for each in columns}:
+        rows = np.column_stack([values[each.name] for each in columns])
+        new = np.any(np.diff(rows, axis=0, prepend=np.nan) != 0.0, axis=1)
+        table = {name: each[new] for name, each in values.items()}
+        if twice := len(new) - np.count_nonzero(new):
+            found.say("file", f"{twice} rows come twice and count once")
     twins = Counter(each.name.rpartition(" #")[0] for each in columns)
     columns = [each for each in columns if not _is_open(each, twins, found)]
     for each in [each for each in columns if each.is_position and wrap_of(table[each.name])]:
