@@ -76,10 +76,8 @@ def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
         verdict, sentence = Verdict.UNKNOWN, f"cannot tell: {lag.note}"
     elif lag.low > least_ms or lag.high < -least_ms:
         way = "lags" if lag.value > 0.0 else "leads"
-        verdict, sentence = (
-            Verdict.DOUBTFUL,
-            f"linear encoder {way} rotary by {abs(lag.value):.2g} ms",
-        )
+        verdict = Verdict.DOUBTFUL
+        sentence = f"linear encoder {way} rotary by {abs(lag.value):.2g} ms"
     elif lag.high - lag.low > 10.0 * least_ms:
         verdict, sentence = Verdict.UNKNOWN, "too little motion to tell"
     return Finding("encoder_lag", verdict, sentence, lag, 0.0)
@@ -111,8 +109,6 @@ def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
 
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
     """Flag of a linear encoder that agrees with the setpoints."""
-    if not any(SETPOINT in frame.channels for frame in recordings):
-        return False
     try:
         return check_setpoint(machine, recordings).verdict is Verdict.FITS
     except ValueError:

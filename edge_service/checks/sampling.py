@@ -16,7 +16,7 @@ RATE_SLACK = 0.05
 TOO_SLOW = "{:.3g} samples/s do not show what a machine does while it accelerates"
 STEPS = 10
 """Samples between two angles: longer than the noise of an encoder, shorter than a move."""
-_GAP_PERIODS = 1.5
+GAP_PERIODS = 1.5
 _TURNS = (360.0, 400.0, 3.6e3, 3.6e4, 3.6e5, 2.0 * np.pi, 1.0)
 _WRAPS = (*_TURNS, *(2.0**bits for bits in range(8, 33)))
 _WRAP_SLACK = 0.02
@@ -61,7 +61,7 @@ def clock_of(times_s: Sequence[Floats]) -> Clock:
     period_s = float(np.median(forward))
     return Clock(
         period_s,
-        gaps=int(np.count_nonzero(forward > _GAP_PERIODS * period_s)),
+        gaps=int(np.count_nonzero(forward > GAP_PERIODS * period_s)),
         longest_s=float(forward.max()),
         jitter=float(np.percentile(np.abs(forward - period_s), 95.0)) / period_s,
         restarts=int(np.count_nonzero(steps < -CLOCK_RESET_S)),

@@ -30,7 +30,7 @@ from .live.channel_check import LONGER
 from .live.excursions import longest_rows, mend
 from .live.repeats import held
 from .positions import SPEEDS
-from .sampling import clock_of, motion_speeds, wrap_of
+from .sampling import GAP_PERIODS, clock_of, motion_speeds, wrap_of
 from .torque import INERTIA_FACTOR, measured_inertia
 
 _MEASURED = {
@@ -99,11 +99,9 @@ def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
 def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
     """Find a torque that is missing, and the column that may hold it."""
     compared = "headers of the columns against the known channels"
-
     named = [name for name in unread if name]
     told = [] if TORQUE in channels else column_names(named)
-    units = ("N m", "A")
-    likely = [e.name for e in told if e.quantity in _EFFORTS or e.si_unit in units]
+    likely = [e.name for e in told if e.quantity in _EFFORTS or e.si_unit in ("N m", "A")]
     verdict, remedy = Verdict.DOUBTFUL, ""
     if TORQUE in channels and channels & {ANGLE, TABLE_POSITION}:
         verdict, sentence = Verdict.FITS, "torque and position are read"
@@ -151,12 +149,15 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     period_s = clock_of([frame.time_s for frame in recordings]).period_s
     usual_s = getattr(machine.commissioned, "hold_s", None) or (0.0, 0.0, 0.0)
     hold_s, bits = [0.0, 0.0, 0.0], []
-    for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+    for each in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+        frame = each.part(np.diff(each.time_s, prepend=-np.inf) != 0.0)
         rows = np.full((len(frame), 8), np.nan)
         rows[:, T] = frame.time_s
         for k, (name, (column, _, _)) in enumerate(_MEASURED.items()):
             rows[:, column] = frame.channels.get(name, np.nan)
-            hold_s[k] = max(hold_s[k], period_s * (held(rows[:, column], np.nan)[0] - 1.0))
+            hold_s[k] = max(
+                hold_s[k], period_s * (held(rows[:, column], np.nan, 0.0, 0.0)[0] - 1.0)
+            )
         bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
     turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
     said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]
@@ -166,21 +167,28 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
             said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.2g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
             said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
-    marks = [(n, m) for n in _MEASURED if math.isfinite(m := _mark_of(_values(recordings, n)))]
-    missing = "several times, far from all else: a missing value"
-    said += [f"{name} is {mark:.5g} {missing}" for name, mark in marks]
+    marks = [(n, m) for n in _MEASURED if math.isfinite(m := _mark_of(recordings, n, period_s))]
+    said += [f"{n} is {m:.5g} several times, far from all else: a missing value" for n, m in marks]
     if not said:
         return Finding("samples", Verdict.FITS, "each sample goes with its neighbours")
     forbids = any(by for _, by in turns) or bool(marks and not longest_rows(period_s))
     return Finding("samples", Verdict.DOUBTFUL, "; ".join(said), forbids=forbids)
 
 
-def _mark_of(values: Floats) -> float:
-    """Value that comes again, farther from all others than these lie apart; NaN if none does."""
-    known, count = np.unique(values, return_counts=True)
+def _mark_of(recordings: Sequence[SampleFrame], name: str, period_s: float) -> float:
+    """Value that comes again, by a leap beyond the range of all others; NaN if none does.
+
+    A place where the axis stands is as far off where the way to it is not recorded: no leap.
+    """
+    known, count = np.unique(_values(recordings, name), return_counts=True)
+    leap = 0.0
+    for frame in [frame for frame in recordings if name in frame.channels]:
+        steps, moved = np.diff(frame.time_s), np.abs(np.diff(frame.channels[name]))
+        leap = np.fmax.reduce(moved[steps < GAP_PERIODS * period_s], initial=leap)
     ends = ((0, known[1:]), (-1, known[:-1])) if len(known) > LEAST_MARKS else ()
     for end, others in ends:
-        if count[end] >= LEAST_MARKS and np.abs(others - known[end]).min() > np.ptp(others):
+        nearest = np.abs(others - known[end]).min()
+        if count[end] >= LEAST_MARKS and leap >= nearest > np.ptp(others):
             return float(known[end])
     return math.nan
 

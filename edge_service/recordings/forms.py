@@ -6,6 +6,7 @@ A stranger should learn what he has opened: `forms.toml` has the bytes by which 
 import re
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -73,11 +74,9 @@ def is_recording(path: Path) -> bool:
 
 
 def is_database(source: Path) -> bool:
-    try:
-        with source.open("rb") as file:
-            return file.read(16) == b"SQLite format 3\0"
-    except OSError:
-        return False
+    with suppress(OSError), source.open("rb") as file:
+        return file.read(16) == b"SQLite format 3\0"
+    return False
 
 
 def foreign(head: bytes) -> str | None:

@@ -7,6 +7,7 @@ import tomllib
 from collections import Counter
 from dataclasses import dataclass, field
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import IO, Any
 
@@ -138,6 +139,13 @@ def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text
     for own, plain in _CELLS["characters"].items():
         raw = pc.replace_substring(raw, own, plain)
     raw = pc.replace_substring_regex(raw, _CELLS["fortran"], r"\1e\2")
+    if pc.any(is_like(_CELLS["letters"])).as_py():
+        for (number, names), (date, iso) in product(
+            _CELLS["months"].items(), _CELLS["dates"].items()
+        ):
+            raw = pc.replace_substring_regex(
+                raw, date.replace("MONTH", names), iso.replace("MM", number)
+            )
     if pc.any(is_like(style["surely"])).as_py():
         whole = pc.replace_substring_regex(raw, style["marks"], "")
         raw = pc.if_else(is_like(style["grouped"]), whole, raw)

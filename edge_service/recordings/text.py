@@ -19,12 +19,13 @@ SPACES = " "
 _SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
 _DELIMITERS = (",", ";", "\t", "|")
-_SAMPLE_LINES, _MOST_ABOVE = 20, 100
+_SAMPLE_LINES, _MOST_ABOVE, _MOST_DECIMAL = 20, 100, 4
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _QUOTED_COMMA = re.compile(r"[+-]?\d*,(\d{1,2}|\d{4,})([eE][+-]?\d+)?")
 """A decimal comma in quotes, between cells parted by commas: it parts no thousands."""
 _VALUE = re.compile(r"_?(\w*[_ ])?(var)?(value|val|wert|valeur|valore|valor)", re.IGNORECASE)
+_PARTED = re.compile(r"(?<=\d)[,.' \u2019](?=\d{3}(?!\d))")
 _AS_PYTHON = str.maketrans(",Dd\u2212", ".EE-")
 _WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
@@ -59,8 +60,7 @@ class TextSource(Source):
         while data := self._file.read(BLOCK_BYTES):
             lines, found, rest = data.rpartition(self._terminator)
             if found:
-                lines = self._rest + lines + found
-                self._rest = rest
+                lines, self._rest = self._rest + lines + found, rest
                 return lines
             self._rest += data
             if len(self._rest) > LONGEST_LINE:
@@ -124,8 +124,7 @@ class TextSource(Source):
         if not lines:
             raise TraceError(f"{path}: holds comments only; expected a header such as time_s,...")
         if _CONTROL.search(lines[0].text):
-            at = f"{path}: line {len(comments)}"
-            raise TraceError(f"{at}: no text; expected a header of column names")
+            raise TraceError(f"{path}: line {len(comments)}: no text; expected names of columns")
         delimiter, top, first = _table(lines)
         heading = [_split(line.text, delimiter) for line in lines[top:first]]
         rows = lines[first if top else 0 if top == first else 1 :]
@@ -205,9 +204,11 @@ def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _tags(names: tuple[str, ...], rows: list[list[str]]) -> str:
     """Column with the names of values, where each row holds one value only; empty if none does."""
-    if not any(_VALUE.fullmatch(name) for name in names):
+    columns = list(zip(*rows, strict=False))
+    decimal = [each for each in columns if {".", ","} & {*"".join(each)}]
+    if len(decimal) > _MOST_DECIMAL or not any(map(_VALUE.fullmatch, names)):
         return ""
-    for name, cells in zip(names, zip(*rows, strict=False), strict=False):
+    for name, cells in zip(names, columns, strict=False):
         words = [cell for cell in cells if not any(map(str.isdigit, cell[:1]))]
         several = 1 < len(set(words)) <= len(cells) / 2.0
         if len(words) == len(cells) and (several or name == "_field"):  # as InfluxDB has it
@@ -244,7 +245,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 def _all_numbers(cells: list[str]) -> bool:
     try:
         for cell in filter(None, cells):
-            float(cell.translate(_AS_PYTHON))
+            float(_PARTED.sub("", cell).translate(_AS_PYTHON))
     except ValueError:
         return False
     return not any(cell.lower() in {"nan", "inf"} for cell in cells)

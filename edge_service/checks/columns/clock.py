@@ -7,7 +7,7 @@ from ...recordings.columns import ROW_NUMBER
 from ..sampling import clock_of
 from .guess import Known, Understanding
 from .names import ColumnName, Quantity
-from .relations import changes, proportion, travelled
+from .relations import changes, proportion, travelled, usual_step
 
 EDGE_PERIOD_S = 0.002
 """Cycle of Industrial Edge's high-frequency data (Siemens, SINUMERIK Connector)."""
@@ -42,12 +42,11 @@ def find_clock(
     others = Understanding() if len(clocks) > 1 else found
     names = [each for each in names if not _is_set_aside(each, values[each.name], known, others)]
     for quantity in (Quantity.COUNTER, Quantity.TIME)[:: 1 if known.period_s else -1]:
-        for each in names:
-            if each.quantity is quantity:
-                scale = _scale(each, values[each.name], known, found)
-                if scale is not None:
-                    found.columns[TIME] = ColumnMap(each.name, scale)
-                    return scale * values[each.name]
+        for each in (each for each in names if each.quantity is quantity):
+            scale = _scale(each, values[each.name], known, found)
+            if scale is not None:
+                found.columns[TIME] = ColumnMap(each.name, scale)
+                return scale * values[each.name]
     return _by_rows(names, values, known, found)
 
 
@@ -70,9 +69,8 @@ def _is_set_aside(each: ColumnName, values: Floats, known: Known, found: Underst
 
 def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding) -> float | None:
     """Seconds per count of a column that counts up; None if it is no clock."""
-    steps = np.diff(values)
-    forward = steps[steps > 0.0]
-    if forward.size == 0:
+    usual = usual_step(values)
+    if not usual:
         found.say(TIME, f"{each.name!r} never increases, so it is no clock")
         return None
     if each.quantity is Quantity.COUNTER or known.period_s is not None:
@@ -86,7 +84,6 @@ def _scale(each: ColumnName, values: Floats, known: Known, found: Understanding)
         return EDGE_PERIOD_S
     unit, why = each.unit, each.why
     if each.si_unit != "s":
-        usual = float(np.median(forward))
         is_of_windows = _HUNDRED_NS[0] < float(np.nanmedian(values)) < _HUNDRED_NS[1]
         units = ("100 ns",) if is_of_windows else _TIME_UNITS
         rates = {unit: 1.0 / (SI[unit][0] * usual) for unit in units}

@@ -24,8 +24,10 @@ from .relations import (
     proportion,
     smoothed_speed,
     travelled,
+    usual_step,
     whole_windows,
 )
+from .unnamed import known_of
 
 TABLE_SPEEDS_M_S = (1e-3, 3.0)
 """Rapid moves that feed drives with ball screws make."""
@@ -64,18 +66,13 @@ class Motion:
     ) -> None:
         self._names, self._values, self._time_s = list(names), values, time_s
         self._known, self._found, self._columns = known, found, found.columns
-        forward = np.diff(time_s)
-        forward = forward[forward > 0.0]
-        usual_s = float(np.median(forward)) if forward.size else 1.0
-        window = int(np.clip(_WINDOW_S / usual_s, *_SAMPLES))
+        window = int(np.clip(_WINDOW_S / (usual_step(time_s) or 1.0), *_SAMPLES))
         self._windows = whole_windows(time_s, window)
 
     def speed(self) -> Floats | None:
         """Speed of the axis in any unit, with the direction of its position, shape (n,)."""
-        for channel in (TABLE_POSITION, ANGLE, SETPOINT):
-            if channel in self._columns:
-                return smoothed_speed(self._si(channel), self._time_s)
-        return None
+        able = [name for name in (TABLE_POSITION, ANGLE, SETPOINT) if name in self._columns]
+        return smoothed_speed(self._si(able[0]), self._time_s) if able else None
 
     def find(self) -> None:
         """Find position channels, their units, the lead, and the speeds."""
@@ -112,22 +109,18 @@ class Motion:
 
     def _moving(self, quantity: Quantity) -> list[ColumnName]:
         fitting = [each for each in self._names if each.quantity is quantity]
-        known = {each.name: self._values[each.name] for each in fitting}
-        known = {name: values[np.isfinite(values)] for name, values in known.items()}
-        return [e for e in fitting if known[e.name].size and np.ptp(known[e.name]) > 0.0]
+        return [e for e in fitting if np.ptp(known_of(self._values[e.name])) > 0.0]
 
     def _best(self, quantity: Quantity) -> ColumnName | None:
         return min(self._moving(quantity), key=lambda each: each.rank, default=None)
 
     def _link(self, target: str, source: str, least: float = 0.0) -> Proportion | None:
-        pair = (changes(self._values[name], self._windows) for name in (target, source))
-        link = proportion(*pair)
+        link = proportion(*(changes(self._values[n], self._windows) for n in (target, source)))
         return link if link is not None and abs(link.correlation) >= least else None
 
     def _top_speed(self, name: str) -> float:
         speed = np.abs(smoothed_speed(self._values[name], self._time_s))
-        known = speed[np.isfinite(speed)]
-        return float(np.percentile(known, 99.0)) if known.size else 0.0
+        return float(np.percentile(known_of(speed), 99.0))
 
     def _length_unit(self, column: ColumnName, other: ColumnName | None) -> tuple[str, str]:
         if column.si_unit == "rad":

@@ -31,16 +31,21 @@ class Proportion:
     sigma: float  # standard deviation of the factor
     correlation: float  # of both over all windows
     residual: float  # root mean square of what is left of the target, in its unit
-    kept: float  # share of the windows that it rests on
+
+
+def usual_step(time_s: Floats) -> float:
+    """Median step forward of a clock (n,), 0 where it stands."""
+    steps = np.diff(time_s)
+    forward = steps[steps > 0.0]
+    return float(np.median(forward)) if forward.size else 0.0
 
 
 def whole_windows(time_s: Floats, window: int = WINDOW) -> Floats:
     """Bounds of windows without a gap or a new start of the clock, shape (n, 2), row numbers."""
-    steps = np.diff(time_s)
-    forward = steps[steps > 0.0]
-    if forward.size == 0:
+    steps, usual = np.diff(time_s), usual_step(time_s)
+    if not usual:
         return np.empty((0, 2), dtype=int)
-    even = (steps > 0.0) & (steps < _LARGEST_STEP * float(np.median(forward)))
+    even = (steps > 0.0) & (steps < _LARGEST_STEP * usual)
     broken = np.concatenate([[0], np.cumsum(~even)])
     starts = np.arange(0, len(time_s) - window, window)
     kept = starts[broken[starts + window] == broken[starts]]
@@ -86,32 +91,24 @@ def proportion(target: Floats, source: Floats) -> Proportion | None:
     left = target - factor * source
     residual = math.sqrt(float(np.mean(left**2)))
     sigma = residual * math.sqrt(len(left) / (len(left) - 1.0) / power)
-    return Proportion(factor, sigma, factor * math.sqrt(power / other), residual, share)
+    return Proportion(factor, sigma, factor * math.sqrt(power / other), residual)
 
 
 def directions(speed: Floats) -> tuple[Booleans, Booleans, Booleans]:
     """Samples that move forwards, backwards, and rest; shape (n,) each."""
     magnitude = np.abs(speed)
     top = float(np.nanpercentile(magnitude, 99.0)) if speed.size else 0.0
-    if not top > 0.0:
-        none = np.zeros(len(speed), dtype=bool)
-        return none, none, ~none
     moving = magnitude > MOVING_SHARE * top
-    return moving & (speed > 0), moving & (speed < 0), magnitude < _REST_SHARE * top
+    return moving & (speed > 0), moving & (speed < 0), magnitude <= _REST_SHARE * top
 
 
 def smoothed_speed(position: Floats, time_s: Floats, window: int = WINDOW) -> Floats:
     """Speed from a position over a sliding window of samples, shape (n,); NaN at gaps and ends."""
-    half = window // 2
+    half, usual = window // 2, usual_step(time_s) * 2 * (window // 2)
     result = np.full(len(position), np.nan)
-    if len(position) <= 2 * half:
-        return result
-    steps = np.diff(time_s)
-    forward = steps[steps > 0.0]
-    if forward.size == 0:
+    if len(position) <= 2 * half or not usual:
         return result
     span = time_s[2 * half :] - time_s[: -2 * half]
-    usual = float(np.median(forward)) * 2 * half
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = (position[2 * half :] - position[: -2 * half]) / span
     good = (span > 0.0) & (span < 2.0 * usual)

@@ -42,6 +42,12 @@ def understand(
         if before.quantity is not after.quantity:
             words = f"{after.name!r} moves like a {after.quantity.value}"
             found.say("columns", words, assumed=True)
+    if known.period_s is None and Quantity.TIME in {each.quantity for each in columns}:
+        changed = [np.diff(values[each.name], prepend=np.nan) != 0.0 for each in columns]
+        new = np.any(changed, axis=0)
+        if twice := len(new) - np.count_nonzero(new):
+            table = {name: each[new] for name, each in values.items()}
+            found.say("file", f"{twice} rows come twice and count once")
     twins = Counter(each.name.rpartition(" #")[0] for each in columns)
     columns = [each for each in columns if not _is_open(each, twins, found)]
     for each in [each for each in columns if each.is_position and wrap_of(table[each.name])]:

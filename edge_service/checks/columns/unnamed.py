@@ -25,7 +25,7 @@ def with_quantities(
 ) -> tuple[ColumnName, ...]:
     """The same columns, the unnamed ones with what they were found to be."""
     open_names = [each.name for each in names if each.quantity is Quantity.UNNAMED]
-    open_names = [name for name in open_names if np.ptp(_known(values[name])) > 0.0]
+    open_names = [name for name in open_names if np.ptp(known_of(values[name])) > 0.0]
     if not open_names or any(each.quantity is Quantity.POSITION for each in names):
         return tuple(names)
     found = _found(open_names, names, values)
@@ -36,9 +36,7 @@ def _found(
     open_names: list[str], names: Sequence[ColumnName], values: Mapping[str, Floats]
 ) -> dict[str, Quantity]:
     clocks = [each.name for each in names if each.quantity is Quantity.TIME]
-    clock = (
-        clocks[0] if clocks else next(filter(lambda name: is_clock(values[name]), open_names), "")
-    )
+    clock = [*clocks, *(name for name in open_names if is_clock(values[name])), ""][0]
     found = {} if clocks or not clock else {clock: Quantity.TIME}
     rest = [name for name in open_names if name != clock]
     rest = [name for name in rest if np.mean(np.diff(values[name]) == 0.0) <= _STEPS]
@@ -63,7 +61,7 @@ def _found(
 
 def is_clock(values: Floats) -> bool:
     """Column that counts up by nearly even steps, apart from new starts and gaps."""
-    steps = np.diff(_known(values))
+    steps = np.diff(known_of(values))
     if steps.size < 10 or not np.all(np.isfinite(steps)):
         return False
     forward = steps[steps > 0.0]
@@ -100,7 +98,7 @@ def _later(position: str, names: list[str], values: Mapping[str, Floats], window
 
 
 def _same_ends(values: Floats, position: Floats) -> bool:
-    one, other = _known(values), _known(position)
+    one, other = known_of(values), known_of(position)
     apart = max(abs(one.min() - other.min()), abs(one.max() - other.max()))
     return bool(apart < _ENDS * np.ptp(other))
 
@@ -109,15 +107,15 @@ def _setpoint(
     names: list[str], values: Mapping[str, Floats], position: str, windows: Floats
 ) -> dict[str, Quantity]:
     """The column that moves like the position, by the same amount, and not by jumps."""
-    moved = changes(values[position], windows)
-    best, found = 0.8, ""
+    moved, alike = changes(values[position], windows), dict[str, float]()
     for name in names:
         link = proportion(moved, changes(values[name], windows))
-        if link and link.correlation > best and 0.5 < link.factor < 2.0:
-            best, found = link.correlation, name
-    return {found: Quantity.SETPOINT} if found else {}
+        if link and link.correlation > 0.8 and 0.5 < link.factor < 2.0:
+            alike[name] = link.correlation
+    return {max(alike, key=alike.__getitem__): Quantity.SETPOINT} if alike else {}
 
 
-def _known(values: Floats) -> Floats:
+def known_of(values: Floats) -> Floats:
+    """The numbers of a column, shape (n,); a zero where there is none."""
     known: Floats = values[np.isfinite(values)]
     return known if known.size else np.zeros(1)

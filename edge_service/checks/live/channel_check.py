@@ -110,9 +110,11 @@ class ChannelState:
     # least and most of the interval before, and the value at which it is stuck, (3,)
     torque_nm: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
     # least_step, hold_s: of torque, motor angle and table: least step from row to row, in their
-    # units; time for which they repeat a value, s; (3,) each
+    # units; time for which they repeat a value, s; leaps, repeats: how often that; (3,) each
     least_step: StoredFloats = field(default_factory=lambda: np.full(3, np.nan))
     hold_s: StoredFloats = field(default_factory=lambda: np.zeros(3))
+    leaps: StoredFloats = field(default_factory=lambda: np.zeros(3))
+    repeats: StoredFloats = field(default_factory=lambda: np.zeros(3))
 
 
 class ChannelCheck:
@@ -159,7 +161,9 @@ class ChannelCheck:
         fault, state, usual_s = Fault.NONE, self.state, self._limits.hold_s
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         for k, (column, kind) in enumerate(_HELD):
-            rows, state.least_step[k] = held(inside[:, column], state.least_step[k])
+            so_far = [state.least_step[k], state.leaps[k], state.repeats[k]]
+            rows, *so_far = held(inside[:, column], *so_far)
+            state.least_step[k], state.leaps[k], state.repeats[k] = so_far
             hold_s = period_s * (rows - 1.0)
             state.hold_s[k] = max(hold_s, state.hold_s[k] / FORGET)
             if usual_s is not None and hold_s > LONGER * usual_s[k] + 0.5 * period_s:

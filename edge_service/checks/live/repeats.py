@@ -12,7 +12,7 @@ LEAST_ROWS = 4
 """Rows from which a value counts as repeated; a slow channel holds each for long."""
 FORGET = 1.0 + 1.0 / 256.0
 """Growth of the least step per interval: a channel may become coarser."""
-_LEAST_LEAPS = 5
+_LEAST_LEAPS, _KEPT = 5, 0.75
 HELD_SHARE = 0.3
 """Of the rows of a channel that leaps, from which on it is held: they repeat a value before."""
 _LEAP, _LONGEST_RUN = 3.0, 40
@@ -72,22 +72,23 @@ def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
 
 
 @compiled
-def held(values: Floats, least: float) -> tuple[float, float]:
-    """Mean rows of a value of a channel (n,) that repeats it and leaps on, else 1; and least step.
+def held(values: Floats, least: float, leaps: float, repeats: float) -> tuple[float, ...]:
+    """Mean rows of a value of a channel (n,) that repeats it and leaps on, else 1; and the rest.
 
-    `least` is that so far, NaN if unknown.
+    `least` is the least step so far, NaN if unknown; `leaps` and `repeats` before them are those of
+    earlier intervals, which fade: in a short one of a slow source there are few.
     """
     rounding, now = 1e-9 * np.abs(values).max(), np.inf
     for step in np.abs(values[1:] - values[:-1]):
         if rounding < step < now:
             now = step
     least = now if np.isnan(least) else min(FORGET * least, now)
-    begun, leaps, repeats = 0, 0, 0
+    begun, leaps, repeats = 0, _KEPT * leaps, _KEPT * repeats
     for row in range(1, len(values)):
         step = abs(values[row] - values[row - 1])
         if step >= _LEAP * least and begun and row - begun <= _LONGEST_RUN:
-            leaps, repeats = leaps + 1, repeats + row - begun - 1
+            leaps, repeats = leaps + 1.0, repeats + row - begun - 1
         if step != 0.0:
             begun = row
     is_held = leaps >= _LEAST_LEAPS and repeats > HELD_SHARE * (leaps + repeats)
-    return (1.0 + repeats / leaps if is_held else 1.0), least
+    return (1.0 + repeats / leaps if is_held else 1.0), least, leaps, repeats

@@ -12,7 +12,6 @@ Process Monitoring and Anomaly Detection in Industrial CNC Milling" (KIT, 2025).
 """
 
 import csv
-import itertools
 import math
 import os
 import zlib
@@ -63,8 +62,7 @@ class CycleClock:
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
         self.restarts = self.gaps = self._rows = 0
-        self.lost = self._origin = 0.0
-        self._offset = 0.0  # of the run, in counts: the same sums however a recording is parted
+        self.lost = self._at = 0.0  # counts since the first, a gap before each new run among them
         self._restart_rows: list[int] = []
         self._usual: float | None = None
         self._last: float | None = None
@@ -80,10 +78,8 @@ class CycleClock:
         time_s, run = np.full(cycle.shape, np.nan), np.full(cycle.shape, float(self.restarts))
         counts = cycle[rows]
         if len(counts):
-            if self._last is None:
-                self._origin = self._last = float(counts[0])
-            before = np.concatenate(([self._last], counts[:-1]))
-            steps = counts - before
+            first = float(counts[0]) if self._last is None else self._last
+            steps = np.diff(counts, prepend=first)
             forward = steps[steps > 0.0]
             if self._usual is None and len(forward):
                 self._usual = float(np.median(forward))
@@ -91,17 +87,13 @@ class CycleClock:
                 wide = steps[steps > WIDE * self._usual]
                 self.gaps += len(wide)
                 self.lost += float(np.sum(wide / self._usual - 1.0))
-            ends = sorted({0, *np.flatnonzero(steps < 0.0).tolist(), len(counts)})
-            for start, stop in itertools.pairwise(ends):
-                if steps[start] < 0.0:
-                    self._offset += (before[start] - self._origin) + RESTART_GAP_S / self.period_s
-                    self._origin = float(counts[start])
-                    self.restarts += 1
-                    self._restart_rows.append(self._rows + int(rows[start]))
-                part = counts[start:stop] - self._origin
-                time_s[rows[start:stop]] = (self._offset + part) * self.period_s
-                run[rows[start:stop]] = self.restarts
-            self._last = float(counts[-1])
+            fallen = steps < 0.0
+            steps[fallen] = RESTART_GAP_S / self.period_s
+            at = np.cumsum(np.append(self._at, steps))[1:]  # one sum, however a recording is parted
+            time_s[rows], run[rows] = at * self.period_s, self.restarts + np.cumsum(fallen)
+            self._restart_rows += (self._rows + rows[fallen]).tolist()
+            self.restarts += int(np.count_nonzero(fallen))
+            self._at, self._last = float(at[-1]), float(counts[-1])
         self._rows += len(cycle)
         return time_s, run
 
