@@ -456,6 +456,7 @@ export const de = {
   "upload.done": "{name} wurde hochgeladen.",
   "job.command.fingerprint": "Fingerabdruck",
   "job.command.diagnose": "Diagnose",
+  "job.command.update": "Maschinendatei, auf neuem Stand",
   "job.command.record": "Aufzeichnung",
   "job.command.adopt": "Maschinendatei",
   "job.command.doctor": "Prüfung",

@@ -358,6 +358,7 @@ export const en = {
   "upload.done": "{name} has been uploaded.",
   "job.command.fingerprint": "Fingerprint",
   "job.command.diagnose": "Diagnosis",
+  "job.command.update": "Machine file, brought up to date",
   "job.command.record": "Recording",
   "job.command.adopt": "Machine file",
   "job.command.doctor": "Examination",
