@@ -42,7 +42,7 @@ def simulate(
     """Record a simulated axis with any set of effects.
 
     Beside the effects of the library there are payload:mass_kg=20, which the drive does not know
-    of, and external_force:file=f.csv (time_s, force_n), which is recorded as measured.
+    of, and forces that are recorded: milling:force_n=-500, drilling and external_force:file=f.csv.
     """
     from ..config import load_machine
     from ..offline.simulate import SimulationSettings, simulate_session
