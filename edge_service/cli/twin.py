@@ -88,9 +88,7 @@ def reproduce(
     out: Annotated[Path, Option("Folder for the report.")] = Path("out/reproduce"),
     window: Annotated[
         int,
-        Option(
-            "thesis: moving average in the figures, steps of 0.1 s.", kind=click.IntRange(1, 500)
-        ),
+        Option("thesis: moving average over so many steps of 0.1 s.", kind=click.IntRange(1, 500)),
     ] = 20,
     exponent: Annotated[
         float,

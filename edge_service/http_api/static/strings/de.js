@@ -277,6 +277,7 @@ export const de = {
   "belief.text": "Wahrscheinlichkeit jeder Stufe der Vorspannung, Prozent des Neuzustands.",
   "belief.method": "Verfahren: {method}.",
   "second": "Zweite Meinung, nach fünf Stufen und der Reibung allein: {value} % ({from} bis {to} %).",
+  "second.modes": "Wahrscheinlichkeiten nach der zweiten Meinung",
   "second.none": "Zweite Meinung: derzeit keine.",
   "second.parted": "Die beiden gehen auseinander: Die Reibung passt nicht zum Übrigen. Sehen Sie nach, was sich geändert haben kann: Schmierung, Wärme, Last.",
   "belief.none": "nichts: derzeit keine Schätzung",

@@ -179,6 +179,7 @@ export const en = {
   "belief.text": "Probability of each level of preload, percent of the fresh screw.",
   "belief.method": "Method: {method}.",
   "second": "Second opinion, from the friction alone, with five levels: {value} % ({from} to {to} %).",
+  "second.modes": "Probabilities by the second opinion",
   "second.none": "Second opinion: none now.",
   "second.parted": "The two disagree: the friction does not fit what else is seen. Look at what may have changed: grease, warmth, load.",
   "belief.none": "nothing: there is no estimate now",
