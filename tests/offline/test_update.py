@@ -13,7 +13,6 @@ from edge_service.nodes.service import reread
 from edge_service.offline.recordings import read_recording
 from edge_service.offline.simulate import SimulationSettings, simulate
 from edge_service.recordings.writer import TraceWriter
-from tests.documents import document
 from tests.nodes.conftest import once, served
 
 BENCH = load_machine(DEFAULT_MACHINE)
@@ -92,25 +91,10 @@ async def test_a_service_takes_what_a_job_has_found_and_its_other_axis_goes_on(t
         assert (job["state"], "updated.toml: written" in job["verdict"]) == ("done", True)
         made = await client.get("api/v1/jobs/1/files/updated.toml")
         Path("m.toml").write_bytes(made.content)
-        used = [(await client.get(f"api/v1/axes/{each}/preload")).json() for each in "XY"]
+        before = [(await client.get(f"api/v1/axes/{each}/preload")).json() for each in "XY"]
+        x, y = (each["data_used_s"] for each in before)
         reread(service.context, lambda: load_config(place))
         assert "viscous_error" in {each.name for each in service.context.machines["X"].effects}
-        x, y = (each["data_used_s"] for each in used)
         await once(client, "axes/X/preload", lambda now: 0.0 < now["data_used_s"] < x)
         other = await once(client, "axes/Y/preload", lambda now: now["data_used_s"] != y and now)
         assert other["data_used_s"] > y
-
-
-@pytest.mark.slow
-def test_the_steps_of_the_front_page_follow_one_another(trace: Path) -> None:
-    simulate(BENCH, SimulationSettings("friction"), Path("friction.csv"))
-    simulate(BENCH, SimulationSettings(duration_s=60.0), Path("trace.csv"))
-    simulate(BENCH, SimulationSettings("friction", CHANGE, seed=2), trace)
-    rows = document("README.md").partition("## Five steps")[2].partition("\n## ")[0].splitlines()
-    cells = [cell for row in rows if row.startswith("|") for cell in row.split("`")[1::2]]
-    commands = [cell.split()[1:] for cell in cells if cell.startswith("edge-service ")]
-    del commands[1]  # `record`, of a running service
-    expected = ["motion", "adopt", "fingerprint", "commission", "fingerprint", "update"]
-    assert [words[0] for words in commands] == expected
-    assert [main(words) for words in commands] == [0] * len(commands)
-    assert list(Path().glob("commissioned-*.toml"))
