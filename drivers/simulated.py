@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError
 
 from edge_service.messages.samples import ANGLE, CHANNELS, Floats, SampleFrame
 from edge_service.models.effects.effect import ActiveEffect
+from edge_service.models.effects.library.external_force import force_profile, process_force
 from edge_service.models.effects.registry import parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
@@ -74,6 +75,8 @@ class SimulatedConfig(DriverConfig):
     accelerometer_hz: float = Field(0.0, ge=0.0, le=100_000.0)
     raceway_damage: float = Field(0.0, ge=0.0)
     force: float = 0.0  # external force on the table, N, positive along the travel
+    process: Literal["steady", "milling", "drilling"] = "steady"  # whose force `force` is
+    force_file: Path | None = None  # columns time_s, force_n, which begin anew at their end
 
 
 class _SimulatedAxis:
@@ -84,7 +87,7 @@ class _SimulatedAxis:
         machine = context.machine if config.truth is None else _machine(config.truth)
         whose = "machine" if config.truth is None else "truth"
         missing = machine.missing_for_percent()
-        if missing is not None:
+        if missing is not None and config.start_percent != 0.0:
             words = f"{missing}: the machine file lacks it, simulated preload needs it"
             raise DriverMisconfiguredError(whose, words)
         self._wear = _wear(config, machine)
@@ -100,25 +103,22 @@ class _SimulatedAxis:
             settings = FeedDriveSettings.of_machine(machine, config.rate_hz)
             key = "effects"
             effects = [_effect(text) for text in config.effects]
-            noises = {
-                name: config.noise * getattr(settings.sensors, name)
-                for name in ("torque_noise_nm", "angle_noise_rad", "table_noise_m")
-            }
-            settings = replace(settings, sensors=settings.sensors._replace(**noises))
+            settings = replace(settings, sensors=settings.sensors.noisier(config.noise))
             for begun_s in (math.inf, 0.0):  # first all of them, so that a wrong one is told now
                 present = tuple(effect for from_s, effect in effects if from_s <= begun_s)
                 now = replace(settings, effects=(*settings.effects, *present))
                 self._drive = FeedDrive(now, limits.low_m, self.preload_percent, config.seed)
-        except ValueError as error:
+            key, file = "force_file", config.force_file
+            self._profile = None if file is None else force_profile(file.read_text("utf-8"))
+        except (OSError, ValueError) as error:
             raise DriverMisconfiguredError(key, str(error)) from error
         self._later = [(from_s, effect) for from_s, effect in effects if from_s > 0.0]
         self._setpoints = Setpoints(segments, limits.low_m, config.rate_hz)
         self._sample = 0
         self._accelerometer: Accelerometer | None = None
         if config.accelerometer_hz > 0.0:
-            sensor = AccelerometerSettings(
-                rate_hz=config.accelerometer_hz, damage=config.raceway_damage
-            )
+            rate_hz, damage = config.accelerometer_hz, config.raceway_damage
+            sensor = AccelerometerSettings(rate_hz=rate_hz, damage=damage)
             if machine.ball_pass_orders is not None:
                 sensor = replace(sensor, ball_pass_order=machine.ball_pass_orders.on_nut)
             self._accelerometer = Accelerometer(sensor, config.seed)
@@ -131,15 +131,15 @@ class _SimulatedAxis:
             self._drive.take_on(begun)
             self._later = [each for each in self._later if each[0] > time_s[0]]
         self._sample += count
+        force_n = process_force(config.process, config.force, time_s)
+        if self._profile is not None:
+            force_n += np.interp(np.fmod(time_s, self._profile[0, -1]), *self._profile)
         if config.repeat:
             time_s = np.fmod(time_s, config.hold_s + config.life_s)
         preload_percent = self._wear.preload_percent(time_s - config.hold_s, config.life_s)
         self.preload_percent = float(preload_percent[-1])
-        frame = self._drive.advance(
-            self._setpoints.take(count),
-            preload_percent,
-            external_force_n=np.full(count, config.force) if config.force else None,
-        )
+        setpoints = self._setpoints.take(count)
+        frame = self._drive.advance(setpoints, preload_percent, external_force_n=force_n)
         if self._accelerometer is None:
             return frame
         wave = self._accelerometer.follow(frame.time_s, frame.channels[ANGLE])

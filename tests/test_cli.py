@@ -4,6 +4,7 @@ import json
 import os
 import socket
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -44,51 +45,7 @@ FILES = {
     "unit.toml": modbus(more=', unit = "mm"'),
 }
 AXIS = '[[axes]]\nname = "X"\n'
-STORE, BOTH = "[store]\nfolder = 'state'\n", "certificate = 'a.toml'\nprivate_key = 'a.toml'"
-TWO_MOTIONS = "simulate --motion standstill --motion standstill --out runs"
-CASES = (
-    (TWO_MOTIONS + " --duration 9", "--duration: with several motions expected NAME:duration_s="),
-    ("estimate t.csv --out o.csv --method kf", "'kf' is not one of 'auto', "),
-    ("adopt t.csv --out m.toml --screw 20", "--screw '20': expected \"DIAMETERxLEAD C... P...\""),
-    ("adopt t.csv --out m.toml --set leed_m=1", "no key of a machine file; did you mean lead_m?"),
-    ("adopt t.csv --out m.toml --set lead_m=1kg", "--set lead_m=1kg: 'kg' is no unit of lead_m"),
-    ("motion --out motions.csv", "motion: --out goes with the NAME of a motion"),
-    ("estimate t.csv --out t.csv", "would overwrite its own input"),
-    ("estimate nowhere.csv --out out.csv", "no such file"),
-    ("estimate foreign.csv --machine columns.toml --out out.csv", "theta"),
-    ("estimate t.csv", "--out"),
-    ("replay nowhere.csv --port 0", "no such file"),
-    ("record --bus tcp/127.0.0.1:1 --out out.csv", "no bus answers"),
-    ("fingerprnt", "no command 'fingerprnt'; did you mean 'fingerprint'?"),
-    ("check-config nowhere.toml", "no such file"),
-    ("check-config no.toml", "is not valid TOML"),
-    ("stub profibus edge.toml", "no stub 'profibus'; there are modbus, "),
-    ("stub modbus edge.toml --axis Q", "no axis 'Q' with driver = 'modbus'"),
-    ("stub modbus edge.toml --fault fire", "--fault: no fault 'fire'; expected one of none, delay"),
-    ("stub modbus unit.toml", "unit: 'mm' is no unit of torque_command_nm"),
-    ("doctor", "Missing argument 'SOURCE...'"),
-    ("doctor edge.toml a.csv", "a.csv: expected one configuration, or recordings"),
-    ("doctor no.csv", "no such file"),
-    ("doctor edge.toml --axis Q", "--axis: no axis 'Q'; there are X"),
-)
-"""Words of a call, and what it complains of."""
-CONFIGURATIONS = (
-    ("check-config", "[http]\nprot = 1", "http.prot: unknown key; did you mean http.port?"),
-    ("check-config", AXIS + "driver = 'modbus'", "a.toml: axes.X.settings.url: missing"),
-    ("check-config", AXIS + "driver = 'x'", "no driver 'x' is installed; there are"),
-    ("check-config", AXIS + "machine = 'effect.toml'", "effect.toml: effects: "),
-    ("check-config", AXIS + "machine = 'mm.toml'", "axis.lead_m:"),
-    ("check-config", "axes = []", "axes:"),
-    ("check-config", "[http]\nhost = '0.0.0.0'", "http: '0.0.0.0' is not a loopback address: it"),
-    ("check-config", STORE + "[http]\nurl = 'https://mill'", "beyond loopback a token is needed"),
-    ("run", "[http]\ncertificate = 'c'", "http: private_key: missing; certificate and private_key"),
-    ("run", "[http]\n" + BOTH, "not in PEM format, or the key has a password"),
-    ("run", "[bus]\nzenoh_file = 'z.json5'", "z.json5: No such file or directory"),
-    ("run --bus tcp/0.0.0.0:7447", "", "tcp is for loopback addresses; state others in bus.zenoh"),
-    ("token", "", "store.folder: missing; tokens are kept in the state folder"),
-    ("token --add kim", STORE, "expected --add NAME --role viewer|operator, or --revoke NAME"),
-)
-"""Words of a call on a configuration, what stands there, and what it complains of."""
+MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 
 
 def complaint(words: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -105,7 +62,7 @@ def complaint(words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 @pytest.mark.parametrize(
     ("words", "text", "expected"),
-    [*((words, None, said) for words, said in CASES), *CONFIGURATIONS],
+    [*((words, None, said) for words, said in MISTAKES["calls"]), *MISTAKES["configurations"]],
 )
 def test_a_mistake_is_one_line_with_its_place_and_status_2(
     words: str,

@@ -29,7 +29,8 @@ from edge_service.outputs.metrics import family_names
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents, guide
 
-FIRST_PAGE_LINES = 120
+FIRST_PAGE_LINES, FIRST_PAGE_COMMANDS = 120, 12
+FIRST_COMMANDS = ["sh deploy/demo.sh", "sh deploy/check.sh"]
 PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
 HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests" / "bench"]
@@ -41,7 +42,11 @@ OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl|systemctl|docker) |
 
 
 def test_the_first_page_is_short() -> None:
-    assert len(document("README.md").splitlines()) <= FIRST_PAGE_LINES
+    text = document("README.md")
+    assert len(text.splitlines()) <= FIRST_PAGE_LINES
+    commands = re.findall(r"(?m)^(?:sh|curl|edge-service) .+|`edge-service [a-z-]+ [^`\n]+`", text)
+    assert [each.split("  ")[0] for each in commands[:2]] == FIRST_COMMANDS
+    assert len(commands) <= FIRST_PAGE_COMMANDS
 
 
 @pytest.mark.parametrize("room", [*ROOMS, *HOUSES], ids=lambda path: path.name)

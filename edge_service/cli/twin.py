@@ -42,7 +42,7 @@ def simulate(
     """Record a simulated axis with any set of effects.
 
     Beside the effects of the library there are payload:mass_kg=20, which the drive does not know
-    of, and external_force:file=f.csv (time_s, force_n), which is recorded as measured.
+    of, and forces that are recorded: milling:force_n=-500, drilling and external_force:file=f.csv.
     """
     from ..config import load_machine
     from ..offline.simulate import SimulationSettings, simulate_session
@@ -88,9 +88,7 @@ def reproduce(
     out: Annotated[Path, Option("Folder for the report.")] = Path("out/reproduce"),
     window: Annotated[
         int,
-        Option(
-            "thesis: moving average in the figures, steps of 0.1 s.", kind=click.IntRange(1, 500)
-        ),
+        Option("thesis: moving average over so many steps of 0.1 s.", kind=click.IntRange(1, 500)),
     ] = 20,
     exponent: Annotated[
         float,

@@ -37,16 +37,14 @@ _PROGRESS = re.compile(
     r"edge-service [a-z-]+: (?P<stage>.+?)(, (?P<percent>\d+) %)?(, (?P<elapsed_s>[\d.]+) s)?"
 )
 _GIVEN = r"^--(assume-fresh|(set|column|torque-constant|period|axis-number)=[^\x00-\x1f]{1,300})$"
-JobCommand = Literal["record", "adopt", "doctor", "commission", "fingerprint", "diagnose"]
+JobCommand = Literal["record", "adopt", "doctor", "commission", "fingerprint", "diagnose", "update"]
 JobState = Literal["running", "done", "failed", "cancelled", "interrupted"]
 """`interrupted`: the service ended while it ran."""
 _OUT = {"adopt": "machine.toml", "commission": "commissioned.toml"}
-_OUT |= {"fingerprint": "", "diagnose": ""}
+_OUT |= {"fingerprint": "", "diagnose": "", "update": "updated.toml"}
 """File that a command writes into the job's folder; empty: it fills the folder itself."""
-_ANSWERED = {
-    "doctor": (exit_status.DONE, exit_status.INTERNAL_FAILURE),
-    "diagnose": (exit_status.DONE, exit_status.BAD_DATA),
-}
+_ANSWERED = dict.fromkeys(("doctor", "update"), (exit_status.DONE, exit_status.INTERNAL_FAILURE))
+_ANSWERED["diagnose"] = exit_status.DONE, exit_status.BAD_DATA
 """Exit statuses with an answer, where there are more than one."""
 
 

@@ -138,18 +138,17 @@ class FeedDrive:
         """
         count, settings = len(setpoints), self.settings
         time_s = np.arange(self._sample, self._sample + count) / settings.rate_hz
-        _require_finite("preload_percent", preload_percent, (count,))
         if drag_nm is None:
             drag_nm = settings.screw_drag_nm(preload_percent)
         force_n = np.zeros(count) if external_force_n is None else external_force_n
         mass_kg = np.zeros(count) if added_mass_kg is None else added_mass_kg
         if temperature_c is None:
             temperature_c = AMBIENT_C + self._forward.temperature_rise_k(time_s)
+        given = {"preload_percent": preload_percent, "drag_nm": drag_nm, "added_mass_kg": mass_kg}
+        given |= {"external_force_n": force_n, "temperature_c": temperature_c}
+        for name, values in given.items():
+            _require_finite(name, values, (count,))
         _require_finite("setpoints", setpoints, (count, 3))
-        _require_finite("drag_nm", drag_nm, (count,))
-        _require_finite("external_force_n", force_n, (count,))
-        _require_finite("added_mass_kg", mass_kg, (count,))
-        _require_finite("temperature_c", temperature_c, (count,))
         by_time = self._forward.over_time(time_s, temperature_c)
         noise = self._random.standard_normal((count, NOISES))
         loads = by_time._replace(force_n=force_n + by_time.force_n)
@@ -189,14 +188,8 @@ class FeedDrive:
         """Force that the spring carries at home; what holds it there is put into the state."""
         plant, start = self._forward.plant, _at_start(self._forward)
         home = self._state[:STATE_SIZE]
-        load = Load(
-            0.0,
-            0.0,
-            screw_nm,
-            1.0,
-            motor_dry_nm=float(start.motor_dry_nm[0]),
-            table_dry_nm=float(start.table_dry_nm[0]),
-        )
+        dry_nm = float(start.motor_dry_nm[0]), float(start.table_dry_nm[0])
+        load = Load(0.0, 0.0, screw_nm, 1.0, motor_dry_nm=dry_nm[0], table_dry_nm=dry_nm[1])
         drag, _, guide, _ = resistance(plant, load, home[MOTOR_TRAVEL], 0.0, 0.0)
         wound_n = min(guide.forward_n, drag.backward_n)
         home[MOTOR_FRICTION], home[TABLE_FRICTION] = -wound_n, wound_n

@@ -114,7 +114,8 @@ def computed(
     per_n = preload_drag(1.0, axis.lead_m, _lead_angle(machine), efficiency)
     rating_n, fresh = axis.dynamic_load_rating_n, machine.fresh_preload_percent
     percent = CATALOGUE_PRELOAD_PERCENT if fresh is None else fresh
-    drag: dict[str, Any] = {"lead_angle_rad": _lead_angle(machine), "efficiency": efficiency}
+    drag: dict[str, Any] = {"ratio_m_per_rad": machine.transmission_ratio_m_per_rad}
+    drag |= {"lead_angle_rad": _lead_angle(machine), "efficiency": efficiency}
     drag |= {"nm_per_n": per_n, "n_per_nm": 1.0 / per_n}
     if stated_nm := machine.fresh_drag_nm:
         drag |= {"stated_nm": stated_nm, "stated_is_of_n": stated_nm / per_n}

@@ -54,10 +54,7 @@ def tied_effects(diagnosis: Path) -> dict[str, Values]:
 
 
 def next_motion(
-    machine: Machine,
-    tied: Mapping[str, Values],
-    out: Path | None,
-    settings: MotionFileSettings,
+    machine: Machine, tied: Mapping[str, Values], out: Path | None, settings: MotionFileSettings
 ) -> Answer:
     """Propose the shortest motion that decides, write it to `out` if given, and say why.
 

@@ -56,11 +56,7 @@ def examine(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
     return check_plausibility(machine, frames, tuple(unread))
 
 
-def require_sound(
-    machine: Machine,
-    traces: Sequence[Path],
-    strict: Collection[str] = (),
-) -> None:
+def require_sound(machine: Machine, traces: Sequence[Path], strict: Collection[str] = ()) -> None:
     """Examine recordings, and go on only where an answer can be right.
 
     Args:

@@ -12,6 +12,7 @@ import numpy as np
 from ..command_answer import Answer, progress
 from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, Floats
+from ..models.effects.library.external_force import PROCESSES, force_profile, process_force
 from ..models.effects.registry import parse_effect
 from ..models.feed_drive import FeedDrive, FeedDriveSettings
 from ..models.machine import Machine
@@ -54,8 +55,8 @@ class CommandedMotion:
 class SimulationSettings:
     motion: str = "production"  # name of the commanded motion, or NAME:duration_s=SECONDS
     # beyond those of the machine file, each as NAME[:key=value,...]; payload:mass_kg=20 is weight
-    # on the table that the drive does not know of, external_force:file=f.csv (time_s, force_n) a
-    # force along x that stands in the record
+    # on the table that the drive does not know of, milling:force_n=-500, drilling:force_n=-500 and
+    # external_force:file=f.csv (time_s, force_n) are forces along x that stand in the record
     effects: tuple[str, ...] = ()
     duration_s: float | None = None  # axis time; the motion's own unless given
     # of the dynamic load rating; the machine file's fresh preload unless given
@@ -104,12 +105,15 @@ class _Axis:
         fresh = CATALOGUE_PRELOAD_PERCENT if fresh is None else fresh
         self._preload_percent = fresh if wanted is None else wanted
         self._load_kg, self._force = 0.0, np.zeros((2, 1))
-        names = []
+        self._cuts, names = list[tuple[str, float]](), []
         for text in settings.effects:
             if text.startswith("payload:"):
-                self._load_kg += _load_kg(text)
+                self._load_kg += _number(text, "mass_kg", "KILOGRAMS", 0.0)
             elif text.startswith("external_force:file="):
                 self._force = _force(Path(text.partition("=")[2]))
+            elif text.partition(":")[0] in PROCESSES:
+                mean_n = _number(text, "force_n", "NEWTONS", -math.inf)
+                self._cuts.append((text.partition(":")[0], mean_n))
             else:
                 names.append(text)
         try:
@@ -142,7 +146,6 @@ class _Axis:
             writers = [files.enter_context(TraceWriter(path, tuple(CHANNELS))) for path in paths]
             for commanded, writer, path in zip(session, writers, paths, strict=True):
                 rate_hz, count = self._settings.rate_hz, commanded.count
-                force_s, force_n = self._force
                 block = round(_BLOCK_S * rate_hz)
                 for done in range(0, count, block):
                     rows = min(block, count - done)
@@ -150,7 +153,7 @@ class _Axis:
                     frame = self._drive.advance(
                         commanded.setpoints.take(rows),
                         np.full(rows, self._preload_percent),
-                        external_force_n=np.interp(time_s, force_s, force_n, left=0.0, right=0.0),
+                        external_force_n=self._force_n(time_s),
                         added_mass_kg=np.full(rows, self._load_kg),
                     )
                     writer.write(frame)
@@ -165,6 +168,11 @@ class _Axis:
                 recording |= {"motion": commanded.name, "preload_percent": self._preload_percent}
                 recordings.append(recording | {"effects": effects})
         return Answer("\n".join(lines), {"recordings": recordings})
+
+    def _force_n(self, time_s: Floats) -> Floats:
+        """Force of the file and of the processes at times (n,), N."""
+        of_file = np.interp(time_s, self._force[0], self._force[1], left=0.0, right=0.0)
+        return sum((process_force(*each, time_s) for each in self._cuts), np.asarray(of_file))
 
 
 def parse_motion(text: str, duration_s: float | None = None) -> tuple[str, float | None]:
@@ -242,24 +250,21 @@ def _numbered(out: Path, names: Sequence[str]) -> list[Path]:
     return paths
 
 
-def _load_kg(text: str) -> float:
-    """Mass of `payload:mass_kg=20`."""
-    key, _, number = text.removeprefix("payload:").partition("=")
+def _number(text: str, key: str, unit: str, least: float) -> float:
+    """Number of NAME:key=NUMBER."""
+    name, _, number = text.partition(f":{key}=")
     try:
-        load_kg = float(number)
+        value = float(number)
     except ValueError:
-        load_kg = math.nan
-    if key != "mass_kg" or not 0.0 <= load_kg < math.inf:
-        raise SimulationError(f"{text}: expected payload:mass_kg=KILOGRAMS")
-    return load_kg
+        value = math.nan
+    if not (math.isfinite(value) and value >= least):
+        raise SimulationError(f"{text}: expected {name.partition(':')[0]}:{key}={unit}")
+    return value
 
 
 def _force(path: Path) -> Floats:
-    """Times and forces in a CSV file, shape (2, n)."""
+    """Times, s, and forces, N, in a CSV file, (2, n)."""
     try:
-        rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+        return force_profile(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise SimulationError(f"{path}: cannot be read as time_s,force_n ({error})") from None
-    if rows.shape[1] != 2 or not np.isfinite(rows).all() or np.any(np.diff(rows[:, 0]) <= 0.0):
-        raise SimulationError(f"{path}: expected columns time_s, force_n, with rising times")
-    return np.asarray(rows.T, dtype=np.float64)

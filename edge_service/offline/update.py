@@ -64,15 +64,15 @@ def update(
         was, left = (amount(each[channel], CHANNEL_UNITS[channel]) for each in (old, new))
         lines.append(f"{channel}: {was} before, {left} after, on the blocks that were held out")
     lines += [f"but {each}" for each in found.caveats]
-    if refused:
-        lines.append(f"nothing is written: {refused}")
-    else:
+    verdict = f"nothing is written: {refused}"
+    if not refused:
         head = f"# Made by `edge-service update` at {now:%Y-%m-%dT%H:%MZ} from {names}.\n"
         write_whole(place, head + augmented_toml(text, adopted))
-        lines.append(f"{place}: written; name it as `machine` of the axis, then reload the service")
+        verdict = f"{place}: written; name it as `machine` of the axis, then reload the service"
     document: dict[str, Any] = {"out": None if refused else str(place), "refused": refused or None}
-    document |= {"changes": changes, "withheld": withheld, "gap": {"before": old, "after": new}}
-    return Answer("\n".join(lines), document, DOUBTED if withheld else DONE)
+    document |= {"verdict": verdict, "changes": changes, "withheld": withheld}
+    document["gap"] = {"before": old, "after": new}
+    return Answer("\n".join([*lines, verdict]), document, DOUBTED if withheld else DONE)
 
 
 def _examined(

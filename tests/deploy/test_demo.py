@@ -42,8 +42,7 @@ def run(checkout: Path, *line: str) -> "subprocess.CompletedProcess[str]":
 
 
 @pytest.mark.parametrize(
-    ("arguments", "port"),
-    [((), 8080), (("--port", "9001"), 9001), (("--port=9002",), 9002)],
+    ("arguments", "port"), [((), 8080), (("--port", "9001"), 9001), (("--port=9002",), 9002)]
 )
 def test_the_banner_tells_version_address_course_and_end(
     checkout: Path, arguments: tuple[str, ...], port: int

@@ -20,10 +20,7 @@ from tests.programs import printed
 PLACES = "/usr/sbin:/usr/bin:/usr/local/sbin:/usr/local/bin"
 PROXIES = {name: shutil.which(name, path=PLACES) for name in ("nginx", "caddy")}
 CURL, CHROMIUM = shutil.which("curl"), shutil.which("chromium")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CURL is None, reason="curl is not installed"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CURL is None, reason="curl is not installed")]
 NGINX_MAIN = """daemon off; pid {folder}/nginx.pid; error_log stderr; worker_processes 1;
 events {{ }}
 http {{ access_log off; client_body_temp_path {folder}; proxy_temp_path {folder};

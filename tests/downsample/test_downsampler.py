@@ -40,9 +40,7 @@ def frame_of(columns: dict[str, Floats], rows: slice | Floats = slice(None)) -> 
 
 
 def blocks_of(
-    columns: dict[str, Floats],
-    cuts: Sequence[int] = (),
-    interval_s: float = 0.1,
+    columns: dict[str, Floats], cuts: Sequence[int] = (), interval_s: float = 0.1
 ) -> list[FeatureBlock]:
     downsampler = Downsampler(DownsampleSettings(interval_s=interval_s), RATIO)
     edges = [0, *sorted(set(cuts)), len(columns["time_s"])]

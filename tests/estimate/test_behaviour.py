@@ -258,8 +258,7 @@ def test_no_number_outlives_a_new_clock(method: str) -> None:
     noise = np.random.default_rng(15).standard_normal(8000)
     last = {name: np.full(8000, values[-1]) for name, values in frames()[-1].channels.items()}
     still = SampleFrame(
-        np.arange(8000) * 1e-3,
-        {**last, ANGLE: last[ANGLE] + 5e-6 * noise, TORQUE: 0.02 * noise},
+        np.arange(8000) * 1e-3, {**last, ANGLE: last[ANGLE] + 5e-6 * noise, TORQUE: 0.02 * noise}
     )
     anew = downsampled([*frames(), still], machine())[len(blocks()) + 1 :]
     assert len(anew) > 70

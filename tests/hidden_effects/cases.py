@@ -122,11 +122,7 @@ def _foreign_recorded(case: HiddenCase, motion: str, seed: int) -> SampleFrame:
 
 
 def plan(
-    plant: Plant,
-    count: int,
-    seed: int,
-    given: Sequence[str] = (),
-    withheld: Sequence[str] = (),
+    plant: Plant, count: int, seed: int, given: Sequence[str] = (), withheld: Sequence[str] = ()
 ) -> list[HiddenCase]:
     """Cases of given effects; or healthy ones, singles, pairs, triples and what nobody knows.
 

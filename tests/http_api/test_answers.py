@@ -76,10 +76,7 @@ async def test_axes_the_worst_first_with_limits_and_percent_of_fresh(scene, clie
     scene.hear_all()
     scene.hear_health("Y", AxisCondition.FAULT)
     axes = (await client.get("/api/v1/axes")).json()["axes"]
-    assert [(axis["axis"], axis["condition"]) for axis in axes] == [
-        ("Y", "FAULT"),
-        ("X", "NORMAL"),
-    ]
+    assert [(axis["axis"], axis["condition"]) for axis in axes] == [("Y", "FAULT"), ("X", "NORMAL")]
     limits = {"fresh_percent": 10.0, "warning_percent": 6.0, "fault_percent": 3.0}
     assert (axes[1]["limits"], axes[0]["limits"]) == (limits, None)
     assert axes[1]["of_fresh"]["value"] == pytest.approx(67.1)

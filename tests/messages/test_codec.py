@@ -123,10 +123,7 @@ def test_columns_that_are_none_are_refused_every_time(columns: str) -> None:
 
 
 def test_columns_of_fast_sensors_travel_with_the_block_that_follows_them() -> None:
-    columns = (
-        VibrationColumn("nut.rms", 0.5, "m/s^2"),
-        VibrationColumn("nut.kurtosis", 3.0, ""),
-    )
+    columns = (VibrationColumn("nut.rms", 0.5, "m/s^2"), VibrationColumn("nut.kurtosis", 3.0, ""))
     sent = replace(BLOCK, vibration=columns)
     _, _, found = FEAT.decode(FEAT.encode("X", HEADER, sent))
     assert found.vibration == columns

@@ -84,10 +84,7 @@ def warm() -> None:
 
 @asynccontextmanager
 async def running(
-    config: EdgeConfig,
-    names: tuple[str, ...] = PIPELINE,
-    *,
-    until_sources_end: bool = False,
+    config: EdgeConfig, names: tuple[str, ...] = PIPELINE, *, until_sources_end: bool = False
 ) -> AsyncIterator[Running]:
     """Run nodes on a bus of their own, with kernels that are compiled: nobody waits for that."""
     if {"downsample", "estimate"} & {*names}:

@@ -1,9 +1,9 @@
 """Axes that are made on the page: kept, begun alone, changed, removed, and read again."""
 
 import asyncio
+import tomllib
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -103,21 +103,7 @@ async def test_an_axis_lasts_as_long_as_a_service_that_keeps_nothing(tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["edge.toml"]
 
 
-WRONG: list[tuple[str, dict[str, Any], int, str]] = [
-    ("Y", {}, 409, "edge.toml:8: axis Y stands there"),
-    ("X", {"driver": "fanuc"}, 422, "no driver 'fanuc' is installed"),
-    ("X", {"settings": {"speeed": 2.0}}, 422, "axes.X.settings.speeed"),
-    ("X", {"settings": "speed ="}, 422, "settings"),
-    ("X", {"settings": {"password_file": "edge.toml"}}, 422, "states the secret itself"),
-    ("X", {"driver": "replay", "settings": {"path": "/etc/passwd"}}, 422, "state folder"),
-    ("X", {"driver": "folder", "settings": {"folder": "../../.."}}, 422, "state folder"),
-    ("X", {"limits": {"fault_percent": 80.0}}, 422, "fault_percent must lie below"),
-    ("X", {"machine": {"axis": {}}}, 422, "axis.lead_m: missing"),
-    ("X", {"machine": "[axis]\nname = 3"}, 422, "axis.name"),
-    ("X", {"axis": "Z"}, 422, "expected 'X'"),
-    (".X", {}, 422, "expected a letter or digit first"),
-    ("a b", {}, 422, "is no key part"),
-]
+WRONG = tomllib.loads(Path(__file__).with_name("wrong_axes.toml").read_text("utf-8"))["wrong"]
 
 
 async def test_what_is_wrong_changes_nothing(client: httpx.AsyncClient, tmp_path: Path) -> None:

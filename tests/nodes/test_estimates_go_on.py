@@ -34,13 +34,7 @@ from edge_service.messages.topics import EVENT, FEAT, PRELOAD
 from edge_service.models.machine import Machine, Quantity
 from edge_service.nodes import estimate_node
 from edge_service.nodes.context import NodeContext
-from edge_service.nodes.estimated_axis import (
-    AHEAD_S,
-    LONGEST_STOP_S,
-    Kept,
-    StateError,
-    identity_of,
-)
+from edge_service.nodes.estimated_axis import AHEAD_S, LONGEST_STOP_S, Kept, StateError, identity_of
 from edge_service.nodes.stages import make_downsampler
 from edge_service.offline.replay import replay_trace
 

@@ -15,10 +15,7 @@ from edge_service.exit_status import BAD_INPUT, DONE
 from ..recordings import form_files, tuning_files
 
 _DEPLOY = Path(__file__).parents[2] / "deploy"
-KINDS = (
-    *("csv", "text", "parquet", "xml", "json", "matlab", "tuning"),
-    *("config", "machine"),
-)
+KINDS = (*("csv", "text", "parquet", "xml", "json", "matlab", "tuning"), *("config", "machine"))
 _NUMBERED = """
 [columns]
 time_s = { column = "#1" }

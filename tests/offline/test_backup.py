@@ -287,10 +287,7 @@ def test_a_store_that_a_service_uses_is_refused(
 
 @pytest.mark.parametrize("fails_at", [0, 1, 2, 3])
 def test_a_folder_that_cannot_be_replaced_leaves_all_as_it_was(
-    place: Path,
-    fails_at: int,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    place: Path, fails_at: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert restored(place) == 0
     note(var(place, "new"), "later")

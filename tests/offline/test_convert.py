@@ -30,7 +30,7 @@ def _machine(columns: dict[str, object] | None = None) -> Machine:
     return Machine.model_validate(tables)
 
 
-def _xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:
+def trace_xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:
     """An axis at constant speed there and back: positions in mm, speed in mm/s * scale."""
     names = {
         "f1": ("/Nck/!SD/nckServoDataActPos1stEnc64 [u1, 2]", "posn"),
@@ -62,7 +62,7 @@ def _xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:
 
 def _convert(folder: Path, out: str, text: str | None = None, **options: bool) -> Answer:
     source = folder / "trace.xml"
-    source.write_text(text or _xml())
+    source.write_text(text or trace_xml())
     return convert(source, folder / out, _machine(CURRENT), **options)
 
 
@@ -98,7 +98,7 @@ def test_the_converted_file_equals_the_source_to_the_last_bit(tmp_path: Path) ->
 
 
 def test_a_speed_in_mm_s_is_noticed(tmp_path: Path) -> None:
-    answer = _convert(tmp_path, "out.csv", _xml(velocity_scale=1.0))
+    answer = _convert(tmp_path, "out.csv", trace_xml(velocity_scale=1.0))
     summary = answer.document
     (doubt,) = [remark for remark in summary["remarks"] if "looks" in remark]
     assert "motor_speed_rad_s looks 60 times too small" in doubt
@@ -155,7 +155,7 @@ def test_a_cut_off_source_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(
         TraceError, match=r"cut off or damaged .*3999 records were read up to 7\.99"
     ):
-        _convert(tmp_path, "out.csv", _xml()[:-60])
+        _convert(tmp_path, "out.csv", trace_xml()[:-60])
     assert [path.name for path in tmp_path.iterdir()] == ["trace.xml"]
 
 
@@ -176,7 +176,7 @@ print(rows, re.search(r"VmHWM:\\s+(\\d+) kB", status)[1])
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     def peak_kib(rows: int) -> int:
         path = tmp_path / "big.xml"
-        path.write_text(_xml(rows=rows))
+        path.write_text(trace_xml(rows=rows))
         read, peak = map(int, printed(sys.executable, "-c", PEAK, path).split())
         assert read == rows
         return peak

@@ -111,10 +111,7 @@ def test_nothing_that_changed_is_said_with_what_was_compared(
         section |= {"status": "undetermined", "reason": "left out", "figures": {}}
     (tmp_path / "none.json").write_text(json.dumps(none))
     said = fingerprint(
-        rubbing,
-        [walked / "healthy_acceleration.parquet"],
-        tmp_path / "out",
-        tmp_path / "none.json",
+        rubbing, [walked / "healthy_acceleration.parquet"], tmp_path / "out", tmp_path / "none.json"
     )
     assert "cannot tell, no figure is determined in both" in said.words
 

@@ -98,7 +98,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproductio
     folder = tmp_path_factory.mktemp("study") / "made" / "here"
     said: list[str] = []
     LISTENER.set(said.append)
-    return folder, reproduce(folder, seeds=1), said
+    return folder, reproduce(folder, seeds=1, window_steps=15), said
 
 
 def test_writes_both_files_and_nothing_else(written: tuple[Path, Reproduction, list[str]]) -> None:
@@ -127,6 +127,7 @@ def test_text_has_a_line_per_row(written: tuple[Path, Reproduction, list[str]]) 
     for row in result.levels:
         assert any(f"{row.percent:5.2f} ({row.published_percent:4.1f})" in line for line in lines)
     assert len(lines) == 3 + 5 + 1 + 2 + len(result.windows) + 1
+    assert "window of 15: " in lines[-1]
     low, high = re.findall(r"\d+\.\d", lines[-1].partition("(")[0])
     assert 95.0 < float(low) < float(high) < 98.5  # published: 95 to 98 %
 

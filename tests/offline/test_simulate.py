@@ -81,6 +81,15 @@ def test_the_known_force_stands_in_the_record_and_the_unknown_does_not(
         assert change == pytest.approx(expected_nm, abs=0.01)
 
 
+def test_a_process_pushes_in_its_cuts_alone(machine: Machine, tmp_path: Path) -> None:
+    for process, pause in (("milling", 6500), ("drilling", 4500)):
+        cutting = SimulationSettings(duration_s=8.0, effects=(f"{process}:force_n=-400",))
+        simulate(machine, cutting, tmp_path / "cut.csv")
+        force_n = read(tmp_path / "cut.csv")[channels.EXTERNAL_FORCE]
+        means = np.mean(force_n[1000:3000]), np.mean(force_n[pause : pause + 1000])
+        assert means == pytest.approx((-400.0, 0.0), abs=0.5)
+
+
 def test_less_preload_is_less_torque(machine: Machine, tmp_path: Path) -> None:
     moving = []
     for percent in (6.0, 2.0):
@@ -114,6 +123,7 @@ def test_effects_of_the_machine_file_are_simulated_too(machine: Machine, tmp_pat
         ({"preload_percent": -1.0}, "preload: expected 0 to 100 %, got -1"),
         ({"effects": ("payload:mass_kg=-1",)}, "expected payload:mass_kg=KILOGRAMS"),
         ({"effects": ("external_force:file=no.csv",)}, r"no\.csv: cannot be read"),
+        ({"effects": ("drilling:force_n=much",)}, "expected drilling:force_n=NEWTONS"),
         ({"duration_s": 0.0}, "duration: .* got 0 s"),
     ],
 )

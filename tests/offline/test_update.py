@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from edge_service.cli.entry import main
-from edge_service.config import DEFAULT_MACHINE, load_machine
+from edge_service.config import DEFAULT_MACHINE, load_config, load_machine
 from edge_service.messages.samples import TORQUE
+from edge_service.nodes.service import reread
 from edge_service.offline.recordings import read_recording
 from edge_service.offline.simulate import SimulationSettings, simulate
 from edge_service.recordings.writer import TraceWriter
-from tests.documents import document
+from tests.nodes.conftest import once, served
 
 BENCH = load_machine(DEFAULT_MACHINE)
 CHANGE = ("viscous_error:change_nm_s_per_rad=0.004",)
@@ -76,15 +77,24 @@ def test_a_recording_without_a_block_to_hold_out_is_one_line(trace: Path, capsys
 
 
 @pytest.mark.slow
-def test_the_steps_of_the_front_page_follow_one_another(trace: Path) -> None:
-    simulate(BENCH, SimulationSettings("friction"), Path("friction.csv"))
-    simulate(BENCH, SimulationSettings(duration_s=60.0), Path("trace.csv"))
-    simulate(BENCH, SimulationSettings("friction", CHANGE, seed=2), trace)
-    rows = document("README.md").partition("## Five steps")[2].partition("\n## ")[0].splitlines()
-    cells = [cell for row in rows if row.startswith("|") for cell in row.split("`")[1::2]]
-    commands = [cell.split()[1:] for cell in cells if cell.startswith("edge-service ")]
-    del commands[1]  # `record`, of a running service
-    expected = ["motion", "adopt", "fingerprint", "commission", "fingerprint", "update"]
-    assert [words[0] for words in commands] == expected
-    assert [main(words) for words in commands] == [0] * len(commands)
-    assert list(Path().glob("commissioned-*.toml"))
+async def test_a_service_takes_what_a_job_has_found_and_its_other_axis_goes_on(trace: Path) -> None:
+    simulate(BENCH, replace(PRODUCTION, effects=CHANGE), trace)
+    axis = '[[axes]]\nname = "{}"\n{}[axes.settings]\nscenario = "healthy"\n'
+    tables = '[bus]\nendpoint = "tcp/127.0.0.1:0"\n[http]\nport = 0\n[store]\nfolder = "state"\n'
+    place = Path("edge.toml")
+    place.write_text(tables + axis.format("X", 'machine = "m.toml"\n') + axis.format("Y", ""))
+    async with served(load_config(place)) as (service, client):
+        await client.put("api/v1/recordings/later.csv", content=trace.read_bytes())
+        asked = {"command": "update", "axis": "X", "recordings": ["later.csv"]}
+        assert (await client.post("api/v1/jobs", json=asked)).status_code == 202
+        job = await once(client, "jobs/1", lambda job: job["state"] != "running" and job, 300.0)
+        assert (job["state"], "updated.toml: written" in job["verdict"]) == ("done", True)
+        made = await client.get("api/v1/jobs/1/files/updated.toml")
+        Path("m.toml").write_bytes(made.content)
+        before = [(await client.get(f"api/v1/axes/{each}/preload")).json() for each in "XY"]
+        x, y = (each["data_used_s"] for each in before)
+        reread(service.context, lambda: load_config(place))
+        assert "viscous_error" in {each.name for each in service.context.machines["X"].effects}
+        await once(client, "axes/X/preload", lambda now: 0.0 < now["data_used_s"] < x)
+        other = await once(client, "axes/Y/preload", lambda now: now["data_used_s"] != y and now)
+        assert other["data_used_s"] > y

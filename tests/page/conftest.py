@@ -12,12 +12,7 @@ import pytest
 
 from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
-from edge_service.config import (
-    DEFAULT_MACHINE,
-    AxisConfig,
-    EdgeConfig,
-    HttpConfig,
-)
+from edge_service.config import DEFAULT_MACHINE, AxisConfig, EdgeConfig, HttpConfig
 from edge_service.config.service import BusConfig
 from edge_service.config_tables import AlarmsConfig, StoreConfig
 from edge_service.nodes.context import NodeContext

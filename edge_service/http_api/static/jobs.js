@@ -4,7 +4,7 @@ import { button, element, fetchJson, refill, write } from "./dom.js";
 import { clock, lasting, number } from "./format.js";
 import { named, t } from "./strings.js";
 
-const KINDS = ["fingerprint", "diagnose"];
+const KINDS = ["fingerprint", "diagnose", "update"];
 const verdicts = new Map(); // job -> what its diagnosis says
 
 export function startForm(parts, start) {
@@ -59,7 +59,7 @@ function renderProgress(node, job) {
 
 function verdictNode(job) {
   const found = verdicts.get(job.id);
-  if (job.state !== "done") return element("p", { class: "job-verdict", lang: "en" }, job.verdict ?? job.lines.at(-1) ?? "");
+  if (job.state !== "done" || job.command === "update") return element("p", { class: "job-verdict", lang: "en" }, job.verdict ?? job.lines.at(-1) ?? "");
   if (!found) return element("p", { class: "job-verdict" }, t("job.ready"));
   const causes = found.effects.filter((effect) => effect.probability >= 0.5).slice(0, 3).map(causeWords);
   const verdict = found.verdict === "explained" && found.partly ? "partly" : found.verdict;

@@ -19,12 +19,14 @@ function build() {
   parts.modes = element("ul", { class: "modes" });
   parts.believed = element("p", { class: "quiet" });
   parts.second = element("p", { class: "quiet", id: "second" });
+  parts.secondModes = element("ul", { class: "modes", "aria-label": t("second.modes") });
   parts.changes = element("div", {});
   byId("belief").replaceChildren(
     element("h2", { id: "belief-title" }, t("belief")),
     parts.believed,
     parts.modes,
     parts.second,
+    parts.secondModes,
     parts.changes,
   );
   parts.frictionText = element("p", { class: "quiet" });
@@ -90,21 +92,24 @@ export function renderWhy(state) {
   if (!byId("belief").firstChild) build();
   const { method } = (state.connected && state.preload) || {};
   write(parts.believed, `${t("belief.text")}${method ? ` ${t("belief.method", { method })}` : ""}`);
-  const probabilities = (state.connected && state.preload?.mode_probability) || {};
+  renderModes(parts.modes, state, (state.connected && state.preload?.mode_probability) || {}, [t("belief.none")]);
+  renderModel(state);
+  renderChanges((state.connected && state.preload?.fault_probability) || {});
+  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${named("fault", kind)}: ${number(n)}`);
+  write(parts.faults, faults.length ? faults.join(", ") : t("quality.no_faults"));
+}
+
+function renderModes(list, state, probabilities, none) {
   const levels = Object.keys(probabilities).sort((a, b) => b - a);
-  refill(parts.modes, JSON.stringify(levels.map((level) => [level, probabilities[level].toFixed(2)])), () =>
+  refill(list, JSON.stringify(levels.map((level) => [level, probabilities[level].toFixed(2)])), () =>
     levels.length === 0
-      ? [element("li", {}, t("belief.none"))]
+      ? none.map((words) => element("li", {}, words))
       : levels.map((level) => {
           const share = probabilities[level];
           const bar = element("progress", { max: 1, value: share, "aria-label": t("belief.level", { level: levelWords(state, level) }) });
           return element("li", { class: "mode" }, element("span", {}, levelWords(state, level)), bar, element("span", {}, chance(share)));
         }),
   );
-  renderModel(state);
-  renderChanges((state.connected && state.preload?.fault_probability) || {});
-  const faults = Object.entries(state.health?.data_faults ?? {}).map(([kind, n]) => `${named("fault", kind)}: ${number(n)}`);
-  write(parts.faults, faults.length ? faults.join(", ") : t("quality.no_faults"));
 }
 
 const chance = (share) => t("percent", { n: number(100 * share) });
@@ -142,6 +147,7 @@ export async function loadWhy(state) {
   parts.friction.set([friction.speed_rad_s.map((speed) => speed * R_MIN_PER_RAD_S), friction.torque_nm, friction.first_torque_nm]);
   write(parts.frictionText, frictionText(friction));
   write(parts.second, secondText(state, second));
+  renderModes(parts.secondModes, state, second.mode_probability, []);
   renderChannels(live.channels);
   const times = history.buckets.map((bucket) => Date.parse(bucket.time) / 1000 + 10);
   const column = (name) => history.buckets.map((bucket) => bucket[name]?.mean ?? null);

@@ -70,8 +70,7 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
         case TableForce(force_n):
             torque = -baseline.ratio_m_per_rad * force_n(motion.time_s)
         case LoadFriction(coefficient, friction_share, viscous_share):
-            carried_nm = motion.load_torque_nm + friction_share * _dry_load_nm(motion, baseline)
-            carried_nm = carried_nm + viscous_share * _viscous_load_nm(motion, baseline)
+            carried_nm = _carried_nm(friction_share, viscous_share, motion, baseline)
             torque = coefficient * motion.direction * np.abs(carried_nm)
         case Shift():
             torque = _shift_torque(contribution, motion, baseline)
@@ -176,16 +175,21 @@ def _wind_up_by_travel(each: PreslidingWindUp, motion: Motion, baseline: Baselin
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
     travel = baseline.ratio_m_per_rad * motion.angle_rad
-    load_nm = motion.load_torque_nm + each.friction_share * _dry_load_nm(motion, baseline)
-    load_nm = load_nm + each.viscous_share * _viscous_load_nm(motion, baseline)
+    load_nm = _carried_nm(each.friction_share, each.viscous_share, motion, baseline)
     leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel
 
 
+def _carried_nm(dry: float, viscous: float, motion: Motion, baseline: Baseline) -> Floats:
+    """Load between motor and table with shares of its frictions, N m at the motor, (n,)."""
+    load_nm = motion.load_torque_nm + dry * _dry_load_nm(motion, baseline)
+    return load_nm + viscous * _viscous_load_nm(motion, baseline)
+
+
 def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:
     """Load of the spring by the model, N m at the motor, (n,)."""
-    return motion.load_torque_nm + _dry_load_nm(motion, baseline)
+    return _carried_nm(1.0, 0.0, motion, baseline)
 
 
 def _dry_load_nm(motion: Motion, baseline: Baseline) -> Floats:

@@ -5,7 +5,7 @@ The feed never turns back, so the dry friction stays constant and drops out of t
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,18 +69,10 @@ class Chirp:
         omega = 2.0 * math.pi * f
         phase = (omega - 2.0 * math.pi * self.low_hz) / r
         sine, cosine = np.sin(phase), np.cos(phase)
-        return np.column_stack(
-            (
-                amplitude * sine,
-                slope * sine + amplitude * omega * cosine,
-                (curvature - amplitude * omega**2) * sine
-                + (2.0 * slope + r * amplitude) * omega * cosine,
-            )
-        )
-
-    def scaled(self, share: float) -> "Chirp":
-        """The same sweep with `share` times the amplitude."""
-        return replace(self, acceleration_m_s2=share * self.acceleration_m_s2)
+        speed = slope * sine + amplitude * omega * cosine
+        acceleration = (curvature - amplitude * omega**2) * sine
+        acceleration += (2.0 * slope + r * amplitude) * omega * cosine
+        return np.column_stack((amplitude * sine, speed, acceleration))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,10 +114,6 @@ class Multisine:
         return self.acceleration_m_s2 * np.column_stack(
             (-cosine @ omega**-2, np.sin(angle) @ (1.0 / omega), cosine.sum(axis=1))
         )
-
-    def scaled(self, share: float) -> "Multisine":
-        """The same lines with `share` times the amplitude."""
-        return replace(self, acceleration_m_s2=share * self.acceleration_m_s2)
 
 
 Wave = Chirp | Multisine
@@ -213,13 +201,8 @@ class Shaken:
         window = u**3 * (10.0 + u * (6.0 * u - 15.0))
         slope = 30.0 * (u * (1.0 - u)) ** 2 / self.fade_s * np.where(fading_out, -1.0, 1.0)
         curvature = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / self.fade_s**2
-        return np.column_stack(
-            (
-                window * x,
-                window * v + slope * x,
-                window * a + 2.0 * slope * v + curvature * x,
-            )
-        )
+        acceleration = window * a + 2.0 * slope * v + curvature * x
+        return np.column_stack((window * x, window * v + slope * x, acceleration))
 
 
 def faded_peaks(wave: Wave, fade_s: float) -> tuple[float, float]:

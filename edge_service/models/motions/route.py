@@ -43,21 +43,12 @@ class Route:
         self.left_out: list[str] = []
         self._clip = clip
 
-    def accepts(
-        self,
-        what: str,
-        *,
-        speed_m_s: float = 0.0,
-        acceleration_m_s2: float = 0.0,
-        length_m: float = 0.0,
-    ) -> bool:
-        """Return whether the axis allows a part; it is left out if not.
+    def accepts(self, what: str, **asked: float) -> bool:
+        """Return whether the axis allows a part that asks for as much; it is left out if not.
 
         Raises MotionError: the axis does not allow it, and nothing may be left out.
         """
-        excess = self.limits.excess(
-            speed_m_s=speed_m_s, acceleration_m_s2=acceleration_m_s2, length_m=length_m
-        )
+        excess = self.limits.excess(**asked)
         if excess is None:
             return True
         line = f"{self.name}, {what}: {excess}"

@@ -86,15 +86,10 @@ class Move:
         travel, speed, acceleration = self._first_half(
             np.where(late, duration - since_start, since_start)
         )
-        length = abs(self.distance_m)
+        travel = np.where(late, abs(self.distance_m) - travel, travel)
+        acceleration = np.where(late, -acceleration, acceleration)
         sign = math.copysign(1.0, self.distance_m)
-        return sign * np.column_stack(
-            (
-                np.where(late, length - travel, travel),
-                speed,
-                np.where(late, -acceleration, acceleration),
-            )
-        )
+        return sign * np.column_stack((travel, speed, acceleration))
 
     def _first_half(self, time_s: Floats) -> tuple[Floats, Floats, Floats]:
         """Travel, speed and acceleration of the rise and the cruise, at times (n,) from rest."""

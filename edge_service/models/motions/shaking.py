@@ -1,6 +1,7 @@
 """Tests of the frequency response: a vibration on a slow feed through mid-stroke, both ways."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,12 +59,9 @@ def _shake(route: Route, way: float, wave: Wave) -> None:
     if not route.accepts("feed", speed_m_s=feed, length_m=length):
         return
     speed, acceleration = faded_peaks(wave, FADE_S)
-    wave = wave.scaled(
-        min(
-            _SHARE_OF_FEED * feed / speed,
-            min(_SHAKEN_M_S2, limits.acceleration_m_s2) / acceleration,
-        )
-    )
+    share = min(_SHAKEN_M_S2, limits.acceleration_m_s2) / acceleration
+    share = min(_SHARE_OF_FEED * feed / speed, share)
+    wave = replace(wave, acceleration_m_s2=share * wave.acceleration_m_s2)
     route.go_to(limits.low_m + 0.5 * (limits.span_m - way * length))
     route.rest(_REST_S)
     carrier = Move(way * length, feed, limits.acceleration_m_s2, limits.jerk_m_s3)

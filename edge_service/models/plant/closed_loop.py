@@ -49,6 +49,12 @@ class Sensors(NamedTuple):
     angle_step_rad: float = 2.0 * math.pi / 2**22
     table_step_m: float = 1e-8
 
+    def noisier(self, times: float) -> "Sensors":
+        """The same with `times` the noise of torque and encoders."""
+        torque, angle = times * self.torque_noise_nm, times * self.angle_noise_rad
+        table = times * self.table_noise_m
+        return self._replace(torque_noise_nm=torque, angle_noise_rad=angle, table_noise_m=table)
+
 
 @compiled
 def _quantise(value: float, step: float) -> float:

@@ -116,19 +116,12 @@ def load_at(
 @compiled
 def axial_compliance(plant: Plant, position_m: float, preload_percent: float) -> float:
     """Compliance of all springs in series, m/N (5.3.2)."""
-    compliance = (
-        plant.further_compliance_m_per_n
-        + plant.compliance_slope_per_n * position_m
-        + screw_compliance(
-            position_m,
-            plant.screw_rigidity_n,
-            plant.screw_length_m,
-            plant.far_end_fixed,
-            plant.bearing_compliance_m_per_n,
-        )
-        + 1.0 / nut_stiffness(plant.nut_catalogue_n_per_m, preload_percent)
-    )
-    return max(compliance, LEAST_COMPLIANCE_M_PER_N)
+    length_m, fixed = plant.screw_length_m, plant.far_end_fixed
+    bearing = plant.bearing_compliance_m_per_n
+    screw = screw_compliance(position_m, plant.screw_rigidity_n, length_m, fixed, bearing)
+    nut = 1.0 / nut_stiffness(plant.nut_catalogue_n_per_m, preload_percent)
+    further = plant.further_compliance_m_per_n + plant.compliance_slope_per_n * position_m
+    return max(further + screw + nut, LEAST_COMPLIANCE_M_PER_N)
 
 
 @compiled
@@ -145,20 +138,14 @@ def resistance(
     drag_nm = load.screw_drag_nm + plant.bearing_drag_nm + load.motor_dry_nm
     drag_nm += plant.load_friction * abs(spring_n) * ratio
     guide_nm = plant.guide_force_n * ratio + load.table_dry_nm
-    return (
-        Levels(
-            max(drag_nm + found.motor_forward_nm, 0.0) / ratio,
-            max(drag_nm + found.motor_backward_nm, 0.0) / ratio,
-            reach,
-        ),
-        (load.resisting_nm + found.motor_smooth_nm) / ratio,
-        Levels(
-            max(guide_nm + found.table_forward_nm, 0.0) / ratio,
-            max(guide_nm + found.table_backward_nm, 0.0) / ratio,
-            reach,
-        ),
-        found.table_smooth_nm / ratio,
-    )
+    forward = max(drag_nm + found.motor_forward_nm, 0.0) / ratio
+    backward = max(drag_nm + found.motor_backward_nm, 0.0) / ratio
+    drag = Levels(forward, backward, reach)
+    forward = max(guide_nm + found.table_forward_nm, 0.0) / ratio
+    backward = max(guide_nm + found.table_backward_nm, 0.0) / ratio
+    guide = Levels(forward, backward, reach)
+    smooth_n = (load.resisting_nm + found.motor_smooth_nm) / ratio
+    return drag, smooth_n, guide, found.table_smooth_nm / ratio
 
 
 @compiled

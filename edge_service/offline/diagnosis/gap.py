@@ -77,11 +77,7 @@ def session_of(machine: Machine, runs: Sequence[Run]) -> Session:
     return session
 
 
-def gap(
-    machine_file: Path,
-    traces: Sequence[Path],
-    axis_number: int | None = None,
-) -> Answer:
+def gap(machine_file: Path, traces: Sequence[Path], axis_number: int | None = None) -> Answer:
     """Root mean square gap by channel, over every run of all recordings, one at a time.
 
     Raises ConfigError, TraceError, DiagnosisError, ExaminationError.

@@ -86,11 +86,7 @@ def _dates(quick: bool, axes: range) -> Iterator[Task]:
 
 
 def run_estimator_bench(
-    parts: Collection[str],
-    quick: bool,
-    say: Progress,
-    seed: int = FIRST_SEED,
-    seeds: int = 1,
+    parts: Collection[str], quick: bool, say: Progress, seed: int = FIRST_SEED, seeds: int = 1
 ) -> list[Table]:
     """Run some of `PARTS`, the same numbers in every run. Raises BenchError."""
     tasks = [task for task in tasks_of(quick, range(seed, seed + seeds)) if task.part in parts]

@@ -110,8 +110,12 @@ class SpeedBench:
         return replay_figures(self._folder, self._kernels, 60.0 if self._quick else 300.0)
 
     def _estimator(self) -> list[Figure]:
-        ours, theirs = estimator_us(self._recording, self._repeats)
-        return [Figure("mixture estimator: each interval", ours, "us", theirs, "filterpy")]
+        ours, compiled, filterpy, theirs = estimator_us(self._recording, self._repeats)
+        return [
+            Figure("mixture estimator: each interval", ours, "us", theirs, "filterpy"),
+            Figure("second opinion, compiled: of a core", 1e-3 * compiled, "%", at_most=0.3),
+            Figure("second opinion, filterpy: of a core", 1e-3 * filterpy, "%", at_most=2.0),
+        ]
 
     def _requests(self) -> list[Figure]:
         with self._service(1) as process:

@@ -27,10 +27,7 @@ SIGNALS = [
 
 
 def config_of(port: int, **changes: Any) -> OpcuaConfig:
-    settings = {
-        "url": f"opc.tcp://127.0.0.1:{port}",
-        "signals": SIGNALS,
-    }
+    settings = {"url": f"opc.tcp://127.0.0.1:{port}", "signals": SIGNALS}
     return OpcuaConfig.model_validate(settings | changes)
 
 

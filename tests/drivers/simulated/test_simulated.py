@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base import DriverContext, DriverMisconfiguredError
 from drivers.simulated import SimulatedConfig, SimulatedDriver
-from edge_service.messages.samples import CHANNELS, TORQUE, SampleFrame
+from edge_service.messages.samples import CHANNELS, EXTERNAL_FORCE, TORQUE, SampleFrame
 from edge_service.models.machine import Machine
 
 BENCH = Path(__file__).parents[3] / "deploy" / "machine.toml"
@@ -169,7 +169,28 @@ async def test_an_effect_may_come_later() -> None:
     assert more == pytest.approx([0.0, 0.0, 0.3, 0.3], abs=0.05)
 
 
-async def test_a_wrong_configuration_names_its_key() -> None:
+async def test_a_force_comes_from_a_file_again_and_again_and_from_a_process(tmp_path: Path) -> None:
+    (tmp_path / "force.csv").write_text("time_s,force_n\n0,100\n1,100\n1.001,300\n2,300\n")
+    settings = {"force_file": tmp_path / "force.csv", "force": -400.0, "process": "drilling"}
+    frames = await opened_frames(driver(**settings, frame_s=0.5), 12)
+    force_n = np.concatenate([frame.channels[EXTERNAL_FORCE] for frame in frames])
+    means = force_n[:6000].reshape(12, 500).mean(axis=1)
+    assert means[1:7] == pytest.approx([-300.0, -100.0, -100.0, -300.0, -300.0, -100.0], abs=2.0)
+    assert means[8:] == pytest.approx([100.0, 100.0, 300.0, 300.0], abs=2.0)
+
+
+async def test_a_nut_with_clearance_needs_no_preload() -> None:
+    bare = {"axis": {"lead_m": 0.02}, "model": {"inertia_kg_m2": 1.5e-3}}
+    config = SimulatedConfig(scenario="healthy", start_percent=0.0, speed=0.0)
+    source = SimulatedDriver(config, DriverContext("L", Machine.model_validate(bare)))
+    assert await truths(source, 2) == [0.0, 0.0]
+
+
+async def test_a_wrong_configuration_names_its_key(tmp_path: Path) -> None:
+    (tmp_path / "force.csv").write_text("time_s,force_n\n0,1\n0,2\n")
+    for name, said in (("force.csv", "rising times"), ("no.csv", "No such file")):
+        with pytest.raises(DriverMisconfiguredError, match=f"force_file: .*{said}"):
+            await driver(force_file=tmp_path / name).open()
     with pytest.raises(
         DriverMisconfiguredError, match=r"motion: 'polka' is not one of .*production"
     ):

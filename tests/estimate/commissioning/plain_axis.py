@@ -63,11 +63,7 @@ class PlainAxis:
             "table_mass_kg": {"value": self.table_kg, "tolerance": 0.02},
             "nut_stiffness_n_per_m": {"value": self.nut_n_per_m, "tolerance": 0.1},
         }
-        axis = {
-            "lead_m": self.lead_m,
-            "stroke_m": self.stroke_m,
-            "dynamic_load_rating_n": 7450.0,
-        }
+        axis = {"lead_m": self.lead_m, "stroke_m": self.stroke_m, "dynamic_load_rating_n": 7450.0}
         return Machine.model_validate({"axis": axis, "model": model | stated})
 
     def frame(

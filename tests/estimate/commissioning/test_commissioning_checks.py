@@ -165,8 +165,7 @@ LIN_A_LEAD_M = 0.006 * 35.0 / 624.0
 
 @pytest.mark.skipif(not ACTUATORS.exists(), reason="the recordings of the actuators are not here")
 @pytest.mark.parametrize(
-    "name",
-    ["no-pp-sine-sweep-10mm-0.5Hz", "pp-sine-sweep-10mm-0.5Hz", "pp-square-wave-10mm-0.5Hz"],
+    "name", ["no-pp-sine-sweep-10mm-0.5Hz", "pp-sine-sweep-10mm-0.5Hz", "pp-square-wave-10mm-0.5Hz"]
 )
 def test_samples_too_slow_for_the_inertia_are_refused(name: str, tmp_path: Path) -> None:
     """A tenth of the inertia came out of these, with an interval of 14 %."""

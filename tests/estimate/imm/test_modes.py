@@ -6,11 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from edge_service.estimate.imm.modes import (
-    moving_average,
-    scaled_mode_transition,
-    weighted_level,
-)
+from edge_service.estimate.imm.modes import moving_average, scaled_mode_transition, weighted_level
 
 step_lengths = st.floats(1e-4, 2.0)
 

@@ -45,9 +45,7 @@ def blocks_of(frame: SampleFrame, interval_s: float = 0.1) -> list[FeatureBlock]
 
 
 def run(
-    blocks: Iterable[FeatureBlock],
-    machine: Machine = MACHINE,
-    **options: Any,
+    blocks: Iterable[FeatureBlock], machine: Machine = MACHINE, **options: Any
 ) -> list[PreloadEstimate]:
     estimator = ImmPreloadEstimator(machine, **options)
     estimates = []

@@ -36,16 +36,7 @@ from edge_service.estimate.mixture.state import (
 )
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import (
-    FRESH,
-    SETTINGS,
-    TORQUE_NOISE_NM,
-    Truth,
-    idle,
-    measured,
-    parts,
-    production,
-)
+from .mixture_axis import FRESH, SETTINGS, TORQUE_NOISE_NM, Truth, idle, measured, parts, production
 
 MODEL, START, PROCESS = parts()
 TICK = idle(np.random.default_rng(0), direction=1.0)

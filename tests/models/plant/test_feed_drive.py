@@ -180,9 +180,7 @@ def test_bad_input_is_refused_before_it_reaches_the_plant(machine: Machine) -> N
         axis.advance(np.full((10, 3), np.nan), np.full(10, FRESH))
 
 
-def test_without_a_known_preload_the_whole_coulomb_level_is_on_the_guides(
-    machine: Machine,
-) -> None:
+def test_without_a_known_preload_the_whole_coulomb_level_is_on_the_guides(machine: Machine) -> None:
     model = machine.model.model_copy(update={"preload_n": None})
     drive = bench(machine.model_copy(update={"model": model}))
     ratio = drive.plant.ratio_m_per_rad

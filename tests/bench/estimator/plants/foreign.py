@@ -65,10 +65,7 @@ def scenarios(quick: bool) -> dict[str, dict[str, Any]]:
         },
         "constant 2 %": {"preload": 2.0},
         "constant 0 %": {"preload": 0.0},
-        "warm-up": {
-            "duration_s": warm_s,
-            "events": (plant.Warmup(time_constant_s=hot_s),),
-        },
+        "warm-up": {"duration_s": warm_s, "events": (plant.Warmup(time_constant_s=hot_s),)},
         "payload +10 kg": {"events": (plant.Payload(((EVENT_S, 10.0),)),)},
         "relubrication": {"events": (plant.Relubrication(EVENT_S, 0.25, 0.25),)},
         "process force 30 % of the time": {"events": (plant.ProcessForce(400.0, duty=0.3),)},
