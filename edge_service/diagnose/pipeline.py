@@ -16,22 +16,19 @@ from .residual.noise import steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
-    VIBRATION,
     ChannelGap,
     Diagnosis,
     Misfit,
     NamedEffect,
-    ParameterValue,
     ReplayStatus,
     Series,
-    Shrink,
     Unexplained,
     Verdict,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
 from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
-from .validation.assessment import SUREST, Assessment, assess_causes
+from .validation.assessment import Assessment, assess_causes
 from .validation.replay import replay
 
 BLIND_TRUST = 0.5
@@ -74,7 +71,7 @@ def diagnose_session(
     others, shaken = session, list[tuple[Vibration, NamedEffect]]()
     while len(shaken) < MOST_VIBRATIONS and (each := strongest_vibration(others, machine)):
         calmer = each.taken_from(others)
-        shaken.append((each, _as_cause(each, others, calmer)))
+        shaken.append((each, each.as_cause(others, calmer)))
         others = calmer
     progress("signatures of the library")
     problem = SelectionProblem.of_session(others, machine, searched)  # candidates, noise, priors
@@ -136,31 +133,6 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
 def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The most probable first; of those as probable, what shrinks the gap most."""
     return sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
-
-
-def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
-    """A vibration as a named cause, without an entry: nobody foretells its phase."""
-    channel, rows = found.channel, before.channels[found.channel]
-    there_s = rows.variables["time_s"][found.is_there].tolist()
-    values = {
-        "frequency_hz": (found.frequency_hz, "Hz"),
-        "amplitude": (found.amplitude, CHANNEL_UNITS[channel]),
-        "from_s": (there_s[0], "s"),
-        "to_s": (there_s[-1], "s"),
-    }
-    here = 1.0 - after.channels[channel].rms / rows.rms
-    return NamedEffect(
-        name=VIBRATION,
-        channel=channel,
-        probability=min(1.0 - found.p_value, SUREST),
-        tied=(VIBRATION,),
-        shrink=Shrink(estimate=0.0, low=0.0, high=max(here, 0.0)),
-        parameters={
-            name: ParameterValue(value=value, low=None, high=None, unit=unit)
-            for name, (value, unit) in values.items()
-        },
-        entries=(),
-    )
 
 
 def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagnosis:
