@@ -30,6 +30,8 @@ from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents, guide
 
 FIRST_PAGE_LINES = 120
+MOST_WORDS = 25_000
+"""Of all pages: what has a letter in it, outside of blocks."""
 PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
 HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests" / "bench"]
@@ -42,6 +44,11 @@ OTHERS = re.compile(r"^\S*(uv|git|pip|python|prometheus|curl|systemctl|docker) |
 
 def test_the_first_page_is_short() -> None:
     assert len(document("README.md").splitlines()) <= FIRST_PAGE_LINES
+
+
+def test_the_pages_are_no_longer_than_somebody_reads() -> None:
+    prose = " ".join(unblocked(document(path)) for path in PATHS)
+    assert sum(re.search("[A-Za-z]", word) is not None for word in prose.split()) <= MOST_WORDS
 
 
 @pytest.mark.parametrize("room", [*ROOMS, *HOUSES], ids=lambda path: path.name)
@@ -72,17 +79,19 @@ def test_every_document_is_linked_from_another() -> None:
         assert (ROOT / path).resolve() in linked, path
 
 
+def unblocked(text: str) -> str:
+    return re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
 def links(text: str) -> list[str]:
     """Relative targets of links and pictures outside of blocks."""
-    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    targets = re.findall(r"\]\(([^)\s]+)\)", prose)
+    targets = re.findall(r"\]\(([^)\s]+)\)", unblocked(text))
     return [target for target in targets if not re.match(r"[a-z]+:", target)]
 
 
 def anchors(text: str) -> set[str]:
     """Anchors of the headings, as GitHub makes them."""
-    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    headings = re.findall(r"^#+ (.+)$", prose, re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", unblocked(text), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
 
 
@@ -192,7 +201,7 @@ EXPLAINED = {
     "metrics": ("guide", "`{}[`{{]", FAMILIES),
     "exit statuses": ("guide", r"(?m)^\| {} \| ", STATUSES),
     "alarms": ("guide", "`{}`", [kind.value for kind in AlarmKind]),
-    "reasons": ("edge_service/downsample/README.md", "`{}`", REASONS),
+    "reasons": ("guide", "`{}`", REASONS),
     "schemas": ("edge_service/messages/README.md", "`{}`", schemas()),
 }
 """Names -> the document or guide where each stands, and how."""
