@@ -27,7 +27,7 @@ from .result import (
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
-from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
+from .session.session import CHANNEL_UNITS, CHANNEL_WORDS, TORQUE_GAP, Session, rms
 from .validation.assessment import Assessment, assess_causes
 from .validation.replay import replay
 
@@ -43,7 +43,6 @@ OFF = (
 )
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
-_SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 OFTEN = 0.5
 """Part of the time: what oscillates less often, where a force acts for a while, is the force's."""
 MOST_VIBRATIONS = 3
@@ -238,16 +237,16 @@ def caveats_of(
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
-        tolerance, unit = each.tolerance or 0.0, each.unit
+        spoken, tolerance, unit = CHANNEL_WORDS[name], each.tolerance or 0.0, each.unit
         if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS) and _exceeds(each, left[name]):
             beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
-                f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "
+                f"{spoken}: {beyond:.3g} {unit} beyond the floor are left, more than the "
                 f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
             )
         if verdict is Verdict.NO_GAP and each.matters:
             found.append(
-                f"{_SPOKEN[name]}: {each.beyond:.3g} {unit} beyond the floor, more than the "
+                f"{spoken}: {each.beyond:.3g} {unit} beyond the floor, more than the "
                 f"{tolerance:.3g} {unit} tolerated, are no more than the tolerances of the values "
                 "in the machine file allow"
             )

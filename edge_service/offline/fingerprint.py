@@ -22,8 +22,7 @@ from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
 from .drift import DriftReport, compare_days
 from .recordings import read_recording, require_sound
-from .report.fingerprint_figures import draw_drift, draw_sections
-from .report.fingerprint_wording import WORDING, headline, plain
+from .report.fingerprint_page import WORDING, draw_drift, draw_sections, headline, plain
 from .report.page import as_svg, rendered
 from .report.quantities import brief, estimate
 

@@ -7,9 +7,8 @@ import httpx
 import pytest
 
 from edge_service.health.service_state import ServiceState
-from edge_service.http_api.app import create_app
+from edge_service.http_api.app import create_app, rendered
 from edge_service.http_api.guard import SECURITY_HEADERS
-from edge_service.http_api.routes.docs import rendered
 
 from ..documents import document
 

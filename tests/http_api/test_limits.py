@@ -10,8 +10,7 @@ import httpx
 import pytest
 
 from edge_service.http_api import guard, serve
-from edge_service.http_api.app import create_app
-from edge_service.http_api.routes.docs import static_digest
+from edge_service.http_api.app import create_app, static_digest
 
 HOST = b"Host: 127.0.0.1\r\n"
 ALIVE = b"GET /healthz HTTP/1.1\r\n" + HOST + b"\r\n"
