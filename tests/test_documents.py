@@ -1,10 +1,14 @@
-"""Documents say what is so: links, pictures, modules, commands, options, blocks, figures."""
+"""Documents say what is so: links, pictures, commands, options, figures; their programs work."""
 
 import ast
+import asyncio
 import json
 import re
+import subprocess
+import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -28,6 +32,7 @@ from edge_service.outputs.metrics import family_names
 
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents, guide
+from .nodes.conftest import config_of, running
 
 FIRST_PAGE_LINES = 120
 MOST_WORDS = 25_000
@@ -235,3 +240,40 @@ def test_the_licence_is_the_one_that_the_project_states() -> None:
     assert "Apache License\n                           Version 2.0" in document("LICENSE")
     assert f"## {project['version']}\n" in document("deploy/CHANGELOG.md")
     assert project["readme"] == "README.md"
+
+
+@asynccontextmanager
+async def lines_of(source: str) -> AsyncIterator[asyncio.StreamReader]:
+    """Lines that a program prints beside a service, for a minute at most."""
+    config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
+    async with running(config, ("acquire", "downsample", "estimate")) as service:
+        program = await asyncio.create_subprocess_exec(
+            sys.executable, "-I", "-c", source, service.bus.endpoint, stdout=subprocess.PIPE
+        )
+        assert program.stdout is not None
+        try:
+            async with asyncio.timeout(60.0):
+                yield program.stdout
+        finally:
+            program.kill()
+            await program.wait()
+
+
+async def test_the_client_of_the_readme_hears_samples_and_preload() -> None:
+    heard = set[str]()
+    async with lines_of(block("edge_service/bus/README.md", "python", "zenoh.open")) as lines:
+        while not heard >= {"torque", "preload"}:
+            heard.add((await lines.readline()).decode().split()[0])
+    assert heard == {"torque", "preload"}
+
+
+async def test_the_bridge_of_the_guide_prints_the_line_protocol() -> None:
+    line = ""
+    async with lines_of(block("guide", "python", "preload,site=")) as lines:
+        while 'status="estimated"' not in line:
+            line = (await lines.readline()).decode()
+            assert re.match(r"preload,site=bench,machine=lfd,axis=X status=", line)
+    fields = re.search(r"preload_percent=([0-9.]+),low=([0-9.]+),high=([0-9.]+) [0-9]{19}$", line)
+    assert fields
+    value, low, high = map(float, fields.groups())
+    assert low <= value <= high

@@ -96,7 +96,15 @@ def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str]
         sheet = asked(request.sheet, ASKED, ask)
         write_whole(machine, stated_text(request.axis, sheet))
     named = str(request.machine.resolve()) if request.machine else MACHINE
-    write_whole(draft, _configuration_text(request, named))
+    head = tomlkit.document()
+    head["service"] = {"site": "shop", "machine": "machine"}
+    head["store"] = {"folder": "history"}
+    example = tomlkit.parse((EXAMPLES / f"{request.source.driver}.toml").read_text("utf-8"))
+    axes = example["axes"]
+    assert isinstance(axes, AoT)
+    axes[0].update({"name": request.axis, "machine": named})
+    axes[0]["settings"].update(request.source.settings)
+    write_whole(draft, f"{tomlkit.dumps(head)}\n{tomlkit.dumps(example)}")
     shown = "" if request.out.parent == Path() else f"{request.out.parent}/"
     try:
         for axis in load_config(draft).axes:
@@ -115,19 +123,6 @@ def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str]
     except ConfigError as error:
         wrong = [each.replace(f"{folder}/", shown) for each in error.mistakes]
         return [*said, *(f"not right yet: {each}" for each in wrong)], INTERNAL_FAILURE, False
-
-
-def _configuration_text(request: Request, machine: str) -> str:
-    source = request.source
-    head = tomlkit.document()
-    head["service"] = {"site": "shop", "machine": "machine"}
-    head["store"] = {"folder": "history"}
-    example = tomlkit.parse((EXAMPLES / f"{source.driver}.toml").read_text("utf-8"))
-    axes = example["axes"]
-    assert isinstance(axes, AoT)
-    axes[0].update({"name": request.axis, "machine": machine})
-    axes[0]["settings"].update(source.settings)
-    return f"{tomlkit.dumps(head)}\n{tomlkit.dumps(example)}"
 
 
 def _next_steps(request: Request, status: int) -> Iterator[str]:

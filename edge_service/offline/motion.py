@@ -108,7 +108,15 @@ def write_motion(
     if rate_hz is None:
         blocks = list(nc_blocks(name, machine.axis.name, plan.segments, limits))
     else:
-        _check_rate(name, plan, rate_hz)
+        waves = [each.wave for each in plan.segments if isinstance(each, Shaken)]
+        shaken = [w.high_hz if isinstance(w, Chirp) else float(w.lines_hz[-1]) for w in waves]
+        least_hz = SAMPLES_PER_CYCLE * max(shaken, default=0.0)
+        if rate_hz < least_hz:
+            raise MotionError(
+                f"{name}: a rate of {rate_hz:g} Hz for frequencies up to {max(shaken):g} Hz; "
+                f"expected at least {least_hz:g} Hz"
+            )
+        _check_rows(name, plan.duration_s * rate_hz)
     progress(f"writing {name}")
     try:
         with replaced_file(out) as file:
@@ -140,18 +148,6 @@ def write_motion(
 def _check_rows(name: str, rows: float) -> None:
     if not rows <= MOST_ROWS:
         raise MotionError(f"{name}: {rows:.3g} setpoints; expected at most {MOST_ROWS}")
-
-
-def _check_rate(name: str, plan: Plan, rate_hz: float) -> None:
-    waves = [each.wave for each in plan.segments if isinstance(each, Shaken)]
-    shaken = [w.high_hz if isinstance(w, Chirp) else float(w.lines_hz[-1]) for w in waves]
-    least_hz = SAMPLES_PER_CYCLE * max(shaken, default=0.0)
-    if rate_hz < least_hz:
-        raise MotionError(
-            f"{name}: a rate of {rate_hz:g} Hz for frequencies up to {max(shaken):g} Hz; expected "
-            f"at least {least_hz:g} Hz"
-        )
-    _check_rows(name, plan.duration_s * rate_hz)
 
 
 def _header(name: str, machine: Machine, limits: MotionLimits, plan: Plan, seed: int) -> list[str]:

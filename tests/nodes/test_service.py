@@ -22,10 +22,10 @@ from edge_service.downsample.vibration import MOST_SENSORS
 from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault
-from edge_service.messages.health import ComponentStatus
+from edge_service.messages.health import Command, ComponentStatus
 from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame, Waveform
-from edge_service.messages.topics import FEAT, HEALTH, PRELOAD, RAW, STATUS, WAVE
-from edge_service.nodes.context import NodeContext
+from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS, WAVE
+from edge_service.nodes.context import NodeContext, header
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
 from edge_service.offline.estimate import OfflineEstimate
@@ -34,11 +34,13 @@ from edge_service.recordings.reader import open_trace, read_trace
 from tests.programs import serving
 
 from ..messages.examples import estimate_of
-from .conftest import config_of, done, once, reported, running, served, until
+from .conftest import PATIENCE_S, config_of, done, once, reported, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
 NOTES = {"axis": "X", "kind": "note"}
+NOTE = {"action": "note", "user": "Kim", "note": "greased"}
+PATH = "api/v1/axes/X/commands"
 
 
 async def test_the_answer_follows_the_simulated_drive() -> None:
@@ -374,3 +376,51 @@ async def test_a_surplus_sensor_is_counted() -> None:
                 for number in range(MOST_SENSORS + 1):
                     waves.publish(Waveform(str(number), "V", 0.0, 1e-4, np.zeros(10)), 1)
                 await asyncio.sleep(0.01)
+
+
+async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_path: Path) -> None:
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    alone: tuple[str, ...] = ("http",)
+    async with served(config, alone) as (_, client):
+        answer = await client.post(PATH, json=NOTE)
+        assert answer.status_code == 503
+        assert "does not answer" in answer.json()["detail"]
+        assert (await client.get("api/v1/log")).json()["items"] == []
+
+
+@pytest.mark.parametrize("folder", [True, False], ids=["on disk", "in memory"])
+async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Path) -> None:
+    store = StoreConfig(folder=tmp_path if folder else None)
+    async with served(config_of("simulated", HEALTHY, store=store)) as (_, client):
+        answer = await done(client, PATH, NOTE, key="a")
+        assert answer.json() == {"outcome": "greased (Kim)"}
+        (note,) = (await client.get("api/v1/log?kind=note")).json()["items"]
+        assert (note["text"], note["who"]) == ("greased (Kim)", "Kim")
+        for action, more in (("acknowledge", {"occurrence": 1}), ("unshelve", {})):
+            body = {"action": action, "alarm": "sudden_drop", "user": "Kim"}
+            answer = await client.post(PATH, json=body | more)
+            assert answer.status_code == 409, action
+            assert "sudden_drop" in answer.json()["detail"]
+        refused = (await client.get("api/v1/log?kind=command")).json()["items"]
+        assert [(each["who"], each["origin"]) for each in refused] == [("Kim", "127.0.0.1")] * 2
+        assert [each["data"]["action"] for each in refused] == ["unshelve", "acknowledge"]
+
+
+async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path) -> None:
+    """By HTTP and by the bus, with another start between."""
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    again, notes = {"idempotency-key": '"a"'}, []
+    command = Command(action="note", user="Kim", note="greased", key="a")
+    for _ in range(2):
+        async with served(config) as (service, client):
+            answer = await done(client, PATH, NOTE, key="a")
+            asked = COMMAND.encode("X", header(), command)
+            told = await service.bus.ask(config.keys.key("X", OUTCOME), asked, PATIENCE_S)
+            assert told is not None and OUTCOME.decode(told)[2].message == "greased (Kim)"
+            assert answer.json() == {"outcome": "greased (Kim)"}
+            other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=again)
+            assert other.status_code == 422
+            assert "another command" in other.json()["detail"]
+            found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]
+            notes.append([each["text"] for each in found])
+    assert notes == [["greased (Kim)"]] * 2

@@ -51,7 +51,7 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...nodes.stages import make_downsampler
 from ...regression.run import Run
-from ..recordings import examine, open_recording
+from ..recordings import examine_within, open_recording
 from ..report.diagnosis_page import chance, places, points, render, verdict_sentence
 from ..report.quantities import amount
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
@@ -141,8 +141,11 @@ def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
 def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:
     """Check of a session: what `doctor` forbids comes first, in its words."""
     check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
-    forbidding = tuple(f"{e.sentence}; {e.remedy}" for e in examine(machine, traces) if e.forbids)
-    return replace(check, faults=forbidding or check.faults)
+    found = examine_within(machine, traces)
+    forbidding = tuple(f"{each.sentence}; {each.remedy}" for each in found if each.forbids)
+    failing = [f"doctor: {e.sentence}" for e in found if e.is_doubtful and e.name == "channels"]
+    remarks = (*check.remarks, *failing)
+    return replace(check, faults=forbidding or check.faults, remarks=remarks)
 
 
 def _bad_data(
