@@ -24,7 +24,7 @@ from ..http_api.recordings import Recordings
 from ..http_api.routes.config import AxisConfigurations
 from ..http_api.routes.history import answer_selector
 from ..http_api.routes.service import Outputs
-from ..http_api.routes.work import Motion
+from ..http_api.routes.work import MotionAnswer
 from ..http_api.serve import serve
 from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
@@ -213,7 +213,7 @@ class HttpNode:
         await serve(app, http.host, http.port, tls=tls, on_bound=bound, before_stop=end)
         raise RuntimeError("the server of the page has ended")
 
-    def _motions(self, axis: str) -> list[Motion]:
+    def _motions(self, axis: str) -> list[MotionAnswer]:
         """Motions that end by themselves, with their duration on an axis, or why it refuses."""
         limits, answers = motion_limits(self._context.machines[axis]), []
         for name, motion in MOTIONS.items():
@@ -224,7 +224,7 @@ class HttpNode:
                 refused = str(error)
             if duration_s is not None or refused:
                 about = {"name": name, "purpose": motion.purpose}
-                answers.append(Motion(**about, duration_s=duration_s, refused=refused))
+                answers.append(MotionAnswer(**about, duration_s=duration_s, refused=refused))
         return answers
 
     async def _send_command(self, axis: str, command: Command) -> Outcome | None:
