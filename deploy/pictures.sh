@@ -27,7 +27,7 @@ python - << 'EOS'
 from pathlib import Path
 
 from edge_service.fingerprint.result import read_fingerprint
-from edge_service.offline.report.fingerprint_figures import draw_sections
+from edge_service.offline.report.fingerprint_page import draw_sections
 from edge_service.offline.report.page import write_png
 
 for folder in (Path("healthy"), Path("runs")):

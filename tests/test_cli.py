@@ -1,23 +1,37 @@
-"""Every mistake of a user is one clear line and exit status 2; nothing is half-written."""
+"""The command line: a mistake is one clear line, progress is shown, help is as the table says."""
 
+import io
 import json
 import os
+import re
 import socket
 import sys
 import tomllib
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
-from edge_service.cli.entry import cli, main
+from edge_service.cli.entry import GROUPS, cli, main, summary
+from edge_service.cli.options import command
+from edge_service.cli.terminal import ProgressLine, pause_progress, progress
 from edge_service.cli.twin import benchmarks
+from edge_service.command_answer import Answer
 from edge_service.exit_status import BAD_INPUT, DONE, BadInputError
 from tests.programs import printed, ran
 
+from .bench.commands import bench
+from .documents import document
 from .test_cli_drivers import modbus
 
 COMMANDS = sorted(cli.commands)
+CLEARED = "\r\x1b[2K"
+ROW = re.compile(
+    r"^\| (?:\*\*(.+)\*\*|`edge-service ([a-z-]+) ?(.*?)`) \| (.*?) ?\| (?:`(.*)` )?\|$"
+)
+SHARED = ("--help", "--json")
+MOST_OPTIONS, MOST_COMMANDS, MOST_CHARACTERS = 80, 26, 70
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -177,3 +191,147 @@ def test_benchmarks_of_the_checkout_are_found_from_any_folder(tmp_path: Path) ->
     said = "--only nothing: no part of speed; there are paced"
     assert said in done.stderr
     assert json.loads(done.stdout)["error"]["detail"].startswith(said)
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@click.command()
+def working() -> None:
+    """Work for two steps, with an answer between them."""
+    progress("reading [1] a.csv: 10 %")
+    pause_progress()
+    click.echo("answer")
+    progress("reading [1] a.csv: 90 %")
+
+
+def shown(stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr("sys.stderr", stderr)
+    working.main([], prog_name="working", standalone_mode=False)
+    return stderr.getvalue()
+
+
+def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
+    seen = shown(Terminal(), monkeypatch)
+    assert f"{CLEARED}reading [1] a.csv, 90 %, 0 s, 0 s left" in seen
+    assert "\n" not in seen
+    assert seen.endswith(CLEARED)
+
+
+def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
+    monkeypatch.setattr("sys.stderr", stderr := Terminal())
+
+    def looking() -> Answer:
+        assert stderr.getvalue() == f"{CLEARED}loading, 0 s"
+        return Answer("done", {})
+
+    assert command("looking")(looking).main([], standalone_mode=False) == DONE
+
+
+def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
+    assert shown(io.StringIO(), monkeypatch) == ""
+
+
+@pytest.mark.parametrize("stderr", [io.StringIO(), Terminal()])
+def test_time_is_told_and_what_is_left(
+    stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stderr", stderr)
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
+    times = iter((0.0, 12.0, *[32.0] * 9))
+    line = ProgressLine("diagnose", clock=lambda: next(times))
+    line.tell("choosing causes: 40 %")
+    line.draw()
+    line.pause()
+    seen = stderr.getvalue().removesuffix(CLEARED)
+    if stderr.isatty():
+        assert seen.endswith(f"{CLEARED}choosing causes, 40 %, 32 s, 30 s left")
+    else:
+        assert seen == "edge-service diagnose: choosing causes, 40 %, 32 s\n"
+
+
+def test_a_service_that_asks_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EDGE_SERVICE_PROGRESS", "1")
+    lines = shown(io.StringIO(), monkeypatch).splitlines()
+    said = "edge-service working: reading [1] a.csv"
+    assert lines == [f"{said}, 10 %, 0 s", f"{said}, 90 %, 0 s"]
+
+
+def table() -> dict[str, list[tuple[str, str, str, set[str]]]]:
+    """Group -> command, arguments, summary and options of each row."""
+    groups: dict[str, list[tuple[str, str, str, set[str]]]] = {}
+    for line in document("edge_service/cli/README.md").splitlines():
+        if (found := ROW.match(line)) is None:
+            continue
+        title, name, arguments, words, options = found.groups()
+        if title:
+            groups[title] = []
+        elif groups:
+            row = name, arguments, words, set((options or "").split())
+            list(groups.values())[-1].append(row)
+    return groups
+
+
+def options_of(command: click.Command) -> set[str]:
+    options = (each for each in command.params if isinstance(each, click.Option))
+    return {name for each in options for name in each.opts if name.startswith("--")}
+
+
+ROWS = [row for rows in table().values() for row in rows]
+
+
+def test_groups_and_commands_are_those_of_the_table() -> None:
+    shown = {title: [row[0] for row in rows] for title, rows in table().items()}
+    assert shown == {title: [each.name for each in group] for title, group in GROUPS.items()}
+    hidden = {name for name, each in cli.commands.items() if each.hidden}
+    assert hidden == {"help", "version", "drift"}
+    assert {row[0] for row in ROWS} | hidden == set(cli.commands)
+    assert len(ROWS) <= MOST_COMMANDS
+
+
+@pytest.mark.parametrize(("name", "arguments", "words", "options"), ROWS, ids=lambda row: row)
+def test_help_says_what_the_table_says(
+    name: str, arguments: str, words: str, options: set[str]
+) -> None:
+    command = cli.commands[name]
+    assert summary(command) == words
+    assert len(words) <= MOST_CHARACTERS
+    if command.name == "bench":
+        assert options <= options_of(bench)
+        return
+    context = click.Context(command, info_name=name)
+    told = command.collect_usage_pieces(context)
+    assert " ".join(told).removeprefix("[OPTIONS]").strip() == arguments
+    assert options_of(command) - set(SHARED) == options
+
+
+def test_options_are_few() -> None:
+    defined = {
+        (option, each.help)
+        for command in cli.commands.values()
+        for each in command.params
+        if isinstance(each, click.Option)
+        for option in each.opts
+    }
+    assert len(defined) <= MOST_OPTIONS
+
+
+def test_the_list_has_whole_summaries() -> None:
+    said = CliRunner().invoke(cli, ["--help"]).output
+    for title, rows in table().items():
+        assert f"\n{title}:\n" in said
+        for name, _, words, _ in rows:
+            assert f"  {name:<16}{words}\n" in said
+    assert said.endswith("`edge-service help COMMAND` shows options and an example.\n")
+
+
+def test_help_and_version_work() -> None:
+    said = CliRunner().invoke(cli, ["help", "estimate"]).output
+    assert said == CliRunner().invoke(cli, ["estimate", "--help"]).output
+    assert CliRunner().invoke(cli, ["help"]).output == CliRunner().invoke(cli, ["--help"]).output
+    assert CliRunner().invoke(cli, ["version"]).output.startswith("edge-service, version ")

@@ -1,10 +1,14 @@
-"""Documents say what is so: links, pictures, modules, commands, options, blocks, figures."""
+"""Documents say what is so: links, pictures, commands, options, figures; their programs work."""
 
 import ast
+import asyncio
 import json
 import re
+import subprocess
+import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from dataclasses import fields
 from pathlib import Path
 
@@ -28,9 +32,12 @@ from edge_service.outputs.metrics import family_names
 
 from .bench.commands import bench
 from .documents import ROOT, block, blocks, document, documents, guide
+from .nodes.conftest import config_of, running
 
 FIRST_PAGE_LINES, FIRST_PAGE_COMMANDS = 120, 12
 FIRST_COMMANDS = ["sh deploy/demo.sh", "sh deploy/check.sh"]
+MOST_WORDS = 25_000
+"""Of all pages: what has a letter in it, outside of blocks."""
 PATHS = sorted(documents())
 ROOMS = [path.parent for path in ROOT.glob("edge_service/*/__init__.py")]
 HOUSES = [ROOT / "edge_service", ROOT / "drivers", ROOT / "tests" / "bench"]
@@ -47,6 +54,11 @@ def test_the_first_page_is_short() -> None:
     commands = re.findall(r"(?m)^(?:sh|curl|edge-service) .+|`edge-service [a-z-]+ [^`\n]+`", text)
     assert [each.split("  ")[0] for each in commands[:2]] == FIRST_COMMANDS
     assert len(commands) <= FIRST_PAGE_COMMANDS
+
+
+def test_the_pages_are_no_longer_than_somebody_reads() -> None:
+    prose = " ".join(unblocked(document(path)) for path in PATHS)
+    assert sum(re.search("[A-Za-z]", word) is not None for word in prose.split()) <= MOST_WORDS
 
 
 @pytest.mark.parametrize("room", [*ROOMS, *HOUSES], ids=lambda path: path.name)
@@ -77,17 +89,19 @@ def test_every_document_is_linked_from_another() -> None:
         assert (ROOT / path).resolve() in linked, path
 
 
+def unblocked(text: str) -> str:
+    return re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
 def links(text: str) -> list[str]:
     """Relative targets of links and pictures outside of blocks."""
-    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    targets = re.findall(r"\]\(([^)\s]+)\)", prose)
+    targets = re.findall(r"\]\(([^)\s]+)\)", unblocked(text))
     return [target for target in targets if not re.match(r"[a-z]+:", target)]
 
 
 def anchors(text: str) -> set[str]:
     """Anchors of the headings, as GitHub makes them."""
-    prose = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    headings = re.findall(r"^#+ (.+)$", prose, re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", unblocked(text), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
 
 
@@ -197,7 +211,7 @@ EXPLAINED = {
     "metrics": ("guide", "`{}[`{{]", FAMILIES),
     "exit statuses": ("guide", r"(?m)^\| {} \| ", STATUSES),
     "alarms": ("guide", "`{}`", [kind.value for kind in AlarmKind]),
-    "reasons": ("edge_service/downsample/README.md", "`{}`", REASONS),
+    "reasons": ("guide", "`{}`", REASONS),
     "schemas": ("edge_service/messages/README.md", "`{}`", schemas()),
 }
 """Names -> the document or guide where each stands, and how."""
@@ -231,3 +245,40 @@ def test_the_licence_is_the_one_that_the_project_states() -> None:
     assert "Apache License\n                           Version 2.0" in document("LICENSE")
     assert f"## {project['version']}\n" in document("deploy/CHANGELOG.md")
     assert project["readme"] == "README.md"
+
+
+@asynccontextmanager
+async def lines_of(source: str) -> AsyncIterator[asyncio.StreamReader]:
+    """Lines that a program prints beside a service, for a minute at most."""
+    config = config_of("simulated", {"scenario": "healthy", "speed": 20.0})
+    async with running(config, ("acquire", "downsample", "estimate")) as service:
+        program = await asyncio.create_subprocess_exec(
+            sys.executable, "-I", "-c", source, service.bus.endpoint, stdout=subprocess.PIPE
+        )
+        assert program.stdout is not None
+        try:
+            async with asyncio.timeout(60.0):
+                yield program.stdout
+        finally:
+            program.kill()
+            await program.wait()
+
+
+async def test_the_client_of_the_readme_hears_samples_and_preload() -> None:
+    heard = set[str]()
+    async with lines_of(block("edge_service/bus/README.md", "python", "zenoh.open")) as lines:
+        while not heard >= {"torque", "preload"}:
+            heard.add((await lines.readline()).decode().split()[0])
+    assert heard == {"torque", "preload"}
+
+
+async def test_the_bridge_of_the_guide_prints_the_line_protocol() -> None:
+    line = ""
+    async with lines_of(block("guide", "python", "preload,site=")) as lines:
+        while 'status="estimated"' not in line:
+            line = (await lines.readline()).decode()
+            assert re.match(r"preload,site=bench,machine=lfd,axis=X status=", line)
+    fields = re.search(r"preload_percent=([0-9.]+),low=([0-9.]+),high=([0-9.]+) [0-9]{19}$", line)
+    assert fields
+    value, low, high = map(float, fields.groups())
+    assert low <= value <= high

@@ -348,8 +348,7 @@ OTHER_MEANINGS = {
     "edge_service/estimate/mixture/posterior.py": {"preload_loss"},  # a fault's probability
     "edge_service/health/alarms.py": {"preload_loss"},
     "edge_service/fingerprint/fingerprint.py": {"backlash"},  # a section of the fingerprint
-    "edge_service/offline/report/fingerprint_wording.py": {"backlash"},
-    "edge_service/offline/report/fingerprint_figures.py": {"backlash"},
+    "edge_service/offline/report/fingerprint_page.py": {"backlash"},
     "edge_service/fingerprint/response/two_mass_fit.py": {"delay"},  # an unknown of the fit
     "edge_service/models/motions/registry.py": {"warmup"},  # a motion
     "edge_service/offline/simulate.py": {"external_force"},  # a measured one, of a file

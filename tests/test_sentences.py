@@ -19,7 +19,7 @@ from edge_service.health.axis_events import (
 )
 from edge_service.health.consistency import CHANNELS, Disagreement
 from edge_service.health.inputs import DataFaults
-from edge_service.http_api.routes.docs import words_in
+from edge_service.http_api.app import words_in
 from edge_service.messages.codec import Header
 from edge_service.messages.event import AxisCondition, Code, Event, Statement, told
 from edge_service.messages.features import Fault

@@ -1,6 +1,7 @@
-"""Threads of one kind of work: bounded, and blocked ones starve no other kind."""
+"""Threads of one kind of work are bounded, and starve no other; a job ends with its service."""
 
 import asyncio
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,18 @@ from edge_service.threads import Threads
 
 PATIENCE_S = 60.0
 HUNG = 40
+PARENT = """
+import asyncio
+from edge_service.process import started
+
+async def main():
+    job = await started("run", "--port", "0", "--bus", "tcp/127.0.0.1:0", stdout=-1)
+    await job.stdout.readline()
+    print(job.pid, flush=True)
+    await job.wait()
+
+asyncio.run(main())
+"""
 
 
 @contextmanager
@@ -83,3 +96,16 @@ async def test_requests_that_hang_starve_no_driver(tmp_path: Path) -> None:
             assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
         go_on.set()
         assert all(await asyncio.gather(*asked))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl(2) is of Linux")
+async def test_a_job_ends_with_the_service_that_was_killed() -> None:
+    line = (sys.executable, "-W", "ignore", "-c", PARENT)
+    parent = await asyncio.create_subprocess_exec(*line, stdout=asyncio.subprocess.PIPE)
+    assert parent.stdout is not None
+    async with asyncio.timeout(60.0):
+        job = Path("/proc", (await parent.stdout.readline()).decode().strip())
+        parent.kill()
+        await parent.wait()
+        while job.exists() and "Z" not in (job / "stat").read_text().rpartition(")")[2]:
+            await asyncio.sleep(0.01)

@@ -152,30 +152,30 @@ def motion(
     measured. A motion beyond stroke, speed, acceleration or torque of the machine file is refused.
     """
     from ..config import load_machine
-    from ..offline import motion_file, next_motion
+    from ..offline import motion as motions
 
     axis = load_machine(machine)
     if name is None:
         if out is not None:
             raise BadInputError("motion: --out goes with the NAME of a motion")
-        return motion_file.list_motions(axis)
-    settings = motion_file.MotionFileSettings(duration, rate, seed or 0, clip)
+        return motions.list_motions(axis)
+    settings = motions.MotionFileSettings(duration, rate, seed or 0, clip)
     if name == "next":
         if (file is not None) + bool(effects) != 1:
             raise BadInputError(
                 "motion next: expected one DIAGNOSIS.json, or --effect twice or more"
             )
-        tied = next_motion.tied_effects(Path(file)) if file else {each: {} for each in effects}
-        return next_motion.next_motion(axis, tied, out, settings)
+        tied = motions.tied_effects(Path(file)) if file else {each: {} for each in effects}
+        return motions.next_motion(axis, tied, out, settings)
     if name == "isolability":
         if file is None:
             raise BadInputError("motion isolability: expected the NAME of a motion, or a TRACE")
-        return next_motion.isolability(axis, file)
+        return motions.isolability(axis, file)
     if file is not None:
         raise BadInputError(f"motion: {file}: {name} takes no file")
     if out is None:
         raise BadInputError(f"motion: {name}: expected --out FILE")
-    return motion_file.write_motion(name, axis, out, settings)
+    return motions.write_motion(name, axis, out, settings)
 
 
 @command("gap --machine m.toml trace.csv --json")

@@ -16,22 +16,19 @@ from .residual.noise import steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
-    VIBRATION,
     ChannelGap,
     Diagnosis,
     Misfit,
     NamedEffect,
-    ParameterValue,
     ReplayStatus,
     Series,
-    Shrink,
     Unexplained,
     Verdict,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
-from .session.session import CHANNEL_UNITS, TORQUE_GAP, TRANSMISSION_GAP, Session, rms
-from .validation.assessment import SUREST, Assessment, assess_causes
+from .session.session import CHANNEL_UNITS, CHANNEL_WORDS, TORQUE_GAP, Session, rms
+from .validation.assessment import Assessment, assess_causes
 from .validation.replay import replay
 
 BLIND_TRUST = 0.5
@@ -46,7 +43,6 @@ OFF = (
 )
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
-_SPOKEN = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 OFTEN = 0.5
 """Part of the time: what oscillates less often, where a force acts for a while, is the force's."""
 MOST_VIBRATIONS = 3
@@ -74,7 +70,7 @@ def diagnose_session(
     others, shaken = session, list[tuple[Vibration, NamedEffect]]()
     while len(shaken) < MOST_VIBRATIONS and (each := strongest_vibration(others, machine)):
         calmer = each.taken_from(others)
-        shaken.append((each, _as_cause(each, others, calmer)))
+        shaken.append((each, each.as_cause(others, calmer)))
         others = calmer
     progress("signatures of the library")
     problem = SelectionProblem.of_session(others, machine, searched)  # candidates, noise, priors
@@ -136,31 +132,6 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
 def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The most probable first; of those as probable, what shrinks the gap most."""
     return sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
-
-
-def _as_cause(found: Vibration, before: Session, after: Session) -> NamedEffect:
-    """A vibration as a named cause, without an entry: nobody foretells its phase."""
-    channel, rows = found.channel, before.channels[found.channel]
-    there_s = rows.variables["time_s"][found.is_there].tolist()
-    values = {
-        "frequency_hz": (found.frequency_hz, "Hz"),
-        "amplitude": (found.amplitude, CHANNEL_UNITS[channel]),
-        "from_s": (there_s[0], "s"),
-        "to_s": (there_s[-1], "s"),
-    }
-    here = 1.0 - after.channels[channel].rms / rows.rms
-    return NamedEffect(
-        name=VIBRATION,
-        channel=channel,
-        probability=min(1.0 - found.p_value, SUREST),
-        tied=(VIBRATION,),
-        shrink=Shrink(estimate=0.0, low=0.0, high=max(here, 0.0)),
-        parameters={
-            name: ParameterValue(value=value, low=None, high=None, unit=unit)
-            for name, (value, unit) in values.items()
-        },
-        entries=(),
-    )
 
 
 def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagnosis:
@@ -266,16 +237,16 @@ def caveats_of(
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
-        tolerance, unit = each.tolerance or 0.0, each.unit
+        spoken, tolerance, unit = CHANNEL_WORDS[name], each.tolerance or 0.0, each.unit
         if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS) and _exceeds(each, left[name]):
             beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
-                f"{_SPOKEN[name]}: {beyond:.3g} {unit} beyond the floor are left, more than the "
+                f"{spoken}: {beyond:.3g} {unit} beyond the floor are left, more than the "
                 f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
             )
         if verdict is Verdict.NO_GAP and each.matters:
             found.append(
-                f"{_SPOKEN[name]}: {each.beyond:.3g} {unit} beyond the floor, more than the "
+                f"{spoken}: {each.beyond:.3g} {unit} beyond the floor, more than the "
                 f"{tolerance:.3g} {unit} tolerated, are no more than the tolerances of the values "
                 "in the machine file allow"
             )

@@ -20,10 +20,9 @@ from ..models.machine import Machine
 from ..models.plant.from_machine import table_mass
 from ..regression.linear import LinearFit, least_squares
 from .pipeline import beside, diagnose_session
-from .result import SURE, Diagnosis, NamedEffect, ParameterValue, Verdict
+from .result import SURE, SUREST, Diagnosis, NamedEffect, ParameterValue, Verdict
 from .session.session import TORQUE_GAP, Session, parameter_tolerances
-from .validation.assessment import SUREST
-from .validation.cross_validation import on_other_motion
+from .validation.assessment import on_other_motion
 
 SURELY_LOST_PERCENT = 10.0
 """Loss that the whole interval of the estimator must exceed (assumption): less is no fault yet."""

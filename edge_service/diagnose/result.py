@@ -13,6 +13,9 @@ from ..messages.interval import Frozen
 from ..messages.samples import Floats
 from ..models.effects.registry import effects_where
 
+SUREST = 0.99
+"""Probability beyond which nothing was shown to be known: of 195 names above .9 on real machines
+with errors added and on the benchmark beside the checkout 194 were right (Laplace: 195 of 197)."""
 SURE = 0.9
 VIBRATION = "vibration"
 """Cause that no entry of the library describes: what is periodic in time."""

@@ -6,8 +6,8 @@ from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind, Command
 from ..messages.interval import rfc3339
 from .axis_events import noted
-from .headline import clock, span
 from .inputs import NS_PER_S
+from .statements import clock, span
 
 _NS_PER_MS = 1_000_000
 

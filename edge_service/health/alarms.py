@@ -22,8 +22,8 @@ from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
 from .consistency import CHANNEL_WORDS
-from .headline import clock, condition_words, is_in_doubt, limit_words
 from .inputs import NS_PER_S
+from .statements import clock, condition_words, is_in_doubt, limit_words
 from .wear.trend import is_over
 
 _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}

@@ -24,14 +24,13 @@ from ..messages.health import (
 )
 from ..messages.interval import Frozen
 from ..messages.trend import Trend, Use
-from .advice import consistent
 from .alarm_latch import LatchSnapshot
 from .alarms import AxisAlarms
 from .axis_events import consistency_changed, log_entry, preload_rose, recording_kept
-from .condition import ConditionMonitor
+from .condition import ConditionMonitor, limits_of
 from .consistency import ConsistencyWatch, LearnedChannel
 from .inputs import NS_PER_S
-from .limits import limits_of
+from .statements import consistent
 from .wear.friction import FrictionClasses, FrictionWatch
 from .wear.trend import PreloadHistory, PreloadSteps, as_of, preload_trend
 from .wear.usage import ScrewGeometry, UsageCounter

@@ -84,9 +84,8 @@ def answer_with_problems(app: FastAPI) -> None:
     """Let the application answer every error with a problem document."""
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_bad_request)
-    app.add_exception_handler(ClientDisconnect, _on_gone)
-    app.add_exception_handler(StoreFailedError, _on_store_failed)
-    app.add_exception_handler(Exception, _on_failure)
+    for kind in (ClientDisconnect, StoreFailedError, Exception):
+        app.add_exception_handler(kind, _on_failure)
 
 
 async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
@@ -122,17 +121,13 @@ async def _on_bad_request(request: Request, error: Exception) -> JSONResponse:
     return problem_response(request.url.path, 422, detail, errors=errors)
 
 
-async def _on_store_failed(request: Request, error: Exception) -> JSONResponse:
-    status = 503 if request.method in ("GET", "HEAD") else 507
-    return problem_response(request.url.path, status, str(error))
-
-
-async def _on_gone(request: Request, _error: Exception) -> JSONResponse:
-    return problem_response(request.url.path, 400, "the client left before the end of its request")
-
-
-async def _on_failure(request: Request, _error: Exception) -> JSONResponse:
-    return problem_response(request.url.path, 500, "the service failed; see its log for the reason")
+async def _on_failure(request: Request, error: Exception) -> JSONResponse:
+    status, words = 500, "the service failed; see its log for the reason"
+    if isinstance(error, StoreFailedError):
+        status, words = 503 if request.method in ("GET", "HEAD") else 507, str(error)
+    elif isinstance(error, ClientDisconnect):
+        status, words = 400, "the client left before the end of its request"
+    return problem_response(request.url.path, status, words)
 
 
 _PLAIN_DETAIL = {

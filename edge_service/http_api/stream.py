@@ -18,8 +18,8 @@ from ..health.store.readers import Subscription, concerns
 from ..messages.addresses import is_loopback
 from ..messages.interval import rfc3339
 from ..messages.topics import FEAT, HEALTH, PRELOAD
-from .access import AuthenticatorDep
 from .context import QUESTIONS, AxisFilterDep, ClockDep, StateDep, part
+from .guard import AuthenticatorDep
 from .problems import RefusedError
 from .routes.service import OutputAnswer, Outputs, output_items, service_answer
 

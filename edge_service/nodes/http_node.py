@@ -10,22 +10,21 @@ from pathlib import Path
 
 from ..clock import CLOCK, now_ns
 from ..health.axis_events import clock_changed
-from ..health.limits import limits_of
+from ..health.condition import limits_of
 from ..health.service_state import ServiceState
 from ..health.store.events import StoredEvent
 from ..health.store.history import MEMORY_MB, History
 from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
 from ..health.store.tokens import Tokens
-from ..http_api.access import Authenticator, Caller
 from ..http_api.app import create_app
-from ..http_api.guard import own_hosts
+from ..http_api.guard import Authenticator, Caller, own_hosts
 from ..http_api.jobs import Jobs
 from ..http_api.recordings import Recordings
 from ..http_api.routes.config import AxisConfigurations
 from ..http_api.routes.history import answer_selector
 from ..http_api.routes.service import Outputs
-from ..http_api.routes.work import Motion
+from ..http_api.routes.work import MotionAnswer
 from ..http_api.serve import serve
 from ..messages.answer import PreloadAnswer
 from ..messages.codec import CodecError, Header
@@ -62,7 +61,6 @@ class HttpNode:
         config = context.config
         self._context, self._component = context, Component(context, "http")
         self._authenticator = Authenticator(Tokens(context.store), required=config.http.needs_token)
-        self._tls = server_files(config.http)
         folder = config.store.folder
         kept, budget_mb = "in memory only: it ends with the service", MEMORY_MB
         if folder is not None:
@@ -182,6 +180,7 @@ class HttpNode:
 
     async def _serve(self) -> None:
         http, state = self._context.config.http, self.state
+        tls = server_files(http)
         desk = AxisDesk(self._context, self._folder)
 
         def read_stroke(axis: str, preload: PreloadAnswer) -> Stroke | None:
@@ -206,15 +205,15 @@ class HttpNode:
 
         def bound(host: str, port: int) -> None:
             self._component.to(ComponentStatus.OK)
-            scheme, shown = "https" if self._tls else "http", f"[{host}]" if ":" in host else host
+            scheme, shown = "https" if tls else "http", f"[{host}]" if ":" in host else host
             self._context.on_http_ready(f"{scheme}://{shown}:{port}/")
 
         state.readers.open()
         end = state.readers.close
-        await serve(app, http.host, http.port, tls=self._tls, on_bound=bound, before_stop=end)
+        await serve(app, http.host, http.port, tls=tls, on_bound=bound, before_stop=end)
         raise RuntimeError("the server of the page has ended")
 
-    def _motions(self, axis: str) -> list[Motion]:
+    def _motions(self, axis: str) -> list[MotionAnswer]:
         """Motions that end by themselves, with their duration on an axis, or why it refuses."""
         limits, answers = motion_limits(self._context.machines[axis]), []
         for name, motion in MOTIONS.items():
@@ -225,7 +224,7 @@ class HttpNode:
                 refused = str(error)
             if duration_s is not None or refused:
                 about = {"name": name, "purpose": motion.purpose}
-                answers.append(Motion(**about, duration_s=duration_s, refused=refused))
+                answers.append(MotionAnswer(**about, duration_s=duration_s, refused=refused))
         return answers
 
     async def _send_command(self, axis: str, command: Command) -> Outcome | None:

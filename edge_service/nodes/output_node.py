@@ -11,12 +11,12 @@ from typing import Any
 
 from ..clock import now_ns
 from ..config import ConfigError, EdgeConfig, check_settings
-from ..health.axis_state import AxisState
 from ..health.components import ComponentWatch
+from ..health.service_state import AxisState
 from ..health.store.events import EventLog, StoredEvent
 from ..health.store.outbox import Outbox
 from ..health.store.store import StoreFailedError
-from ..http_api.routes.docs import words_in
+from ..http_api.app import words_in
 from ..messages.answer import AxisAnswer
 from ..messages.codec import Header, Topic
 from ..messages.event import AxisCondition, Event

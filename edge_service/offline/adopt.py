@@ -31,7 +31,7 @@ from ..recordings.reader import read_trace
 from ..recordings.sinumerik.signals import ControllerAxis
 from .machine_text import Ask, asked, machine_text
 from .raw_columns import RawColumns, read_columns
-from .recordings import examine
+from .recordings import examine_within
 from .report.page import ESTIMATE, STYLE, write_png
 
 ASKED = ("dynamic_load_rating_n", "preload_n", "nut_stiffness_n_per_m", "table_mass_kg")
@@ -77,7 +77,7 @@ def adopt(
     write_whole(out, machine_text(names, understood, mechanics, named, number, stated, travel))
     findings = None
     if understood.lead_m is not None and (mechanics is not None or "inertia_kg_m2" in stated):
-        findings = examine(load_machine(out), files)
+        findings = examine_within(load_machine(out), files)
     rate_hz = clock_of([frame.time_s for frame in frames]).rate_hz
     rated = {"dynamic_load_rating_n", "preload_n"} <= stated.keys()
     doubt = next((e.sentence for e in findings or () if e.is_doubtful and e.name == "torque"), "")

@@ -38,7 +38,7 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CaseOutcome:
     """Exit status, mistake in one line, and document that a command left."""
 
     case: Case
@@ -117,7 +117,7 @@ def cases_of(given: Sequence[Path]) -> list[Case]:
     return list(cases.values())
 
 
-def done(work: Work, written: Sequence[str], out: Path, case: Case) -> Outcome:
+def done(work: Work, written: Sequence[str], out: Path, case: Case) -> CaseOutcome:
     """Work on a case into its folder; what is wrong with it is no error here."""
     folder = out / case.name
     try:
@@ -126,26 +126,26 @@ def done(work: Work, written: Sequence[str], out: Path, case: Case) -> Outcome:
             (folder / name).unlink(missing_ok=True)  # of an earlier run
         answer = Context().run(work, case.traces, folder)  # whose stages nobody is told
         document = json.loads(answer.as_json().replace(f"{out}{os.sep}", ""))
-        return Outcome(case, answer.status, document=document)
+        return CaseOutcome(case, answer.status, document=document)
     except exit_status.BadInputError as refused:
-        return Outcome(case, refused.status, str(refused).replace(f"{out}{os.sep}", ""))
+        return CaseOutcome(case, refused.status, str(refused).replace(f"{out}{os.sep}", ""))
     except OSError as refused:
         error = f"{refused.filename or case.name}: {refused.strerror or refused}"
-        return Outcome(case, exit_status.BAD_INPUT, error)
+        return CaseOutcome(case, exit_status.BAD_INPUT, error)
     except Exception as failure:
         log.exception("%s", case.name)
         return _failed(case, failure)
 
 
-def _failed(case: Case, error: BaseException) -> Outcome:
+def _failed(case: Case, error: BaseException) -> CaseOutcome:
     words = " ".join(str(error).split())[:200]
     said = f"{case.name}: internal failure: {type(error).__name__}: {words}"
-    return Outcome(case, exit_status.INTERNAL_FAILURE, said)
+    return CaseOutcome(case, exit_status.INTERNAL_FAILURE, said)
 
 
 def in_processes(
-    each_done: Callable[[Case], Outcome], cases: Sequence[Case], jobs: int
-) -> Iterator[Outcome]:
+    each_done: Callable[[Case], CaseOutcome], cases: Sequence[Case], jobs: int
+) -> Iterator[CaseOutcome]:
     """Outcomes as they come; a case whose process dies, and takes the pool along, runs again."""
     broken = []
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
@@ -163,19 +163,19 @@ def in_processes(
             yield _outcome(pool.submit(each_done, case), case)
 
 
-def _outcome(future: Future[Outcome], case: Case) -> Outcome:
-    """Outcome of a future here or on a cluster; a case that ends its process has none."""
+def _outcome(future: Future[CaseOutcome], case: Case) -> CaseOutcome:
+    """CaseOutcome of a future here or on a cluster; a case that ends its process has none."""
     error = future.exception()
     return future.result() if error is None else _failed(case, error)
 
 
 def on_cluster(
-    each_done: Callable[[Case], Outcome],
+    each_done: Callable[[Case], CaseOutcome],
     cases: Sequence[Case],
     address: str,
     *,
     insecure: bool = False,
-) -> Iterator[Outcome]:
+) -> Iterator[CaseOutcome]:
     """Outcomes as they come, of workers that see the same files. Raises ConfigError."""
     if not address.startswith(("tcp://", "tls://")):
         raise ConfigError(f"--cluster {address}: expected tls://HOST:PORT (or --jobs N, here)")

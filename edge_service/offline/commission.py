@@ -22,7 +22,7 @@ from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .machine_text import drag_of
-from .recordings import open_recording, read_recording, reported, require_sound
+from .recordings import failing, open_recording, read_recording, reported, require_sound
 from .report.quantities import tolerated
 
 READ_BACK = 6000
@@ -98,7 +98,9 @@ def commission_to_file(
         document["axis"]["number"] = axis_number
     _write_model(document, machine, stated)
     write_whole(out, tomlkit.dumps(document))
-    return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated)
+    said = zip(traces, map(failing, recordings), strict=True)
+    failed = {str(trace): words for trace, words in said if words}
+    return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated, failed)
 
 
 def _not_as_fresh(
@@ -189,7 +191,12 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine, nominal: Mach
 
 
 def _learned(
-    out: Path, machine: Machine, doubt: str | None, unlike: Mapping[str, Interval], dated: bool
+    out: Path,
+    machine: Machine,
+    doubt: str | None,
+    unlike: Mapping[str, Interval],
+    dated: bool,
+    failed: Mapping[str, str],
 ) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
@@ -198,6 +205,7 @@ def _learned(
     lines = [
         f"{out}: commissioned",
         f"from {learned.motion_s:.0f} s of steady motion:",
+        *(f"  {name}: {words}" for name, words in failed.items()),
         f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
         f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
         f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
@@ -257,6 +265,7 @@ def _learned(
         "bearing_drag_nm": bearings_nm,
         "stretch": stretch,
         "notch": learned.notch,
+        "failing": failed,
         "assumed_fresh_because": doubt,
         "not_as_fresh_percent": unlike,
     }

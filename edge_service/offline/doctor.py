@@ -21,7 +21,7 @@ from ..models.machine import Machine
 from ..nodes.acquire_node import make_driver
 from ..nodes.stages import make_estimator
 from ..recordings.reader import joined
-from .recordings import examine
+from .recordings import examine_within
 from .report.quantities import against
 
 FEW = 0.01
@@ -39,7 +39,7 @@ def examine_traces(
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)
     source = ", ".join(path.name for path in traces)
-    return _answer(machine.axis.name, source, examine(machine, traces), machine)
+    return _answer(machine.axis.name, source, examine_within(machine, traces), machine)
 
 
 async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: float) -> Answer:

@@ -22,10 +22,9 @@ from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
 from .drift import DriftReport, compare_days
 from .recordings import read_recording, require_sound
-from .report.fingerprint_figures import draw_drift, draw_sections
-from .report.fingerprint_wording import WORDING, headline, plain
+from .report.fingerprint_page import WORDING, draw_drift, draw_sections, headline, plain
 from .report.page import as_svg, rendered
-from .report.quantities import brief, estimate
+from .report.quantities import estimate
 
 RESPONSE = "frequency_response"
 
@@ -64,7 +63,10 @@ def fingerprint(
         raise FingerprintError("no recording given; expected one trace or more")
     if twice := [name for name in names if names.count(name) > 1]:
         raise FingerprintError(f"two recordings are called {twice[0]}; expected each once")
-    tunings = [path for path in traces if _is_servo_tuning(path)]
+    tunings = []
+    for path in traces:
+        with suppress(OSError):
+            tunings += [path] if is_tuning(head_of(path)) else []
     if len(tunings) > 1:
         raise FingerprintError(f"{tunings[1]}: a second servo tuning; expected one at most")
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
@@ -106,7 +108,7 @@ def fingerprint(
     progress("pictures")
     page = rendered(
         "fingerprint.html",
-        {"shown": estimate, "brief": brief, "plain": plain},
+        {"shown": estimate, "plain": plain},
         found=document,
         changes=sorted(changes or (), key=lambda each: (not each.changed, -abs(each.sigmas))),
         wording=WORDING,
@@ -129,14 +131,6 @@ def fingerprint(
         days.write(out_dir)
         lines.append(f"from recording to recording: {days.verdict}")
     return Answer("\n".join([*lines, f"report: {out_dir / 'report.html'}"]), document)
-
-
-def _is_servo_tuning(source: Path) -> bool:
-    """Response in place of samples in a file; False if it cannot be read."""
-    try:
-        return is_tuning(head_of(source))
-    except OSError:
-        return False
 
 
 def _verdict(

@@ -138,17 +138,14 @@ def table_of(fleet: Fleet) -> Group:
         machine = f"{row.site}/{row.machine}" if row.axis else row.address
         why = row.reason or (row.headline.text if row.headline else "")
         task = row.advice[0].text if row.advice else ""
-        cells = (machine, row.axis, str(row.level), _percent(row), _limit(row), why, task)
+        share = ""
+        if row.of_fresh is not None:
+            value, low, high = printed(row.of_fresh.value, row.of_fresh.low, row.of_fresh.high)
+            share = f"{value} % ({low} to {high})"
+        cells = (machine, row.axis, str(row.level), share, _limit(row), why, task)
         table.add_row(*(Text(each) for each in cells), style=_STYLES[row.level])
     worst = f"{fleet.axes[0].level}: {counted}" if fleet.axes else "no axis is there"
     return Group(Text(worst), table)
-
-
-def _percent(row: FleetRow) -> str:
-    if row.of_fresh is None:
-        return ""
-    value, low, high = printed(row.of_fresh.value, row.of_fresh.low, row.of_fresh.high, 0)
-    return f"{value} % ({low} to {high})"
 
 
 def _limit(row: FleetRow) -> str:

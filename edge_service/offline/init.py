@@ -28,7 +28,7 @@ _PORTS = {"modbus": 502, "mqtt": 1883, "mqtts": 8883}
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class DeviceSource:
     """A driver with those of its settings that the address tells; a recording where it is one."""
 
     driver: str
@@ -40,7 +40,7 @@ class Source:
 class Request:
     """Files to be written, and where."""
 
-    source: Source
+    source: DeviceSource
     out: Path
     # a machine file that is there; None if one is written beside the configuration
     machine: Path | None = None
@@ -96,7 +96,15 @@ def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str]
         sheet = asked(request.sheet, ASKED, ask)
         write_whole(machine, stated_text(request.axis, sheet))
     named = str(request.machine.resolve()) if request.machine else MACHINE
-    write_whole(draft, _configuration_text(request, named))
+    head = tomlkit.document()
+    head["service"] = {"site": "shop", "machine": "machine"}
+    head["store"] = {"folder": "history"}
+    example = tomlkit.parse((EXAMPLES / f"{request.source.driver}.toml").read_text("utf-8"))
+    axes = example["axes"]
+    assert isinstance(axes, AoT)
+    axes[0].update({"name": request.axis, "machine": named})
+    axes[0]["settings"].update(request.source.settings)
+    write_whole(draft, f"{tomlkit.dumps(head)}\n{tomlkit.dumps(example)}")
     shown = "" if request.out.parent == Path() else f"{request.out.parent}/"
     try:
         for axis in load_config(draft).axes:
@@ -117,19 +125,6 @@ def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str]
         return [*said, *(f"not right yet: {each}" for each in wrong)], INTERNAL_FAILURE, False
 
 
-def _configuration_text(request: Request, machine: str) -> str:
-    source = request.source
-    head = tomlkit.document()
-    head["service"] = {"site": "shop", "machine": "machine"}
-    head["store"] = {"folder": "history"}
-    example = tomlkit.parse((EXAMPLES / f"{source.driver}.toml").read_text("utf-8"))
-    axes = example["axes"]
-    assert isinstance(axes, AoT)
-    axes[0].update({"name": request.axis, "machine": machine})
-    axes[0]["settings"].update(source.settings)
-    return f"{tomlkit.dumps(head)}\n{tomlkit.dumps(example)}"
-
-
 def _next_steps(request: Request, status: int) -> Iterator[str]:
     out, recording = request.out, request.source.recording
     machine = request.machine or out.parent / MACHINE
@@ -144,11 +139,11 @@ def _next_steps(request: Request, status: int) -> Iterator[str]:
     yield f"edge-service run {out}    # the page: http://127.0.0.1:8080/"
 
 
-def source_of(given: str) -> Source:
+def source_of(given: str) -> DeviceSource:
     """The source that a person names. Raises ConfigError."""
     if Path(given).is_file():
         path = Path(given).resolve()
-        return Source("replay", {"path": str(path)}, path)
+        return DeviceSource("replay", {"path": str(path)}, path)
     try:
         parts = urlsplit(given)
         host, port = parts.hostname, parts.port
@@ -157,10 +152,10 @@ def source_of(given: str) -> Source:
     if not host or port == 0 or parts.scheme not in (*_PORTS, "opc.tcp"):
         raise ConfigError(f"{given}: {EXPECTED}")
     if parts.scheme == "opc.tcp":
-        return Source("opcua", {"url": given})
+        return DeviceSource("opcua", {"url": given})
     url, rest = f"{parts.scheme}://{parts.netloc}", parts.path.strip("/")
     if port is None:
         url += f":{_PORTS[parts.scheme]}"
     if parts.scheme == "modbus":
-        return Source("modbus", {"url": f"{url}/{rest or 1}"})
-    return Source("mqtt", {"url": url, "topic": rest} if rest else {"url": url})
+        return DeviceSource("modbus", {"url": f"{url}/{rest or 1}"})
+    return DeviceSource("mqtt", {"url": url, "topic": rest} if rest else {"url": url})

@@ -48,8 +48,18 @@ async def replay_trace(
         count, last = await following
     finally:
         await bus.close()
-    words = "\n".join(_summary(name, count, last))
-    return Answer(words, {"axis": name, "estimates": count, "last": last})
+    document = {"axis": name, "estimates": count, "last": last}
+    if last is None:
+        return Answer(f"axis {name}: the recording gave no interval", document)
+    lines = [f"axis {name}: {count} estimates, status {last.status.value} at {last.time_s:.1f} s"]
+    if last.preload_percent is not None:
+        assert last.low is not None and last.high is not None
+        value, low, high = printed(last.preload_percent, last.low, last.high, 2)
+        lines.append(f"preload {value} % ({low} to {high})")
+    if last.drag_torque_nm is not None:
+        drag = last.drag_torque_nm
+        lines.append(f"drag torque {drag.value:.3e} N m ({drag.low:.3e} to {drag.high:.3e})")
+    return Answer("\n".join([*lines, *last.reasons]), document)
 
 
 async def _follow(answers: Subscriber[PreloadEstimate]) -> tuple[int, PreloadEstimate | None]:
@@ -58,17 +68,3 @@ async def _follow(answers: Subscriber[PreloadEstimate]) -> tuple[int, PreloadEst
     async for _, _, estimate in answers:
         count, last = count + 1, estimate
     return count, last
-
-
-def _summary(axis: str, count: int, last: PreloadEstimate | None) -> list[str]:
-    if last is None:
-        return [f"axis {axis}: the recording gave no interval"]
-    lines = [f"axis {axis}: {count} estimates, status {last.status.value} at {last.time_s:.1f} s"]
-    if last.preload_percent is not None:
-        assert last.low is not None and last.high is not None
-        value, low, high = printed(last.preload_percent, last.low, last.high, 2)
-        lines.append(f"preload {value} % ({low} to {high})")
-    if last.drag_torque_nm is not None:
-        drag = last.drag_torque_nm
-        lines.append(f"drag torque {drag.value:.3e} N m ({drag.low:.3e} to {drag.high:.3e})")
-    return lines + [f"{reason}" for reason in last.reasons]

@@ -83,15 +83,6 @@ def _device_health(answer: AxisAnswer) -> int | None:
     return _DEVICE_HEALTH[headline.level]
 
 
-def _model_fits(answer: AxisAnswer) -> bool | None:
-    consistency = answer.health.consistency
-    return None if consistency is None else consistency.channel is None
-
-
-def _alarms(answer: AxisAnswer) -> list[str]:
-    return [alarm.text for alarm in answer.health.alarms if alarm.active]
-
-
 PRELOAD, HEALTH, ADVICE, DUE, ALARMS = "Preload", "DeviceHealth", "Advice", "Due", "Alarms"
 FIELDS: dict[str, Field] = {
     PRELOAD: Field(_DOUBLE, "of_fresh.value", "%"),
@@ -103,14 +94,14 @@ FIELDS: dict[str, Field] = {
     "Stiffness": Field(_DOUBLE, "estimate.stiffness_n_per_m.value", "N/m"),
     "Status": Field(_STRING, "estimate.status"),
     "Method": Field(_STRING, "estimate.method", default=""),
-    "ModelFits": Field(_BOOLEAN, _model_fits),
+    "ModelFits": Field(_BOOLEAN, lambda of: (c := of.health.consistency) and c.channel is None),
     "Condition": Field(_STRING, "health.condition"),
     HEALTH: Field(ua.VariantType.Int32, _device_health),
     "Headline": Field(_TEXT, "health.headline.text"),
     "AdviceCode": Field(_STRING, "advice.task", default=""),
     ADVICE: Field(_TEXT, "advice.text", default=""),
     DUE: Field(_TIME, "due_ns"),
-    ALARMS: Field(_STRING, _alarms),
+    ALARMS: Field(_STRING, lambda of: [each.text for each in of.health.alarms if each.active]),
     "PreloadRate": Field(_DOUBLE, "health.trend.rate_fresh_percent_per_h.value", "%/h"),
     "NextLimit": Field(_TIME, "health.next_limit.earliest_ns"),
     "Distance": Field(_DOUBLE, "health.use.distance_m", "m"),

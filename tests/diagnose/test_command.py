@@ -12,7 +12,7 @@ from edge_service.diagnose.pipeline import diagnose_session
 from edge_service.diagnose.result import Verdict
 from edge_service.models.effects.registry import effects
 from edge_service.models.machine import Machine
-from edge_service.offline.diagnosis.witnesses import beside_doubts, doubts
+from edge_service.offline.diagnosis.diagnose import beside_doubts, doubts
 
 from .conftest import diagnosed, frame_of, recorded, runs, session_of
 

@@ -7,9 +7,9 @@ import pytest
 
 from edge_service.diagnose.candidates.regressors import candidates_of, unobservable
 from edge_service.diagnose.pipeline import diagnose_session
-from edge_service.diagnose.result import Diagnosis, NamedEffect, ParameterValue, Verdict
+from edge_service.diagnose.result import SUREST, Diagnosis, NamedEffect, ParameterValue, Verdict
 from edge_service.diagnose.session.session import Session
-from edge_service.diagnose.validation.assessment import SUREST, is_told
+from edge_service.diagnose.validation.assessment import is_told
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from edge_service.config_tables import AlarmsConfig
-from edge_service.health.condition import ConditionMonitor
-from edge_service.health.limits import limits_of
+from edge_service.health.condition import ConditionMonitor, limits_of
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition, Event

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from edge_service.health.advice import advice
-from edge_service.health.headline import headline
+from edge_service.health.statements import advice, headline
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import Fault

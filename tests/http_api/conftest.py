@@ -12,7 +12,7 @@ from fastapi import FastAPI
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.config_tables import AlarmsConfig
-from edge_service.health.limits import limits_of
+from edge_service.health.condition import limits_of
 from edge_service.health.service_state import ServiceState
 from edge_service.http_api.app import create_app
 from edge_service.messages.codec import Header

@@ -14,9 +14,8 @@ from fastapi.routing import iter_route_contexts
 from edge_service.health.service_state import ServiceState
 from edge_service.health.store.store import Store
 from edge_service.health.store.tokens import Tokens
-from edge_service.http_api.access import Authenticator, Caller
-from edge_service.http_api.app import create_app
-from edge_service.http_api.routes.docs import static_digest
+from edge_service.http_api.app import create_app, static_digest
+from edge_service.http_api.guard import Authenticator, Caller
 from edge_service.messages.health import Command, Outcome
 
 from .conftest import client_of

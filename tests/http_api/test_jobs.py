@@ -20,7 +20,7 @@ from edge_service.http_api import guard, jobs
 from edge_service.http_api.app import create_app
 from edge_service.http_api.jobs import JobCommand, Jobs
 from edge_service.http_api.recordings import Recordings
-from edge_service.http_api.routes.work import Motion
+from edge_service.http_api.routes.work import MotionAnswer
 from edge_service.recordings.reader import extent_of
 
 from .conftest import client_of, foreign_recording
@@ -57,7 +57,7 @@ class Scene:
         self.store = Store(folder / FILE_NAME)
         kept = Recordings(folder / "recordings", 1 << 20, extent_of)
         self.jobs = Jobs(self.store, folder / "jobs", kept, {"X": DEFAULT_MACHINE})
-        motion = Motion(name="friction", purpose="", duration_s=1.0, refused=None)
+        motion = MotionAnswer(name="friction", purpose="", duration_s=1.0, refused=None)
         app = create_app(
             ServiceState({"X": None}, 0),
             lambda: 0,

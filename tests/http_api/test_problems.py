@@ -7,9 +7,8 @@ import httpx
 import pytest
 
 from edge_service.health.store.store import Store, StoreFailedError
-from edge_service.http_api.app import STATIC
+from edge_service.http_api.app import STATIC, static_digest
 from edge_service.http_api.guard import SECURITY_HEADERS
-from edge_service.http_api.routes.docs import static_digest
 
 TIME = re.compile(r"[. ](time|since|from|to|started|ended|earliest|likely|latest|\w+_(at|until))$")
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from edge_service.health.advice import consistent
+from edge_service.health.statements import consistent
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition

@@ -14,7 +14,7 @@ from edge_service.config import EstimatorConfig, load_machine
 from edge_service.config_tables import AlarmsConfig
 from edge_service.downsample.vibration import AxisVibration
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.limits import limits_of
+from edge_service.health.condition import limits_of
 from edge_service.health.service_state import ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.http_api.routes.service import service_answer

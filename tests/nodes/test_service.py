@@ -1,6 +1,7 @@
 """From the drive to the answer: the whole service in one process and in several."""
 
 import asyncio
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -16,12 +17,15 @@ from edge_service.bus.settings import BusSettings
 from edge_service.clock import now_ns
 from edge_service.command_answer import LISTENER
 from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
+from edge_service.config_tables import StoreConfig
+from edge_service.downsample.vibration import MOST_SENSORS
+from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.features import Fault
-from edge_service.messages.health import ComponentStatus
-from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
-from edge_service.messages.topics import FEAT, HEALTH, PRELOAD, RAW, STATUS
-from edge_service.nodes.context import NodeContext
+from edge_service.messages.health import Command, ComponentStatus
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame, Waveform
+from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS, WAVE
+from edge_service.nodes.context import NodeContext, header
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
 from edge_service.offline.estimate import OfflineEstimate
@@ -29,10 +33,14 @@ from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 from tests.programs import serving
 
-from .conftest import config_of, once, reported, running, served
+from ..messages.examples import estimate_of
+from .conftest import PATIENCE_S, config_of, done, once, reported, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
+NOTES = {"axis": "X", "kind": "note"}
+NOTE = {"action": "note", "user": "Kim", "note": "greased"}
+PATH = "api/v1/axes/X/commands"
 
 
 async def test_the_answer_follows_the_simulated_drive() -> None:
@@ -278,3 +286,141 @@ async def test_a_file_that_is_read_again_renews_only_the_axes_that_it_changed(
     restart, refused = (each for each in caplog.messages if "axes" in each)
     assert restart == "what has changed beside the axes takes effect after a restart"
     assert "axes.X.driver: no driver 'none'" in refused
+
+
+async def test_a_store_that_cannot_be_read_is_waited_for_said_and_left_as_it_is(
+    tmp_path: Path,
+) -> None:
+    """Rights of another user after a restore: latched alarms are not forgotten."""
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    path, elsewhere, nodes = tmp_path / FILE_NAME, tmp_path / "elsewhere", ("http", "health")
+    note = {"action": "note", "user": "Kim", "note": "greased"}
+    async with served(config, nodes) as (_, client):
+        await done(client, "api/v1/axes/X/commands", note, key="a")
+    path.rename(elsewhere)
+    path.mkdir()
+    async with served(config, nodes) as (_, client):
+        for page in ("readyz", "api/v1/health", "api/v1/log"):
+            answer = await client.get(page)
+            assert answer.status_code == 503
+            assert "Is a directory" in answer.json()["detail"]
+        assert (await client.get("healthz")).status_code == 200
+        path.rmdir()
+        elsewhere.rename(path)
+        (found,) = await once(client, "log?axis=X&kind=note", lambda log: log["items"])
+        assert found["text"] == "greased (Kim)"
+        again = await done(client, "api/v1/axes/X/commands", note, key="a")
+        assert again.json()["outcome"] == "greased (Kim)"
+        assert len((await client.get("api/v1/log", params=NOTES)).json()["items"]) == 1
+    assert not list(tmp_path.glob("*damaged*"))
+
+
+async def test_who_asks_on_the_bus_is_answered_as_by_http() -> None:
+    config = config_of("simulated", HEALTHY)
+    async with served(config, ("http",)) as (service, client):
+        publisher = service.bus.publisher(config.keys.key("X", PRELOAD), PRELOAD, "X")
+
+        async def asked(selector: str) -> Any:
+            key = f"{config.keys.root}/X/history?{selector}"
+            answer = await service.bus.ask(key, None, 10.0)
+            return json.loads(answer or b"null")
+
+        async def kept() -> Any:
+            publisher.publish(estimate_of(), now_ns())
+            return (await client.get("api/v1/axes/X/history")).json()["buckets"]
+
+        (first, *_) = await until(kept)
+        span = {"from": first["time"], "to": "2100-01-01T00:00:00Z", "step": "86400000"}
+        by_http = (await client.get("api/v1/axes/X/history", params=span)).json()
+        by_bus = await asked(";".join(f"{name}={value}" for name, value in span.items()))
+        for each in (by_http, by_bus):
+            assert each["axis"] == "X"
+            assert [bucket["time"] for bucket in each["buckets"]] == [first["time"]]
+        assert set(by_http) == set(by_bus)
+        assert "more than 5000" in (await asked("from=0;step=1"))["detail"]
+        assert "speed: unknown" in (await asked("speed=1"))["detail"]
+
+
+@pytest.mark.slow
+async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> None:
+    balls = "[axis]\nball_diameter_m = 3.175e-3\nball_circle_m = 0.0206\n"
+    machine = tmp_path / "machine.toml"
+    machine.write_text(DEFAULT_MACHINE.read_text().replace("[axis]\n", balls, 1))
+    settings = {
+        "scenario": "healthy",
+        "speed": 4.0,
+        "accelerometer_hz": 10_000.0,
+        "raceway_damage": 8.0,
+    }
+    config = config_of("simulated", settings, machine)
+    async with running(config, ("downsample", "acquire")) as service:
+        features = service.bus.subscribe(config.keys.all_axes(FEAT), FEAT)
+        async with asyncio.timeout(120.0):
+            async for _, _, block in features:
+                found = {name: (value, unit) for name, value, unit in block.vibration}
+                if found:
+                    assert found["nut_acceleration.rms"][1] == "m/s^2"
+                peak, _ = found.get("nut_acceleration.envelope_ball_pass_nut", (0.0, ""))
+                floor, _ = found.get("nut_acceleration.envelope_ball_pass_nut_floor", (1.0, ""))
+                if peak > 4.0 * floor:
+                    break
+
+
+async def test_a_surplus_sensor_is_counted() -> None:
+    config = config_of("simulated", {})
+    key = config.keys.key("X", WAVE)
+    async with running(config, ("downsample",)) as service:
+        waves = service.bus.publisher(key, WAVE, "X")
+        async with asyncio.timeout(30.0):
+            while not service.bus.refused()["wave", "surplus"]:
+                for number in range(MOST_SENSORS + 1):
+                    waves.publish(Waveform(str(number), "V", 0.0, 1e-4, np.zeros(10)), 1)
+                await asyncio.sleep(0.01)
+
+
+async def test_without_a_monitor_no_command_is_accepted_and_none_is_lost(tmp_path: Path) -> None:
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    alone: tuple[str, ...] = ("http",)
+    async with served(config, alone) as (_, client):
+        answer = await client.post(PATH, json=NOTE)
+        assert answer.status_code == 503
+        assert "does not answer" in answer.json()["detail"]
+        assert (await client.get("api/v1/log")).json()["items"] == []
+
+
+@pytest.mark.parametrize("folder", [True, False], ids=["on disk", "in memory"])
+async def test_a_command_is_answered_when_it_is_done(folder: bool, tmp_path: Path) -> None:
+    store = StoreConfig(folder=tmp_path if folder else None)
+    async with served(config_of("simulated", HEALTHY, store=store)) as (_, client):
+        answer = await done(client, PATH, NOTE, key="a")
+        assert answer.json() == {"outcome": "greased (Kim)"}
+        (note,) = (await client.get("api/v1/log?kind=note")).json()["items"]
+        assert (note["text"], note["who"]) == ("greased (Kim)", "Kim")
+        for action, more in (("acknowledge", {"occurrence": 1}), ("unshelve", {})):
+            body = {"action": action, "alarm": "sudden_drop", "user": "Kim"}
+            answer = await client.post(PATH, json=body | more)
+            assert answer.status_code == 409, action
+            assert "sudden_drop" in answer.json()["detail"]
+        refused = (await client.get("api/v1/log?kind=command")).json()["items"]
+        assert [(each["who"], each["origin"]) for each in refused] == [("Kim", "127.0.0.1")] * 2
+        assert [each["data"]["action"] for each in refused] == ["unshelve", "acknowledge"]
+
+
+async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path) -> None:
+    """By HTTP and by the bus, with another start between."""
+    config = config_of("simulated", HEALTHY, store=StoreConfig(folder=tmp_path))
+    again, notes = {"idempotency-key": '"a"'}, []
+    command = Command(action="note", user="Kim", note="greased", key="a")
+    for _ in range(2):
+        async with served(config) as (service, client):
+            answer = await done(client, PATH, NOTE, key="a")
+            asked = COMMAND.encode("X", header(), command)
+            told = await service.bus.ask(config.keys.key("X", OUTCOME), asked, PATIENCE_S)
+            assert told is not None and OUTCOME.decode(told)[2].message == "greased (Kim)"
+            assert answer.json() == {"outcome": "greased (Kim)"}
+            other = await client.post(PATH, json=NOTE | {"note": "oiled"}, headers=again)
+            assert other.status_code == 422
+            assert "another command" in other.json()["detail"]
+            found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]
+            notes.append([each["text"] for each in found])
+    assert notes == [["greased (Kim)"]] * 2

@@ -11,7 +11,7 @@ from edge_service.config import load_machine
 from edge_service.fingerprint.result import FingerprintError, read_fingerprint
 from edge_service.messages.samples import SETPOINT
 from edge_service.offline.fingerprint import fingerprint
-from edge_service.offline.report.fingerprint_wording import WORDING, plain
+from edge_service.offline.report.fingerprint_page import WORDING, plain
 from edge_service.offline.report.quantities import estimate
 from edge_service.offline.simulate import SimulationSettings, simulate, simulate_session
 from edge_service.recordings.columns import TraceError

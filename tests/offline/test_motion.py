@@ -10,7 +10,7 @@ import pytest
 
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, MotionError, Setpoints, motion_limits
-from edge_service.offline.motion_file import MotionFileSettings, list_motions, write_motion
+from edge_service.offline.motion import MotionFileSettings, list_motions, write_motion
 
 
 def changed(machine: Machine, **axis: object) -> Machine:

@@ -4,14 +4,22 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from edge_service.checks.examination import check_plausibility
 from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.messages.features import Fault
-from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE, SampleFrame
+from edge_service.messages.features import FAULT_WORDS, Fault
+from edge_service.messages.samples import (
+    ANGLE,
+    TABLE_POSITION,
+    TIME,
+    TORQUE,
+    Floats,
+    SampleFrame,
+)
 
 from ..bench.real_machines import written
 from ..fingerprint.test_examination import recorded
@@ -66,3 +74,32 @@ def test_commands_say_what_doctor_says(
     if question == "stuck":
         (reason,) = channel_reasons(Fault.TORQUE_STUCK)
         assert reason.partition(": ")[2] in found[name].sentence
+
+
+@pytest.mark.parametrize(
+    ("channel", "spoil", "fault"),
+    [
+        (TORQUE, lambda values: values[len(values) // 2], Fault.TORQUE_STUCK),
+        (TABLE_POSITION, lambda values: values[len(values) // 2], Fault.TABLE_STUCK),
+        (TABLE_POSITION, lambda values: values + 5e-4, Fault.TABLE_SHIFTED),
+    ],
+)
+def test_what_fails_within_a_recording_is_said_as_a_running_axis_says_it(
+    channel: str,
+    spoil: Callable[[Floats], Floats],
+    fault: Fault,
+    healthy: SampleFrame,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    values = healthy.channels[channel]
+    late = np.arange(len(values)) >= len(values) // 2
+    channels = healthy.channels | {channel: np.where(late, spoil(values), values)}
+    trace = written(tmp_path / "trace.csv", {TIME: healthy.time_s, **channels})
+    model, (reason,) = ["--machine", str(DEFAULT_MACHINE), str(trace)], channel_reasons(fault)
+    for command in ("doctor", "commission", "diagnose"):
+        out = [] if command == "doctor" else ["--out", str(tmp_path / command)]
+        assert main([command, *model, *out, "--json"]) == (command == "doctor")
+        assert FAULT_WORDS[fault] in capsys.readouterr().out, command
+    assert main(["estimate", *model, "--out", str(tmp_path / "rows.csv")]) == 0
+    assert reason.partition(":")[0] in (tmp_path / "rows.csv").read_text()

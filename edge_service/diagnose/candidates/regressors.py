@@ -208,12 +208,6 @@ def most_shapes(name: str) -> int:
     return 4 if effect is None else effect.most_shapes
 
 
-def is_load(regressor: CandidateRegressor) -> bool:
-    """Flag of what loads a spring: the difference of two could be any."""
-    effect = effects().get(regressor.name)
-    return effect is not None and effect.has_one_load and regressor.form != "late"
-
-
 def candidates_of(session: Session, library: Sequence[Effect]) -> list[CandidateRegressor]:
     """Regressors that bear the names of some effects, as far as a session could show them."""
     ranges, found = Ranges.of_session(session), list[CandidateRegressor]()

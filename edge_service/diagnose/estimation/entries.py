@@ -160,7 +160,7 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     Args:
         best: the best set, with all its shapes.
     """
-    entries = {}
+    system, entries = WeightedLeastSquares.of_fit(problem, best), {}
     for k in problem.design.of_effects(named):
         each = problem.design.regressors[k]
         entry = each.as_entry() if isinstance(each, ForcePulse) else each
@@ -178,7 +178,6 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
             chosen.append(entries[k])
     for name in sorted(named - {each.name for each in chosen}):
         chosen += [each for each in entries.values() if each.name == name][:1]
-    system = WeightedLeastSquares.of_fit(problem, best)
     chosen.sort(key=lambda each: each.name)
     return _within_bounds(_refined(Entries.of(system, chosen)))
 

@@ -20,8 +20,7 @@ from ...models.effects.learned import model_effects
 from ...models.machine import Machine, Quantity
 from ...regression.run import Run
 from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
-from .noise import paces
-from .structure import SmoothFunctions, predicted_groups, ridge_fits
+from .noise import SmoothFunctions, paces, predicted_groups, ridge_fits
 
 _LOOSE = 1e-4
 """Ridge of the parameters, of the number of rows: what the motion does not show stays as it was."""

@@ -15,9 +15,9 @@ from scipy import ndimage, stats
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.machine import Machine
 from ...regression import FALSE_ALARMS
-from ..session.session import Rows, Session, rms
-from .noise import ordinary_rms, stated_tolerance
-from .structure import passed_at, structure_of_gap
+from ..result import SUREST, VIBRATION, NamedEffect, ParameterValue, Shrink
+from ..session.session import CHANNEL_UNITS, Rows, Session, rms
+from .noise import ordinary_rms, passed_at, stated_tolerance, structure_of_gap
 
 _WIDTHS = (1, 3, 9, 27, 81)
 """Of a band, in steps of the spectrum; of lines up to the second."""
@@ -73,6 +73,34 @@ class Vibration:
             return replace(other, channels=channels, beside=calm)
 
         return calm(Session.of_runs(session.runs, session.baseline, session.modelled))
+
+    def as_cause(self, before: Session, after: Session) -> NamedEffect:
+        """A named cause without an entry, for nobody foretells its phase.
+
+        Args:
+            before, after: the session with it and without it.
+        """
+        rows = before.channels[self.channel]
+        there_s = rows.variables["time_s"][self.is_there].tolist()
+        values = {
+            "frequency_hz": (self.frequency_hz, "Hz"),
+            "amplitude": (self.amplitude, CHANNEL_UNITS[self.channel]),
+            "from_s": (there_s[0], "s"),
+            "to_s": (there_s[-1], "s"),
+        }
+        here = 1.0 - after.channels[self.channel].rms / rows.rms
+        return NamedEffect(
+            name=VIBRATION,
+            channel=self.channel,
+            probability=min(1.0 - self.p_value, SUREST),
+            tied=(VIBRATION,),
+            shrink=Shrink(estimate=0.0, low=0.0, high=max(here, 0.0)),
+            parameters={
+                name: ParameterValue(value=value, low=None, high=None, unit=unit)
+                for name, (value, unit) in values.items()
+            },
+            entries=(),
+        )
 
 
 def strongest_vibration(session: Session, machine: Machine) -> Vibration | None:

@@ -20,7 +20,6 @@ from ..candidates.regressors import (
     UNKNOWN,
     CandidateRegressor,
     candidates_of,
-    is_load,
     most_shapes,
     null_shapes,
 )
@@ -265,13 +264,13 @@ class SelectionProblem:
         regressors = self.design.regressors
         chosen = [regressors[a] for a in base.chosen]
         used = Counter(each.name for each in chosen)
-        loads = {each.form for each in chosen if is_load(each)}
+        loads = {each.form for each in chosen if _is_load(each)}
         loaded = most_of is most_shapes and bool(loads)
         return [
             a
             for a in candidates
             if a not in base.regressors and used[regressors[a].name] < most_of(regressors[a].name)
-            if not ((loaded or regressors[a].form in loads) and is_load(regressors[a]))
+            if not ((loaded or regressors[a].form in loads) and _is_load(regressors[a]))
         ]
 
     def _pruned(self, best: Fit) -> Fit:
@@ -401,3 +400,9 @@ class SelectionProblem:
             - self.design.columns[name][:, best.columns].astype(np.float64) @ best.coefficients
             for name, rows in self.session.channels.items()
         }
+
+
+def _is_load(regressor: CandidateRegressor) -> bool:
+    """Flag of what loads a spring: the difference of two could be any."""
+    effect = effects().get(regressor.name)
+    return effect is not None and effect.has_one_load and regressor.form != "late"

@@ -19,6 +19,7 @@ from ...regression.run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
+CHANNEL_WORDS = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 MOST_ROWS = 60_000
 """Of a channel; of a longer session every second row is kept, or every third, and so on."""
 REST_S = 1.0

@@ -1,25 +1,24 @@
-"""Assessment of the named effects: how sure each is, and how far it shrinks the gap.
+"""Assessment of the named effects: how sure each is, and how far it shrinks motion not fitted.
 
 An effect may be a misattribution, by the structure that it leaves; and the best explanation of a
 channel may be none, by how much it leaves and what it had to bend for it.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...messages.samples import Floats
+from ...messages.samples import Floats, Integers
 from ...models.effects.effect import Role
 from ...models.effects.registry import effects_where, get_effect
 from ..candidates.regressors import FORCE, UNKNOWN
-from ..estimation.estimates import Contributions
-from ..residual.structure import predicted_structure
-from ..result import NamedEffect
+from ..estimation.estimates import Contributions, Estimates
+from ..residual.noise import predicted_structure
+from ..result import SUREST, NamedEffect, Shrink
 from ..selection.posterior import Posterior
-from ..session.session import TORQUE_GAP, rms
-from .cross_validation import CrossValidation
+from ..session.session import FOLDS, TORQUE_GAP, Rows, rms
 
 BESIDE_UNNAMED = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
@@ -31,9 +30,6 @@ LEAST_SHRINK = 0.04
 """Of what the other causes leave, on held-out motion: with less an effect is no cause."""
 LESSER_PART = 0.5
 """Of the gap's energy that is left by a force: with more, the force is not what it is about."""
-SUREST = 0.99
-"""Probability beyond which nothing was shown to be known: of 195 names above .9 on real machines
-with errors added and on the benchmark beside the checkout 194 were right (Laplace: 195 of 197)."""
 LEAST_PROBABILITY = 0.02
 """Probability below which an effect is not named at all."""
 _EVEN = 0.08
@@ -59,6 +55,17 @@ UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
 MOST_CAUSES = 3
 """It takes more than this many causes at once only where none of them is the true one."""
+LEVEL = 0.9
+PACES = (0.5, 2.0)
+"""Paces at which another session may warm the axis: heat comes from motion (assumption)."""
+_SPEED_CLASSES = 4
+_REGIMES = 4 * _SPEED_CLASSES
+_SHAPE = 0.5
+"""Of a Dirichlet distribution that knows nothing (Jeffreys)."""
+_RESAMPLES = 1000
+_PART = 0.2
+"""Share of a session that one more recording is like."""
+_TIME_CONSTANT = "time_constant_s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +170,124 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
     if TORQUE_GAP in posterior.exceeding and unnamed:
         found[TORQUE_GAP] = 0.5
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossValidation:
+    """Values fitted on all blocks of time, and without each fold of them, in their order."""
+
+    values: Estimates
+    folds: tuple[Estimates, ...]
+
+    @classmethod
+    def of_estimates(cls, values: Estimates) -> "CrossValidation":
+        """Fit the values once more without each fold."""
+        number = values.fitted.system.session.fold
+        kept = ({name: each != k for name, each in number.items()} for k in range(FOLDS))
+        betas = (values.fitted.solve(rows=rows).beta for rows in kept)
+        return cls(values, tuple(replace(values, beta=beta) for beta in betas))
+
+    def held_out(self, name: str, channel: str) -> Floats:
+        """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""
+        number = self.values.fitted.system.session.fold[channel]
+        found: Floats = np.choose(number, [x.contribution(name, channel) for x in self.folds])
+        return found
+
+    def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
+        """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
+
+        None for an effect without a time constant.
+        """
+        values, session = self.values, self.values.fitted.system.session
+        entries = {k: values.fitted.regressors[k] for k in values.of_effect(name)}
+        if not any(_TIME_CONSTANT in dict(each.shape) for each in entries.values()):
+            return None
+        found = np.zeros(len(session.channels[channel].gap))
+        for k, entry in entries.items():
+            constant_s = dict(entry.shape).get(_TIME_CONSTANT, 0.0)
+            paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace) if constant_s else entry
+            found += paced.columns(session, channel) @ values.coefficients(k)
+        return found
+
+    def shrink(self, name: str, channel: str) -> Shrink:
+        """Shrink of a channel by one effect beside all others, expected on other motion.
+
+        The estimate is that of held-out blocks: from what the others leave to what all leave. A
+        force among the others, which no block predicts of another, is taken off as it was here. An
+        effect that follows time does so at another pace in two thirds of the draws of the interval.
+        """
+        rows = self.values.fitted.system.session.channels[channel]
+        without = rows.gap.copy()
+        for other in sorted({*self.values.names} - {name, FORCE}):
+            without -= self.held_out(other, channel)
+        if name != FORCE:
+            without -= self.values.contribution(FORCE, channel)
+        left = [without - self.held_out(name, channel)]
+        for made in (self.at_pace(name, channel, pace) for pace in PACES):
+            if made is not None:
+                left.append(without - made)
+        return on_other_motion(replace(rows, gap=without), left)
+
+
+def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
+    """Shrink from one series (n,) to another on the same motion, resampled by blocks of time."""
+    count = int(block.max()) + 1
+    first = np.bincount(block, before**2, minlength=count)
+    last = np.bincount(block, after**2, minlength=count)
+    used = first > 0.0
+    blocks, random = int(used.sum()), np.random.default_rng(7)
+    weights = random.multinomial(blocks, [1.0 / blocks] * blocks, _RESAMPLES).astype(np.float64)
+    estimate = _shrink(first.sum(), last.sum())
+    return _of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
+
+
+def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
+    """Shrink from a gap to what is left of it, (n,), with an interval for motion of other kinds.
+
+    Another motion visits the regimes of this one in unknown proportions: each draw weighs them by
+    a Dirichlet distribution (after Rubin, 1981, The Bayesian Bootstrap). It is one recording, as
+    warm as a part of this session and in no more places: each draw looks at one part.
+
+    Args:
+        left: the first gives the estimate; each is as likely on other motion.
+    """
+    random = np.random.default_rng(11)
+    proportions = random.standard_gamma(_SHAPE, (_RESAMPLES, _REGIMES))
+    # regimes: speed in four classes, accelerating or not, which side of the travel
+    known = rows.variables
+    speed = np.abs(known["motor_speed_rad_s"])
+    acceleration = np.abs(known["motor_acceleration_rad_s2"])
+    place = known["table_position_m"]
+    edges = np.quantile(speed, np.arange(1, _SPEED_CLASSES) / _SPEED_CLASSES)
+    regime = 4 * np.digitize(speed, edges) + 2 * (acceleration > np.median(acceleration))
+    regime = (regime + (place > np.median(place))).astype(np.int64)
+    # weight of each block, (k, count): those of one part of the session
+    blocks = int(rows.block.max()) + 1
+    length = max(round(blocks * _PART), 1)
+    first = np.random.default_rng(7).integers(0, blocks - length + 1, _RESAMPLES)[:, None]
+    block = np.arange(blocks)
+    weights = ((block >= first) & (block < first + length)).astype(np.float64)
+
+    def drawn(series: Floats) -> Floats:
+        count = weights.shape[1]
+        cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
+        energy: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
+        return energy
+
+    before, after = drawn(rows.gap), [drawn(each) for each in left]
+    chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
+    estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
+    return _of_draws(float(estimate), _shrink(before, chosen))
+
+
+def _of_draws(estimate: float, draws: Floats) -> Shrink:
+    low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+    return Shrink(estimate=estimate, low=float(min(low, estimate)), high=float(max(high, estimate)))
+
+
+def _shrink(before: Floats | float, after: Floats | float) -> Floats:
+    ratio: Floats = np.sqrt(np.asarray(after) / np.maximum(before, 1e-300))
+    return 1.0 - ratio
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from ...models.machine import Machine
 from ..result import ReplayedGap, ReplayedSeries, Shrink
 from ..session.prescribed_motion import PrescribedMotionAxis
 from ..session.session import Session, rms
-from .cross_validation import CrossValidation, resampled
+from .assessment import CrossValidation, resampled
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -58,6 +58,7 @@ MOST_WAITING = 36_000
 MEMORY_MB = 64.0
 """Budget where the store lives in memory."""
 _GREATEST = 2**62
+_PAGES = ("page_count", "freelist_count", "page_size")
 _OVER = "SELECT axis, hour_s FROM open_hour WHERE hour_s <> ? LIMIT 1"
 _OLDEST = """SELECT axis, step_s, start_s FROM history WHERE step_s < ?
 ORDER BY step_s, start_s <= ?, start_s LIMIT 1"""
@@ -266,9 +267,7 @@ def _put_open(file: sqlite3.Connection, taken: dict[str, tuple[bytes, ...]]) -> 
 
 
 def _used_bytes(file: sqlite3.Connection) -> int:
-    (pages,) = file.execute("PRAGMA page_count").fetchone()
-    (free,) = file.execute("PRAGMA freelist_count").fetchone()
-    (size,) = file.execute("PRAGMA page_size").fetchone()
+    pages, free, size = (file.execute(f"PRAGMA {each}").fetchone()[0] for each in _PAGES)
     return int((pages - free) * size)
 
 

@@ -10,8 +10,8 @@ from ...messages.interval import Interval
 from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
-from ..headline import span
 from ..inputs import NS_PER_S
+from ..statements import span
 from .wear_laws import WearProjection, project_wear
 
 _MOST_STEPS = 400

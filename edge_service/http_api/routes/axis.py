@@ -14,8 +14,8 @@ from ...messages.estimate import ImmEstimate
 from ...messages.health import AlarmKind, AxisHealth, Command, Outcome
 from ...messages.interval import Frozen
 from ...messages.trend import FrictionCurve, Stroke, Use
-from ..access import CallerDep
 from ..context import AxisDep, NowDep, StateDep, parameter_error, part
+from ..guard import CallerDep
 
 _ABOUT_AN_ALARM = ("acknowledge", "shelve", "unshelve")
 _KEY = r'^("[!#-\[\]-~]{1,98}"|[!#-\[\]-~]{1,98})?$'

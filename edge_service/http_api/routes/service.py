@@ -18,7 +18,6 @@ from ...messages.codec import T
 from ...messages.event import Event
 from ...messages.health import ComponentHealth, ComponentStatus
 from ...messages.interval import Frozen, TimeNs
-from ..access import AuthenticatorDep, Caller, CallerDep
 from ..context import (
     QUESTIONS,
     AxisFilterDep,
@@ -31,6 +30,7 @@ from ..context import (
     moment_query,
     part,
 )
+from ..guard import AuthenticatorDep, Caller, CallerDep
 from ..problems import RefusedError, problem_response
 
 STALE_S = 3.0

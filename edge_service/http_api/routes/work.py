@@ -24,7 +24,7 @@ _CACHED = {"cache-control": "private, max-age=3600"}
 work_router = APIRouter(prefix="/api/v1", tags=["jobs"])
 
 
-class Motion(Frozen):
+class MotionAnswer(Frozen):
     """One motion that tells something about an axis."""
 
     name: str = Field(examples=["friction"])
@@ -36,12 +36,12 @@ class Motion(Frozen):
 class Motions(Frozen):
     """All motions that end by themselves."""
 
-    motions: list[Motion]
+    motions: list[MotionAnswer]
 
 
 JobsDep = Annotated[Jobs, part("jobs")]
 RecordingsDep = Annotated[Recordings, part("recordings")]
-MotionsDep = Annotated[Callable[[str], list[Motion]], part("motions")]
+MotionsDep = Annotated[Callable[[str], list[MotionAnswer]], part("motions")]
 Number = Annotated[int, InPath(alias="id")]
 
 

@@ -43,11 +43,6 @@ def estimate(figure: IntervalEstimate) -> str:
     return text.replace("  ", " ").strip()
 
 
-def brief(figure: IntervalEstimate) -> str:
-    """The value alone, with the digits that its interval allows."""
-    return estimate(figure).partition(" (")[0]
-
-
 def interval(value: ParameterValue) -> str:
     """Value and interval in a handy unit."""
     unit, factor = SHOWN_UNITS.get(value.unit, (value.unit, 1.0))

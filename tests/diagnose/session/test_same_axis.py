@@ -1,4 +1,4 @@
-"""Recordings of different axes are not one session; those of one axis are, whatever ails it."""
+"""Recordings of one axis are one session, whatever ails it; others are refused, with the reason."""
 
 from dataclasses import replace
 from functools import cache
@@ -14,9 +14,10 @@ from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
 from ...foreign_plant import DIAGNOSIS, case, simulate
-from ..conftest import frame_of, recorded
+from ..conftest import frame_of, recorded, runs
 
 AILING = (("warmup", 2.0), ("thermal_growth", 2.0), ("backlash", 2.0), ("timestamp_skew", 2.0))
+RATIO = 0.02 / (2.0 * np.pi)
 
 
 @cache
@@ -141,3 +142,43 @@ def test_steps_within_the_play_say_nothing_of_the_lead(machine: Machine) -> None
     )
     whole = frame_of(recorded((), 3))
     assert not any("moves" in each for each in checked(machine, whole, still).faults)
+
+
+def faults(machine: Machine, **changes: Any) -> str:
+    frame = frame_of(recorded((), seed=3), **changes)
+    return " | ".join(check_data(runs(machine, frame), RATIO).faults)
+
+
+def test_a_sound_recording_has_no_fault(machine: Machine) -> None:
+    assert faults(machine) == ""
+
+
+def test_a_wrong_unit_is_not_called_friction_as_well(machine: Machine) -> None:
+    values = 1000.0 * recorded((), seed=3).columns["torque_command_nm"]
+    frame = frame_of(recorded((), seed=3), torque_command_nm=values)
+    remarks = check_data(runs(machine, frame), RATIO).remarks
+    assert not [each for each in remarks if "friction" in each]
+
+
+def test_friction_that_a_data_sheet_knows_nothing_of_is_no_wrong_unit(machine: Machine) -> None:
+    columns = recorded((), seed=3).columns
+    speed = np.gradient(columns["motor_angle_rad"], columns["time_s"])
+    rubbed = 3.0 * np.sign(speed) * (np.abs(speed) > 0.5)
+    frame = frame_of(recorded((), seed=3), torque_command_nm=columns["torque_command_nm"] + rubbed)
+    check = check_data(runs(machine, frame), RATIO)
+    assert check.faults == ()
+    (remark,) = [each for each in check.remarks if "wrong unit" in each]
+    assert "times what the machine file says" in remark
+
+
+def test_too_little_motion(machine: Machine) -> None:
+    columns = recorded((), seed=3).columns
+    noise = np.random.default_rng(1).standard_normal((2, len(columns["motor_angle_rad"])))
+    still = columns["motor_angle_rad"][0] + 5e-6 * noise[0]
+    table = columns["table_position_m"][0] + 5e-8 * noise[1]
+    assert "moves for" in faults(machine, motor_angle_rad=still, table_position_m=table)
+
+
+def test_nothing_at_all() -> None:
+    (fault,) = check_data([], RATIO).faults
+    assert fault.startswith("no unbroken run of a second or more")

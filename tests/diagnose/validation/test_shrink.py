@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.session.session import Rows, Session
-from edge_service.diagnose.validation.cross_validation import on_other_motion, resampled
+from edge_service.diagnose.validation.assessment import on_other_motion, resampled
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 

@@ -1,4 +1,5 @@
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +14,15 @@ from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
 from edge_service.models.motions.registry import MOTIONS, Dwell, Move, Setpoints, motion_limits
 from edge_service.models.plant.closed_loop import Sensors
+from edge_service.models.plant.controller import command_torque, gains_for
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance
 
 IDEAL = Sensors(*[0.0] * len(Sensors._fields))
 HOME_M = 0.04
 FRESH = 6.8
+INERTIA, RATIO, LIMIT_NM = 1.5e-3, 0.02 / (2.0 * math.pi), 16.0
+GAINS = gains_for(INERTIA, RATIO, LIMIT_NM, 1e-3)
 
 
 def bench(machine: Machine, sensors: Sensors = IDEAL, **plant: float) -> FeedDriveSettings:
@@ -195,3 +199,32 @@ def test_without_a_load_rating_the_drag_does_not_follow_the_preload(machine: Mac
     axis = machine.axis.model_copy(update={"dynamic_load_rating_n": None})
     drive = bench(machine.model_copy(update={"axis": axis}))
     assert drive.screw_drag_nm(np.array([0.0, 10.0])).tolist() == [0.146, 0.146]
+
+
+def test_speed_loop_crosses_over_at_its_bandwidth_with_margin() -> None:
+    omega = np.geomspace(1.0, 3000.0, 20_000)
+    s = 1j * omega
+    pi = GAINS.speed_gain_nm_s_per_rad + GAINS.integral_gain_nm_per_rad / s
+    lag = np.exp(-s * GAINS.period_s / 2.0) / (1.0 + s * 5e-4)
+    loop = np.asarray(pi * lag / (INERTIA * s))
+    crossover = np.flatnonzero(np.abs(loop) < 1.0)[0]
+    assert omega[crossover] == pytest.approx(2.0 * math.pi * 60.0, rel=0.1)
+    assert 180.0 + np.degrees(np.angle(loop[crossover])) > 50.0
+
+
+def test_acceleration_is_fed_forward_through_the_inertia() -> None:
+    torque, _ = command_torque(GAINS, np.array([0.3, 0.0, 4.0]), 0.3, 0.0, 0.0)
+    assert torque == pytest.approx(INERTIA * 4.0 / RATIO)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_torque_is_limited_and_the_integral_does_not_wind_up(sign: float) -> None:
+    setpoint = np.array([0.3 + sign, 0.0, 0.0])
+    integral = 0.0
+    for _ in range(1000):
+        torque, integral = command_torque(GAINS, setpoint, 0.3, 0.0, integral)
+        assert torque == sign * LIMIT_NM
+    assert abs(integral) < LIMIT_NM
+    overshoot_m = setpoint[0] + sign * 1e-4
+    _, unwound = command_torque(GAINS, setpoint, overshoot_m, 0.0, sign * 5.0)
+    assert abs(unwound) < 5.0

@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.clock import now_ns
 from edge_service.health.store.events import StoredEvent
-from edge_service.http_api.routes.docs import words_in
+from edge_service.http_api.app import words_in
 from edge_service.messages.event import AxisCondition
 from edge_service.nodes.output_node import due
 from edge_service.outputs.base import Events, Output

@@ -1,0 +1,252 @@
+"""Statements on an axis: its headline, from condition and alarms; what to do, and by when."""
+
+from collections.abc import Iterator
+from datetime import datetime
+
+from ..messages.estimate import EstimateStatus, PreloadEstimate
+from ..messages.event import AxisCondition, Code, Statement, told
+from ..messages.health import Advice, Alarm, AlarmKind, AxisHealth, Headline, Task
+from ..messages.interval import printed, rfc3339
+from ..messages.trend import TrendStatus
+
+_CODES = {
+    AxisCondition.NORMAL: (Code.NORMAL, Code.NORMAL),
+    AxisCondition.WARNING: (Code.WARNING, Code.MAY_BE_WARNING),
+    AxisCondition.FAULT: (Code.FAULT, Code.MAY_BE_FAULT),
+}
+REASONS: dict[str, tuple[Code, Task | None]] = {
+    "preparing": (Code.STARTING, Task.WAIT),
+    "process_force": (Code.ONLY_UNDER_LOAD, Task.MOVE_FREELY),
+    "no_motion": (Code.NOT_MOVED, Task.MOVE),
+    "too_slow": (Code.TOO_SLOW, Task.COMMISSION_SOURCE),
+    "learning": (Code.LEARNING, Task.WAIT),
+    "insufficient_excitation": (Code.NOT_MOVED, Task.MOVE),
+    "stale_input": (Code.NO_DATA_SINCE, Task.CHECK_CONNECTION),
+    "no_input": (Code.NO_DATA_YET, Task.SWITCH_ON),
+    "no_data": (Code.NO_DATA_YET, Task.CHECK_CONNECTION),
+    "stale_health": (Code.NO_DATA_SINCE, Task.CHECK_SERVICE),
+    "no_health": (Code.NO_DATA_YET, Task.CHECK_SERVICE),
+    "no_limit": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
+    "no_percent": (Code.MACHINE_FILE_LACKS, None),
+    "confirming": (Code.LEARNING, Task.WAIT),
+    "model_mismatch": (Code.MODEL_DISAGREES, None),
+}
+"""Sentence and task of each reason for which there is no number; the first task counts."""
+_CODE_OF_STATUS = {
+    EstimateStatus.INSUFFICIENT_EXCITATION: Code.NOT_MOVED,
+    EstimateStatus.INVALID: Code.MODEL_DISAGREES,
+}
+_WITH_A_TIME = (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD)
+_LACKING = {"no_limit": "fresh preload", "no_percent": "load rating"}
+_SENSORS = {"torque": "torque", "angle": "motor angle", "table": "linear encoder"}
+LIKELY_GREASE = 0.9
+"""Probability of more friction at the same preload from which regreasing is advised."""
+TEXTS = {
+    Task.INSPECT: "Stop the axis and look for damage: nut, balls, bearings, coupling.",
+    Task.REPLACE_NUT: (
+        "Replace or readjust the nut, then note “part replaced”. Until then expect backlash "
+        "and scrap."
+    ),
+    Task.CONFIRM_LOSS: "Confirm the loss of preload by a test before you replace the nut.",
+    Task.PLAN_NUT: "Plan to replace or readjust the nut.",
+    Task.FIND_WEAR: "Find out why the screw wears fast: load, lubrication, dirt.",
+    Task.DIAGNOSE: (
+        "Do not rely on the number yet. Check sensors and machine file; if they are right, "
+        "record a test and run a diagnosis."
+    ),
+    Task.REGREASE: "Regrease the screw: its friction has risen, not its preload.",
+    Task.TEST: "Run the test by shaking (under Tests): there is none of the last 7 days.",
+    Task.FIND_CHANGE: (
+        "Find out what changed: a new part, other grease, a repair? If a part was replaced, "
+        "note “part replaced”."
+    ),
+    Task.CHECK_SERVICE: "Look at the parts of the service: one of them does not work.",
+    Task.CHECK_CONNECTION: "Check the connection to the drive: no data are coming in.",
+    Task.SWITCH_ON: "Check that the drive is on and connected: no data have come in yet.",
+    Task.COMPLETE_MACHINE_FILE: (
+        "Complete the machine file: the fresh screw's preload or the load rating is missing."
+    ),
+    Task.COMMISSION_SOURCE: (
+        "Commission the axis from recordings of this source: its samples are slower than those of "
+        "the commissioning."
+    ),
+    Task.MOVE_FREELY: "Let the axis move without cutting for a few seconds, such as a warm-up.",
+    Task.MOVE: "Move the axis: its preload cannot be measured at rest.",
+    Task.WAIT: "Wait a moment, and let the axis go on moving.",
+    Task.ACKNOWLEDGE: "Acknowledge the alarm once you have taken note.",
+}
+"""Words of each task; those of the page are the same."""
+_PASSED = {AxisCondition.WARNING: ("warning",), AxisCondition.FAULT: ("warning", "fault")}
+
+
+def clock(time_ns: int) -> str:
+    """Time of day in this computer's zone, with the date."""
+    return f"{datetime.fromtimestamp(time_ns / 1e9).astimezone():%H:%M on %Y-%m-%d}"
+
+
+def span(since_ns: int, until_ns: int) -> dict[str, str]:
+    """Beginning and end of something, as times of day; `since` and `until`."""
+    begun, ended = (
+        datetime.fromtimestamp(each / 1e9).astimezone() for each in (since_ns, until_ns)
+    )
+    date = "" if begun.date() == ended.date() else f" on {begun:%Y-%m-%d}"
+    return {"since": f"{begun:%H:%M:%S}{date}", "until": f"{ended:%H:%M:%S on %Y-%m-%d}"}
+
+
+def headline(health: AxisHealth) -> Headline:
+    """Headline of an axis; where condition and alarm are as grave, the condition speaks."""
+    own = Headline(level=health.condition, **dict(condition_words(health)))
+    alarms = [
+        Headline(level=alarm.level, code=alarm.code, text=alarm.text, values=alarm.values)
+        for alarm in health.alarms
+        if alarm.active
+    ]
+    return max((own, *alarms), key=lambda each: each.level.urgency)
+
+
+def is_in_doubt(health: AxisHealth) -> bool:
+    """The preload may as well be above the limit that the condition rests on."""
+    if health.condition not in (AxisCondition.WARNING, AxisCondition.FAULT):
+        return False
+    limits, number = health.limits, health.of_fresh
+    if limits is None or number is None:
+        return any(reason.startswith("may_be_below") for reason in health.reasons)
+    is_fault = health.condition is AxisCondition.FAULT
+    limit = limits.fault_percent if is_fault else limits.warning_percent
+    return number.high >= 100.0 * limit / limits.fresh_percent
+
+
+def condition_words(health: AxisHealth) -> Statement:
+    """Statement on the condition, with its number where there is one."""
+    if health.condition is AxisCondition.UNAVAILABLE:
+        return _unavailable(health)
+    code = _CODES[health.condition][is_in_doubt(health)]
+    if health.of_fresh is None:
+        words = told(code, value=0.0, low=0.0, high=0.0)
+        return Statement(code=words.code, text=words.text.partition(":")[0] + ".")
+    number = health.of_fresh
+    value, low, high = map(float, printed(number.value, number.low, number.high))
+    return told(code, value=value, low=low, high=high)
+
+
+def limit_words(health: AxisHealth, before: Statement) -> Statement:
+    """Statement on the preload against its limits; without a number, that of before and so said."""
+    if health.condition is AxisCondition.UNAVAILABLE or health.of_fresh is None:
+        value = before.values.get("value")
+        return before if value is None else told(Code.PRELOAD_LAST_KNOWN, value=float(value))
+    words = condition_words(health)
+    if health.condition is AxisCondition.NORMAL:
+        return told(Code.PRELOAD_BACK, value=words.values["value"])
+    return words
+
+
+def as_of_now(health: AxisHealth) -> tuple[Alarm, ...]:
+    """Alarms of an axis, those of the preload with the number that the health carries."""
+    return tuple(
+        alarm.model_copy(update=dict(limit_words(health, alarm)))
+        if alarm.active and alarm.kind in (AlarmKind.PRELOAD_LOW, AlarmKind.PRELOAD_LOST)
+        else alarm
+        for alarm in health.alarms
+    )
+
+
+def _unavailable(health: AxisHealth) -> Statement:
+    reasons = [each.partition(": ") for each in health.reasons or ("no_input: ",)]
+    own = [each for each in reasons if each[0] != "no_number"] or reasons
+    reason, _, sentence = own[0]
+    code = REASONS.get(reason, (None, None))[0]
+    if code is Code.MACHINE_FILE_LACKS:
+        return told(code, {"missing": _LACKING[reason]}, missing=reason)
+    sensor = reason.partition("_")[0]
+    if sensor in _SENSORS:
+        words = {"sensor": f"The {_SENSORS[sensor]}", "reason": sentence}
+        return told(Code.SENSOR_FAULTY, words, sensor=sensor, reason=reason)
+    code = code or _CODE_OF_STATUS.get(health.status)
+    if code is None:
+        return told(Code.NOT_KNOWN, {"reason": sentence.rstrip(".")}, reason=reason)
+    if code not in _WITH_A_TIME:
+        return told(code)
+    since_ns = health.since_time_ns
+    if code is Code.NO_DATA_SINCE:
+        since_ns = health.measured_time_ns or since_ns
+    return told(code, {"time": clock(since_ns)}, time=rfc3339(since_ns))
+
+
+def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice, ...]:
+    """Tasks of an axis, the most urgent first; empty if there is nothing to do."""
+    tasks = list(dict.fromkeys(_tasks(health, estimate)))
+    crossings = () if health.trend is None else health.trend.crossings
+    due = next((each for each in crossings if each.limit == "fault" and each.earliest_ns), None)
+    greases = (Task.REGREASE,) if Task.REGREASE in tasks else ()
+    return tuple(
+        Advice(
+            task=task,
+            text=TEXTS[task],
+            now=task is not Task.PLAN_NUT,
+            due=due if task is Task.PLAN_NUT else None,
+            together_with=greases if task in (Task.REPLACE_NUT, Task.PLAN_NUT) else (),
+        )
+        for task in tasks
+    )
+
+
+def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Task]:
+    active = {alarm.kind for alarm in health.alarms if alarm.active}
+    doubt = AlarmKind.MODEL in active or _status(estimate) is EstimateStatus.INVALID
+    if AlarmKind.SUDDEN_DROP in active:
+        yield Task.INSPECT
+    if doubt:
+        yield Task.DIAGNOSE
+    lost = health.condition is AxisCondition.FAULT or AlarmKind.PRELOAD_LOST in active
+    low = health.condition is AxisCondition.WARNING or AlarmKind.PRELOAD_LOW in active
+    if (lost or low) and (doubt or is_in_doubt(health)):
+        yield Task.CONFIRM_LOSS
+    elif lost:
+        yield Task.REPLACE_NUT
+    elif low or AlarmKind.RATE in active:
+        yield Task.PLAN_NUT
+    if AlarmKind.RATE in active:
+        yield Task.FIND_WEAR
+    if estimate and estimate.fault_probability.get("lubrication", 0.0) >= LIKELY_GREASE:
+        yield Task.REGREASE
+    said = () if estimate is None else estimate.reasons
+    yield from (Task.TEST for reason in said if reason.startswith("test_due:"))
+    if health.trend is not None and health.trend.status is TrendStatus.RISING:
+        yield Task.FIND_CHANGE
+    if AlarmKind.SERVICE in active:
+        yield Task.CHECK_SERVICE
+    if health.condition is AxisCondition.UNAVAILABLE:
+        yield _for_a_number(health, estimate)
+    elif AlarmKind.DATA_LOST in active:
+        yield Task.WAIT
+    if any(alarm.acknowledged_by is None for alarm in health.alarms):
+        yield Task.ACKNOWLEDGE
+
+
+def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
+    reasons = (*health.reasons, *(() if estimate is None else estimate.reasons))
+    codes = [reason.partition(":")[0] for reason in reasons]
+    if _status(estimate) is EstimateStatus.INSUFFICIENT_EXCITATION:
+        codes.append("insufficient_excitation")
+    tasks = (task for code, (_, task) in REASONS.items() if task and code in codes)
+    return next(tasks, Task.WAIT)
+
+
+def _status(estimate: PreloadEstimate | None) -> EstimateStatus | None:
+    return None if estimate is None else estimate.status
+
+
+def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:
+    """Return the health with alarms, trend, headline and advice that fit its condition and number.
+
+    Limits that the axis has passed already have no date.
+    """
+    passed = _PASSED.get(health.condition, ())
+    trend = health.trend
+    if trend is not None:
+        ahead = tuple(each for each in trend.crossings if each.limit not in passed)
+        trend = trend.model_copy(update={"crossings": ahead})
+    dated = (each for each in (trend.crossings if trend else ()) if each.earliest_ns is not None)
+    now = {"trend": trend, "next_limit": next(dated, None), "alarms": as_of_now(health)}
+    told = health.model_copy(update=now)
+    return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})
