@@ -144,27 +144,27 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 MOST_LINES = {
     "bus": 813,
     "checks": 3490,
-    "cli": 1337,
+    "cli": 1335,
     "config": 583,
-    "diagnose": 5003,
+    "diagnose": 4971,
     "downsample": 1216,
     "drivers": 3676,
     "estimate": 5181,
     "fingerprint": 2769,
-    "health": 4556,
-    "http_api": 2440,
+    "health": 4528,
+    "http_api": 2416,
     "messages": 2027,
     "models": 5671,
-    "nodes": 2900,
-    "offline": 5661,
-    "outputs": 1793,
+    "nodes": 2899,
+    "offline": 5657,
+    "outputs": 1784,
     "recordings": 3270,
     "regression": 1005,
     "beside the rooms": 765,
-    "tests": 45229,
+    "tests": 44996,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
-MOST_FILES = 378
+MOST_FILES = 367
 """Modules of the product."""
 
 
