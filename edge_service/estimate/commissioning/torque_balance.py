@@ -100,16 +100,14 @@ def _likeliest(
 ) -> tuple[float, RegressionFit]:
     """The Stribeck speed that fits best, and its fit."""
     level = float(np.median(np.abs(phases.torque_nm)))
-    fits = []
+    fits, costs = [], []
     for speed in speeds:
         columns, sigma = _torque_columns(phases, speed, harmonics, stroke_m, level)
-        fits.append((speed, robust_regression(columns, phases.torque_nm, phases, sigma)))
-    return min(fits, key=lambda each: _cost(each[1], phases))
-
-
-def _cost(fit: RegressionFit, phases: SteadyPhases) -> float:
-    variance = fit.noise.variance(phases.steady_s, phases.speed_rad_s)
-    return float(np.sum(np.log(variance) + np.minimum(fit.residual**2 / variance, 9.0)))
+        fit = robust_regression(columns, phases.torque_nm, phases, sigma)
+        variance = fit.noise.variance(phases.steady_s, phases.speed_rad_s)
+        costs.append(np.sum(np.log(variance) + np.minimum(fit.residual**2 / variance, 9.0)))
+        fits.append((speed, fit))
+    return fits[int(np.argmin(costs))]
 
 
 def _torque_columns(

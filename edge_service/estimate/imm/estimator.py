@@ -104,7 +104,10 @@ class ImmPreloadEstimator:
         """Take the next interval."""
         used = informative(block)
         if used:
-            self._drag.update(block, self._since_last(block))
+            last_s, elapsed_s = self._now.last_end_s, block.duration_s + self._now.stopped_s
+            if last_s is not None:
+                elapsed_s = max(block.duration_s, block.time_s - last_s)
+            self._drag.update(block, elapsed_s)
             if self._per_percent is not None:
                 self._step_bank(block)
             self._now.last_end_s, self._now.stopped_s = block.time_s, 0.0
@@ -122,11 +125,6 @@ class ImmPreloadEstimator:
     def _direct_percent(self, per_percent: float) -> float:
         """Preload that the drag filter's drag stands for, percent."""
         return (self._drag.drag_nm - self._machine.other_drag_nm.value) / per_percent
-
-    def _since_last(self, block: FeatureBlock) -> float:
-        if self._now.last_end_s is None:
-            return block.duration_s + self._now.stopped_s
-        return max(block.duration_s, block.time_s - self._now.last_end_s)
 
     def _step_bank(self, block: FeatureBlock) -> None:
         start_s, last_s = block.time_s - block.duration_s, self._now.last_end_s

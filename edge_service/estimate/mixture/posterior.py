@@ -113,7 +113,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     values[1], values[2] = _interval(of_laws, mean, sigma, most, model)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
     middle = [_below(math.log(edge), of_laws, mean, sigma, most) for edge in _EDGES]
-    values[_LEVEL:_FAULT] = -np.diff(np.array([1.0, *middle, 0.0]))
+    values[_LEVEL:_FAULT] = 0.0 - np.diff(np.array([1.0, *middle, 0.0]))
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
     values[_FAULT] = _below(lost, of_laws, mean, sigma, most)
     of = np.zeros(bank.mean.shape[1])
@@ -194,7 +194,7 @@ def _of_torque_alone(
     values[0] = fresh * quantile(0.5, firm)
     values[1], values[2] = fresh * low if low > LOST_SHARE else 0.0, fresh * high
     middle = [below(edge / fresh, firm) for edge in _EDGES]
-    values[_LEVEL:_FAULT] = -np.diff(np.array([1.0, *middle, 0.0]))
+    values[_LEVEL:_FAULT] = 0.0 - np.diff(np.array([1.0, *middle, 0.0]))
     values[_FAULT] = below(1.0 - LOST_SHARE, firm)
     values[_FAULT + 1] = up / whole if whole > 0.0 else 0.0
 

@@ -223,11 +223,16 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
     A phase that all take for one under a force is left out: the axis' compliance under a force is
     known too badly. While a force lasts, only the misfit to it counts, not how closely a rival
     that learns from the phase expects it. Improbable frictions count in full: they are assumed
-    once, and errors that outlast a phase do not excuse them.
+    once, and errors that outlast a phase do not excuse them. A loosening that has needed a force
+    ever since gains nothing on what is accepted: with a force any compliance fits.
     """
-    most, least = -math.inf, 1.0
+    most, least, believed = -math.inf, 1.0, assessed.log_likelihood[accepted(bank)]
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
+            untested = bank.age_s[k] == 0.0 and state.LOOSENING <= k < state.BEFORE
+            if untested and assessed.forced[k] > FORCED and bank.moments[state.LEARNING] == 0.0:
+                assessed.log_likelihood[k] = min(assessed.log_likelihood[k], believed)
+                assessed.persists[k] = 0.0
             most, least = max(most, assessed.log_likelihood[k]), min(least, assessed.forced[k])
     if least > FORCED:
         return

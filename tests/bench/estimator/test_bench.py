@@ -19,7 +19,7 @@ from .aims import AIMS, Aim
 from .healthy.false_conditions import upper_bound
 from .healthy.production_cases import HEALTHY, SHIFT_S, draw_shift, foreign_shift
 from .plants.foreign import ROW, commissioned_machine, scenarios
-from .plants.own import Part
+from .plants.own import Part, closed_loop
 from .plants.thesis import thesis_runs
 from .rows import table_of
 from .scores import Score, Track, detection, follow, pooled, score
@@ -69,6 +69,12 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     assert "MISSED" in lines[row]
     assert "no data" in lines["closed loop: full drop"]
     assert set(AIMS) | {f"{ROW}{name}" for name in scenarios(False)} <= set(lines)
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_full_drop_is_no_loosening_under_a_force(seed: int) -> None:
+    drop = next(each for each in closed_loop(seed, quick=True) if each.row.endswith("full drop"))
+    assert drop.ours.wrong < 0.02
 
 
 def test_without_a_false_alarm_the_bound_is_three_over_the_hours() -> None:
