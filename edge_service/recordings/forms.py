@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from . import parquet
+from .arranged import open_text
 from .columns import TraceError
 from .matlab import MAGIC as MAT_5
 from .matlab import MatlabSource
@@ -23,7 +24,6 @@ from .sinumerik.signals import ControllerAxis
 from .sinumerik.trace import ROOT, SinumerikSource
 from .sinumerik.tuning import is_tuning
 from .source import BYTE_ORDER_MARK, Source
-from .text import TextSource
 
 HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
 _TABLE = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))
@@ -112,7 +112,7 @@ FORMS = (
     Form("MATLAB 5", lambda head, _: head.startswith(MAT_5), lambda p, f, _: MatlabSource(p, f)),
     Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
     Form("SINUMERIK trace XML", lambda head, _: TRACE in head, SinumerikSource),
-    Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: TextSource(p, f)),
+    Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: open_text(p, f)),
 )
 """In the order of asking."""
 

@@ -67,4 +67,5 @@ def _rows(columns: Columns, edit: Edit, rng: np.random.Generator) -> Columns:
     times = np.where(rng.random(n) < edit.missing_rows, 0, 1)
     times = np.where((times == 1) & (rng.random(n) < edit.repeated_rows), 2, times)
     rows = np.repeat(np.arange(n), times)
+    rows = rows[::-1] if edit.newest_first else rows
     return {name: values[rows] for name, values in columns.items()}
