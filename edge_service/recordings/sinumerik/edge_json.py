@@ -17,95 +17,70 @@ from .edge import EVENT, HEADER, PAYLOAD, SAMPLES, EdgeContext, EdgeRows
 
 BLOCK_ROWS = 1 << 12
 CHUNK_BYTES = 1 << 18
-LONGEST_ELEMENT = 1 << 23
-_SPACE = " \t\r\n"
-
-
-class JsonError(Exception):
-    """JSON that is cut off or damaged, or another than expected; the text is one line."""
+LONGEST_ELEMENT, MOST_MEMBERS = 1 << 23, 100
+_BETWEEN = " \t\r\n,:"
+_JSON = json.JSONDecoder()
 
 
 class JsonText:
     """Values of a JSON text one by one, in bounded memory."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
+        self._file = codecs.getreader("utf-8-sig")(file, "replace")
         self._text, self._position, self._passed = "", 0, 0
-        self._ended = False
-        self._decoder = codecs.getincrementaldecoder("utf-8-sig")("replace")
-        self._json = json.JSONDecoder()
 
     def elements(self, name: str, members: dict[str, Any]) -> Iterator[Any]:
         """Elements of the list `name` of the outermost object; `members` takes those before it.
 
-        Raises JsonError.
+        Raises ValueError, one line, for JSON that is cut off or damaged, or another than expected.
         """
-        self._expect("{")
-        while self._peek() != "}":
+        self._position += self._peek() == "{"
+        while self._peek() != "}" and len(members) <= MOST_MEMBERS:
             key = self._value()
-            self._expect(":")
             if key == name and self._peek() == "[":
                 break
-            if not isinstance(key, str) or len(members) > 100:
-                raise JsonError(f"no list {name!r}")
-            members[key] = self._value()
-            if self._peek() == ",":
-                self._expect(",")
+            members[str(key)] = self._value()
         else:
-            raise JsonError(f"no list {name!r}")
-        self._expect("[")
+            raise ValueError(f"no list {name!r}")
+        self._position += 1
         while self._peek() != "]":
             yield self._value()
-            if self._peek() != "]":
-                self._expect(",")
-
-    def _expect(self, mark: str) -> None:
-        if self._peek() != mark:
-            raise self._damaged(f"no {mark!r}")
-        self._position += 1
 
     def _peek(self) -> str:
-        """The next character that is no space; empty at the end."""
-        while True:
-            while self._position < len(self._text) and self._text[self._position] in _SPACE:
-                self._position += 1
-            if self._position < len(self._text):
+        """The next character that is not between two values; empty at the end."""
+        while self._position < len(self._text) or self._more():
+            if self._text[self._position] not in _BETWEEN:
                 return self._text[self._position]
-            if not self._more(CHUNK_BYTES):
-                return ""
+            self._position += 1
+        return ""
 
     def _value(self) -> Any:
         self._peek()
         while True:
             try:
-                value, end = self._json.raw_decode(self._text, self._position)
+                value, end = _JSON.raw_decode(self._text, self._position)
             except RecursionError:
-                raise JsonError("its values are nested too deeply") from None
+                raise ValueError("its values are nested too deeply") from None
             except ValueError as error:
-                if not self._more(max(len(self._text) - self._position, CHUNK_BYTES)):
-                    raise self._damaged(str(error)) from None
-                continue
-            if end == len(self._text) and self._more(CHUNK_BYTES):
-                continue  # a number may go on
-            self._position = end
-            return value
+                if not self._more():
+                    place = f"behind character {self._passed + self._position}"
+                    reason = f"cut off or damaged {place} ({str(error)[:60]})"
+                    raise ValueError(reason) from None
+            else:
+                if end < len(self._text) or not self._more():  # a number may go on
+                    self._position = end
+                    return value
 
-    def _more(self, size: int) -> bool:
+    def _more(self) -> bool:
         """Read on; False at the end of the file."""
-        if self._ended:
-            return False
-        if len(self._text) - self._position > LONGEST_ELEMENT:
-            raise JsonError(f"an element of more than {LONGEST_ELEMENT} characters")
-        raw = self._file.read(size)
-        self._ended = not raw
-        self._passed += self._position
-        self._text = self._text[self._position :] + self._decoder.decode(raw, self._ended)
-        self._position = 0
-        return not self._ended
-
-    def _damaged(self, reason: str) -> JsonError:
-        place = self._passed + self._position
-        return JsonError(f"cut off or damaged behind character {place} ({reason[:60]})")
+        rest = self._text[self._position :]
+        if len(rest) > LONGEST_ELEMENT:
+            raise ValueError(f"an element of more than {LONGEST_ELEMENT} characters")
+        text = self._file.read(max(len(rest), CHUNK_BYTES))
+        if text:
+            self._passed += self._position
+            self._text, self._position = rest + text, 0
+        return bool(text)
 
 
 class EdgeJsonSource(Source):
@@ -143,10 +118,9 @@ class EdgeJsonSource(Source):
                 message = next(self._messages)
             except StopIteration:
                 return
-            except JsonError as error:
-                raise TraceError(
-                    f"{self.path}: {error}; {self._rows_seen} samples were read"
-                ) from None
+            except ValueError as error:
+                why = f"{error}; {self._rows_seen} samples were read"
+                raise TraceError(f"{self.path}: {why}") from None
             if not isinstance(message, dict):
                 continue
             samples, event = message.get(SAMPLES), message.get(EVENT)
