@@ -56,21 +56,18 @@ class TextSource(Source):
                 block.text[name] = wrong
         return block
 
-    def table(self, names: Sequence[str]) -> Any:
-        """Cells of whole columns as they are written, empty ones as null. Raises TraceError."""
+    def cells(self, names: Sequence[str]) -> Any:
+        """Arrow table of whole columns, their cells as they are written. Raises TraceError."""
         import pyarrow as pa
-        import pyarrow.compute as pc
 
         if self._bytes > LARGEST_TABLE:
             raise TraceError(f"{self.path}: more than {LARGEST_TABLE >> 20} MB to arrange; cut it")
-        self.wanted, parts = list(filter(None, names)), []
+        self.wanted, parts = list(dict.fromkeys(names)), []
         while (raw := self._read_lines()) is not None:
-            cells, ragged = self._read_csv(self._plain(raw))
+            table, ragged = self._read_csv(self._plain(raw))
             self.ragged_rows += len(ragged)
-            trimmed = [pc.utf8_trim_whitespace(each.cast(pa.string())) for each in cells]
-            filled = [pc.if_else(pc.equal(each, ""), None, each) for each in trimmed]
-            parts.append(pa.table(filled, names=self.wanted))
-        return pa.concat_tables(parts)
+            parts.append(table)
+        return pa.concat_tables(parts).rename_columns(self.wanted)
 
     def _read_lines(self) -> bytes | None:
         """Whole lines of about one block; at the end of the file whatever is left, then None."""
