@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 import os
 import tomllib
 from collections import Counter
@@ -136,6 +137,14 @@ class TableSource(Source):
         values = {name: self._columns[name][rows].astype(np.float64) for name in self.wanted}
         text = {} if rows.start else {n: self._text[n] for n in self.wanted if n in self._text}
         return Block(values, self._number_rows(rows.stop - rows.start), text)
+
+
+def number_of(value: Any) -> float:
+    """The number that something is or says; NaN where it says none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text | None]:

@@ -45,10 +45,10 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
             )
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
-        self._sink: Any = None
         with self._one_line_errors():
             file = self._place.enter_context(replaced_bytes(path))
             self._sink = _open_sink(suffix, file, (TIME, *self.channels))
+            self._place.callback(self._sink.close)
 
     def write(self, frame: SampleFrame) -> None:
         """Add the rows of a frame.
@@ -67,23 +67,11 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
             with self._one_line_errors():
                 self._flush()
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
-            self._abort()
-            return
+    def __exit__(self, *error: Any) -> None:
         with self._one_line_errors():
-            self._flush()
-            self._sink.close()
-            self._place.close()
-
-    def _abort(self) -> None:
-        """Remove what was written; safe twice."""
-        sink, self._sink = self._sink, None
-        with contextlib.suppress(OSError):
-            if sink is not None:
-                sink.close()
-        with contextlib.suppress(OSError):
-            self._place.__exit__(TraceError, TraceError("aborted"), None)
+            if error[0] is None:
+                self._flush()
+            self._place.__exit__(*error)
 
     def _flush(self) -> None:
         import pyarrow as pa
@@ -106,7 +94,8 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         try:
             yield
         except (OSError, TraceError) as error:
-            self._abort()
+            with contextlib.suppress(OSError):
+                self._place.__exit__(type(error), error, None)
             if isinstance(error, TraceError):
                 raise TraceError(f"{self.path}: {error}") from None
             reason = error.strerror or error

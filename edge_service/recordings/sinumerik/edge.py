@@ -25,7 +25,7 @@ import numpy as np
 
 from ...messages.samples import TIME, Booleans, ColumnMap, Floats
 from ..columns import TraceError
-from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text
+from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text, number_of
 from .signals import EDGE_CYCLE, edge_signals
 
 PERIOD_S = 0.002
@@ -133,7 +133,7 @@ class EdgeContext:
 
     def add_event(self, event: Mapping[str, Any]) -> None:
         """Keep an event; one without a count says nothing, one that falls begins the next run."""
-        counter = next((_number(event[name]) for name in _COUNTERS if name in event), math.nan)
+        counter = next((number_of(event[name]) for name in _COUNTERS if name in event), math.nan)
         if not math.isfinite(counter) or self.event_count >= MOST_EVENTS:
             return
         if self.events[-1][0] and counter < self.events[-1][0][-1]:
@@ -142,7 +142,7 @@ class EdgeContext:
         # CRC-32 of the text: a number that equal blocks share, whatever the day
         number = float(zlib.crc32(block.encode())) if block else math.nan
         self.events[-1][0].append(counter)
-        self.events[-1][1].append([*(_number(event.get(name)) for name in _NUMBERS), number])
+        self.events[-1][1].append([*(number_of(event.get(name)) for name in _NUMBERS), number])
         self.event_count += 1
 
     def events_at(self, cycle: Floats, run: Floats) -> dict[str, Floats]:
@@ -160,12 +160,6 @@ class EdgeContext:
             if here.any():
                 values[here] = np.array(found)[newest[here]]
         return dict(zip(EVENT_COLUMNS, values.T, strict=True))
-
-
-def _number(value: Any) -> float:
-    with suppress(TypeError, ValueError, OverflowError):
-        return float(value)
-    return math.nan
 
 
 def _context_beside(path: Path) -> EdgeContext:
@@ -227,7 +221,7 @@ class EdgeRows:
         names = [str(each.get("Address") or each.get("Name") or "") for each in signals]
         for name, each in zip(names, signals, strict=True):
             context.name_axis(name, str(each.get("Axis") or ""))
-        period_s = _number(header.get("CycleTimeMs")) / 1e3
+        period_s = number_of(header.get("CycleTimeMs")) / 1e3
         context.period_s = period_s if SHORTEST_S <= period_s <= LONGEST_S else None
         width = len(first[0]) if first and isinstance(first[0], list) else 0
         if width == len(names) + 1 and EDGE_CYCLE not in names:

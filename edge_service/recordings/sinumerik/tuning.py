@@ -25,8 +25,7 @@ from ..columns import TraceError
 from .xml_reader import XmlReader
 
 TUNING_ROOT, MEASUREMENT_ROOT = "DynamicModelAxisController", "ResponseTest"
-MOST_FREQUENCIES, MOST_ELEMENTS, LONGEST_TEXT = 1 << 17, 1 << 17, 1 << 25
-"""Characters of all elements together."""
+MOST_FREQUENCIES, MOST_ELEMENTS, LARGEST_BYTES = 1 << 17, 1 << 17, 1 << 25
 SPECTRA = 3
 LARGEST = 1e30
 """No response and no frequency is greater; nor is its inverse."""
@@ -84,8 +83,10 @@ def read_tuning(path: Path) -> MeasuredResponse:
 
 def _read_tree(path: Path, file: IO[bytes]) -> Element:
     """The elements of a file. Raises TraceError for another root, or more than a tuning holds."""
+    if path.stat().st_size > LARGEST_BYTES:
+        raise TraceError(f"{path}: more than {LARGEST_BYTES} bytes")
     builder = TreeBuilder()
-    elements = characters = 0
+    elements = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal elements
@@ -99,14 +100,7 @@ def _read_tree(path: Path, file: IO[bytes]) -> Element:
             raise TraceError(f"{path}: more than {MOST_ELEMENTS} elements")
         builder.start(tag, attributes)
 
-    def data(text: str) -> None:
-        nonlocal characters
-        characters += len(text)
-        if characters > LONGEST_TEXT:
-            raise TraceError(f"{path}: more than {LONGEST_TEXT} characters")
-        builder.data(text)
-
-    reader = XmlReader(path, file, start, builder.end, data)
+    reader = XmlReader(path, file, start, builder.end, builder.data)
     while reader.feed():
         pass
     return builder.close()
