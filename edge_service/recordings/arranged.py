@@ -119,10 +119,11 @@ def _arranged(
             if np.any((steps < 0.0) | ((steps == 0.0) & (np.abs(changes) > 0.0))):
                 why = "two series of one name, or a clock that was put back: keep one of each name"
                 raise TraceError(f"{source.path}: {name!r}: {why}")
-    times = np.unique(np.concatenate([at for at, _ in series.values()]))
-    if not len(times):
-        raise TraceError(f"{source.path}: {time!r}: {text.get(time, NO_TEXT)}")
-    if len(times) > (1.0 + _APART) * max(len(at) for at, _ in series.values()):
+    of_each = [at for at, _ in series.values()]
+    times = np.unique(np.concatenate([np.empty(0), *of_each]))
+    if time in text and not len(times):
+        raise TraceError(f"{source.path}: {time!r}: {text[time]}")
+    if len(times) > (1.0 + _APART) * max(map(len, of_each), default=0):
         why = "each channel has times of its own, and they differ: record all at one time"
         raise TraceError(f"{source.path}: {why}")
     columns = {time: times}

@@ -96,7 +96,7 @@ class TextSource(Source):
     def _read_csv(self, raw: bytes) -> tuple[Any, list[int]]:
         """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
         import pyarrow as pa
-        import pyarrow.csv
+        from pyarrow import csv as arrow
 
         ragged: list[int] = []
 
@@ -106,21 +106,16 @@ class TextSource(Source):
 
         keys = [str(index) for index in range(len(self.names))]
         wanted = [keys[self.names.index(name)] for name in dict.fromkeys(self.wanted)]
-        table = pyarrow.csv.read_csv(
-            pa.BufferReader(raw),
-            # Without threads the parser knows the number of a ragged row; block_size is one block.
-            read_options=pyarrow.csv.ReadOptions(
-                column_names=keys, block_size=len(raw) + 1, use_threads=False
-            ),
-            parse_options=pyarrow.csv.ParseOptions(
-                delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
-            ),
-            convert_options=pyarrow.csv.ConvertOptions(
-                column_types=dict.fromkeys(wanted, pa.large_binary()),
-                include_columns=wanted,
-                strings_can_be_null=True,
-            ),
+        # Without threads the parser knows the number of a ragged row; block_size is one block.
+        read = arrow.ReadOptions(column_names=keys, block_size=len(raw) + 1, use_threads=False)
+        parse = arrow.ParseOptions(
+            delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
         )
+        types = dict.fromkeys(wanted, pa.large_binary())
+        convert = arrow.ConvertOptions(
+            column_types=types, include_columns=wanted, strings_can_be_null=True
+        )
+        table = arrow.read_csv(pa.BufferReader(raw), read, parse, convert)
         return table, ragged
 
     def _read_layout(self, head: bytes) -> None:

@@ -151,35 +151,27 @@ class McapSink:
 
     def write_table(self, table: Any) -> None:
         """Add the rows of an Arrow table. Raises TraceError for a time that MCAP cannot hold."""
-        for row in table.to_pylist():
-            log_time_ns = self._log_time_ns(row[TIME])
-            self._writer.add_message(
-                self._channel_id,
-                log_time_ns,
-                json.dumps(row).encode(),
-                publish_time=log_time_ns,
-                sequence=self._rows,
-            )
-            self._rows += 1
+        for number, row in enumerate(table.to_pylist(), start=self._rows):
+            time_s = row[TIME]
+            if time_s is None:
+                raise TraceError(f"row {number + 1} has no time; MCAP orders its messages by time")
+            if self._zero_s is None:
+                self._zero_s = min(time_s, 0.0)
+            log_time_ns = round((time_s - self._zero_s) * 1e9)
+            if not 0 <= log_time_ns < 1 << 64:
+                raise TraceError(
+                    f"row {number + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "
+                    "ns from 0"
+                )
+            content = json.dumps(row).encode()
+            self._writer.add_message(self._channel_id, log_time_ns, content, log_time_ns, number)
+        self._rows += len(table)
 
     def close(self) -> None:
         """Write the index; the file stays open."""
         zero_s = self._zero_s or 0.0
         self._writer.add_metadata("trace", {"log_time_zero_s": repr(zero_s)})
         self._writer.finish()
-
-    def _log_time_ns(self, time_s: float | None) -> int:
-        if time_s is None:
-            raise TraceError(f"row {self._rows + 1} has no time; MCAP orders its messages by time")
-        if self._zero_s is None:
-            self._zero_s = min(time_s, 0.0)
-        log_time_ns = round((time_s - self._zero_s) * 1e9)
-        if not 0 <= log_time_ns < 1 << 64:
-            raise TraceError(
-                f"row {self._rows + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "
-                "ns from 0"
-            )
-        return log_time_ns
 
 
 def write_parts(

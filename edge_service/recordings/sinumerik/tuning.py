@@ -8,7 +8,6 @@ would escape: five digits are four bytes, the greatest first, and `.` is four ze
 Ascii85. Layout of both: eliasrhoden/Trace-Tools.
 """
 
-import base64
 import math
 import string
 from contextlib import suppress
@@ -41,10 +40,7 @@ _STATED = {
 }
 ALPHABET = string.digits + string.ascii_lowercase + string.ascii_uppercase
 ALPHABET += "!#$`()*+-/:;=?@[]^_{|}~"
-_STANDARD = string.digits + string.ascii_uppercase + string.ascii_lowercase
-_TO_STANDARD = bytes.maketrans(ALPHABET.encode(), (_STANDARD + "!#$%&()*+-;<=>?@^_`{|}~").encode())
-"""Into the digits of RFC 1924, which the standard library reads."""
-_FOREIGN = bytes(set(range(256)) - set(ALPHABET.encode()))
+_DIGITS = {digit: value for value, digit in enumerate(ALPHABET)}
 
 Complexes = npt.NDArray[np.complex128]
 Curve = tuple[Floats, Complexes]
@@ -215,14 +211,13 @@ def doubles_from_base85(text: str) -> Floats:
 
     Raises ValueError: one line; a character that is no digit, or no whole number of doubles.
     """
-    digits = "".join(text.split()).replace(".", "00000").encode("latin-1", "replace")
+    digits = "".join(text.split()).replace(".", "00000")
     if len(digits) % 10:
         raise ValueError("no whole number of doubles")
-    if digits.translate(None, _FOREIGN) != digits:
+    values = np.array([_DIGITS.get(digit, -1) for digit in digits], dtype=np.int64)
+    if np.any(values < 0):
         raise ValueError("a character that is no digit of base 85")
-    try:
-        content = base64.b85decode(digits.translate(_TO_STANDARD))
-    except ValueError:
-        raise ValueError("five digits that are more than four bytes") from None
-    values: Floats = np.frombuffer(content, ">f8").astype(np.float64)
-    return values
+    words = values.reshape(-1, 5) @ 85 ** np.arange(4, -1, -1)
+    if np.any(words >= 1 << 32):
+        raise ValueError("five digits that are more than four bytes")
+    return words.astype(">u4").view(">f8").astype(np.float64)
