@@ -18,8 +18,7 @@ from .columns import TraceError
 from .matlab import MAGIC as MAT_5
 from .matlab import MatlabSource
 from .parquet import ParquetSource
-from .sinumerik import edge_json
-from .sinumerik.edge_json import EdgeJsonSource
+from .sinumerik.edge import EdgeJsonSource, is_edge_json
 from .sinumerik.signals import ControllerAxis
 from .sinumerik.trace import ROOT, SinumerikSource
 from .source import BYTE_ORDER_MARK, Source
@@ -82,7 +81,7 @@ def foreign(head: bytes) -> str | None:
 
 
 FORMS = (
-    Form("JSON of Industrial Edge", edge_json.recognises, lambda p, f, _: EdgeJsonSource(p, f)),
+    Form("JSON of Industrial Edge", is_edge_json, lambda p, f, _: EdgeJsonSource(p, f)),
     Form("MATLAB 5", lambda head, _: head.startswith(MAT_5), lambda p, f, _: MatlabSource(p, f)),
     Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
     Form("SINUMERIK trace XML", lambda head, _: TRACE in head, SinumerikSource),

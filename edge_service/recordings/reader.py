@@ -284,13 +284,13 @@ def extent_of(path: Path) -> Extent:
 def _of_text(path: Path) -> Extent:
     """Extent of text with a header; times are known where the first column is `time_s`."""
     with path.open("rb") as file:
-        header, first = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)
-        lines, end = header.count(b"\n") + first.count(b"\n"), first
+        names, first, end = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES), b""
+        file.seek(0)
+        rows = -1
         while chunk := file.read(_CHUNK_BYTES):
-            lines += chunk.count(b"\n")
-            end = (end + chunk)[-_LINE_BYTES:]
-    rows = max(lines - 1 + (not end.endswith(b"\n")), 0)
-    if rows and header.split(b",")[0].strip() == TIME.encode():
+            rows, end = rows + chunk.count(b"\n"), (end + chunk)[-_LINE_BYTES:]
+    rows = max(rows + (not end.endswith(b"\n")), 0)
+    if rows and names.split(b",")[0].strip() == TIME.encode():
         last = end.rstrip().rpartition(b"\n")[2]
         with suppress(ValueError):
             return rows, float(first.split(b",")[0]), float(last.split(b",")[0])

@@ -36,7 +36,6 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         self.path = path
         self.channels = tuple(channels)
         self._pending: list[SampleFrame] = []
-        self._pending_rows = 0
         self._place = contextlib.ExitStack()
         suffix = path.suffix.lower()
         if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
@@ -62,8 +61,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
                     f"{', '.join(self.channels)}"
                 )
         self._pending.append(frame)
-        self._pending_rows += len(frame)
-        if self._pending_rows >= _ROWS_AT_ONCE:
+        if sum(map(len, self._pending)) >= _ROWS_AT_ONCE:
             with self._one_line_errors():
                 self._flush()
 
@@ -82,7 +80,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         for name in self.channels:
             parts = [each.channels.get(name, np.full(len(each), np.nan)) for each in self._pending]
             columns[name] = np.concatenate(parts)
-        self._pending, self._pending_rows = [], 0
+        self._pending = []
         arrays = {
             name: pa.array(values, type=pa.float64(), mask=~np.isfinite(values))
             for name, values in columns.items()

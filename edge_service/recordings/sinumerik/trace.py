@@ -50,6 +50,22 @@ class SignalRecords:
     values: "array[float]" = field(default_factory=lambda: array("d"))
 
 
+@dataclass(slots=True)
+class DataFrame:
+    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals with their records."""
+
+    start_time: str = ""  # wall-clock time as it stands there; empty where it does not
+    stop_s: float | None = None  # time of the last sample, s; None where it does not say
+    drop_outs: int = 0  # how often the controller lost samples
+    signals: dict[str, SignalRecords] = field(default_factory=dict)  # by id
+    newest_s: float = -math.inf  # time of the last record, s
+    records: int = 0  # number of them
+    # stretches without a record, s
+    silences: list[tuple[float, float]] = field(default_factory=list)
+    # what stands in place of numbers, by name of the signal
+    text: dict[str, Text] = field(default_factory=dict)
+
+
 class RecordGrid:
     """Rows on the clock of the fastest signal.
 
@@ -59,23 +75,16 @@ class RecordGrid:
 
     Args:
         signals: in the order of the columns.
-        newest_s: time of the last record, s.
-        stop_s: end of the recording, s; None where it does not tell.
-        silences: stretches between two records, s, in which there are no rows, (n, 2); None where
-            silence is standstill.
+        frame: that they are of; with drop-outs there are no rows in its silences, which are
+            standstill without.
 
     Attributes:
         rows: number of rows, those in silences included.
     """
 
-    def __init__(
-        self,
-        signals: Sequence[SignalRecords],
-        newest_s: float,
-        stop_s: float | None,
-        silences: Floats | None,
-    ) -> None:
-        self._signals, self._newest_s, self._silences = signals, newest_s, silences
+    def __init__(self, signals: Sequence[SignalRecords], frame: DataFrame) -> None:
+        self._signals, self._newest_s, stop_s = signals, frame.newest_s, frame.stop_s
+        self._silences = np.array(frame.silences).reshape(-1, 2) if frame.drop_outs else None
         self._interval_s = min(each.interval_s for each in signals)
         self._tolerance_s = min(_PRINTED_S, self._interval_s / 4.0)
         heard = [each for each in signals if each.times_s]
@@ -91,7 +100,7 @@ class RecordGrid:
             if each.count is not None
         ]
         end_s = min(max(promised_s, default=math.inf), math.inf if stop_s is None else stop_s)
-        end_s = newest_s if math.isinf(end_s) else max(end_s, newest_s)
+        end_s = max(frame.newest_s, -math.inf if math.isinf(end_s) else end_s)
         margin = self._tolerance_s / self._interval_s
         self._first_row = math.ceil(self._steps(first_s - self._tolerance_s))
         self.rows = max(math.floor(self._steps(end_s) + margin) + 1 - self._first_row, 0)
@@ -137,22 +146,6 @@ class RecordGrid:
         times_s = np.frombuffer(signal.times_s)
         newest = np.searchsorted(times_s, time_s + self._tolerance_s, side="right") - 1
         return np.where(newest >= 0, np.frombuffer(signal.values)[newest], np.nan)
-
-
-@dataclass(slots=True)
-class DataFrame:
-    """One `<dataFrame>`: what its `<frameHeader>` says, and its signals with their records."""
-
-    start_time: str = ""  # wall-clock time as it stands there; empty where it does not
-    stop_s: float | None = None  # time of the last sample, s; None where it does not say
-    drop_outs: int = 0  # how often the controller lost samples
-    signals: dict[str, SignalRecords] = field(default_factory=dict)  # by id
-    newest_s: float = -math.inf  # time of the last record, s
-    records: int = 0  # number of them
-    # stretches without a record, s
-    silences: list[tuple[float, float]] = field(default_factory=list)
-    # what stands in place of numbers, by name of the signal
-    text: dict[str, Text] = field(default_factory=dict)
 
 
 class SinumerikSource(Source):
@@ -297,8 +290,7 @@ class SinumerikSource(Source):
         absent = SignalRecords(max(each.interval_s for each in by_name.values()))
         names = [name for name in self.wanted if name != TIME]
         signals = [by_name.get(name, absent) for name in names]
-        silences = np.array(frame.silences).reshape(-1, 2) if frame.drop_outs else None
-        grid = RecordGrid(signals, frame.newest_s, frame.stop_s, silences)
+        grid = RecordGrid(signals, frame)
         if grid.rows - frame.records > LONGEST_SILENCE_ROWS:
             raise TraceError(
                 f"{self.path}: {grid.rows} samples without a record up to {frame.newest_s:g} s; "
