@@ -51,7 +51,10 @@ def open_text(path: Path, file: IO[bytes]) -> Source:
     if groups := _groups(source, first, times):
         cells = source.cells([name for name in source.names if name])
         apart = [(cells[t], {n: cells[n] for n in names if n}) for t, names in groups.items()]
-        return _arranged(source, file, times[0], apart)
+        arranged = _arranged(source, file, times[0], apart)
+        if len(groups) == 1:
+            arranged.notes.append(f"{times[0]!r} falls: read as newest row first, no countdown")
+        return arranged
     return source
 
 
@@ -65,10 +68,9 @@ def _groups(
         read = [floats_from_text(pa.array(first[name]), source.decimal_point)[0] for name in times]
         steps = [np.diff(each) for each in read if len(each) > 1]
     usual = [float(abs(np.median(e))) if np.all(e >= 0) or np.all(e <= 0) else 0.0 for e in steps]
-    at = [*map(source.names.index, times), len(source.names)]
-    groups: dict[str, Sequence[str]] = {
-        source.names[a]: source.names[a + 1 : b] for a, b in pairwise(at)
-    }
+    names = source.names
+    at = [*map(names.index, times), len(names)]
+    groups: dict[str, Sequence[str]] = {names[a]: names[a + 1 : b] for a, b in pairwise(at)}
     behind = at[0] == 0 and len(groups) > 1 and all(groups.values())
     if behind and 0.0 < max(usual, default=0.0) < _ALIKE * min(usual):
         return groups
@@ -94,9 +96,7 @@ def _of_tags(cells: Any, time: str, tag: str, value: str, words: Sequence[str]) 
     return [(cells[time].filter(at), {n: values.filter(at)}) for n, at in of_tag.items()]
 
 
-def _arranged(
-    source: TextSource, file: IO[bytes], time: str, groups: Sequence[Group]
-) -> TableSource:
+def _arranged(source: TextSource, file: IO[bytes], time: str, groups: list[Group]) -> TableSource:
     """Columns of all channels at all times; each keeps its value until its next one."""
     text: dict[str, Text] = {}
 

@@ -25,10 +25,8 @@ LARGEST_BYTES = 1 << 28
 """Of all variables together, unpacked."""
 DEEPEST = 16
 _HEADER_BYTES, _MATRIX, _COMPRESSED = 128, 14, 15
-_NUMBERS = dict(enumerate(["i1", "u1", "i2", "u2", "i4", "u4", "f4"], start=1)) | {
-    **{9: "f8", 12: "i8", 13: "u8"},
-    **{16: "u1", 17: "u2", 18: "u4"},  # of characters
-}
+_NUMBERS = dict(enumerate(["i1", "u1", "i2", "u2", "i4", "u4", "f4"], start=1))
+_NUMBERS |= {9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2", 18: "u4"}  # the last of characters
 _CELL, _STRUCT, _CHAR, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 4, 6, 15
 _OBJECTS, _OPAQUE = {3, 16, 17}, 17
 _COMPLEX = 0x800

@@ -284,9 +284,8 @@ def extent_of(path: Path) -> Extent:
 def _of_text(path: Path) -> Extent:
     """Extent of text with a header; times are known where the first column is `time_s`."""
     with path.open("rb") as file:
-        names, first, end = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES), b""
+        names, first, end, rows = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES), b"", -1
         file.seek(0)
-        rows = -1
         while chunk := file.read(_CHUNK_BYTES):
             rows, end = rows + chunk.count(b"\n"), (end + chunk)[-_LINE_BYTES:]
     rows = max(rows + (not end.endswith(b"\n")), 0)

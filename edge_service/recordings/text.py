@@ -45,10 +45,9 @@ class TextSource(Source):
         raw = self._read_lines()
         if raw is None:
             return None
-        table, ragged = self._read_csv(self._plain(raw))
+        table, ragged = self._read_csv(raw)
         rows = table.num_rows + len(ragged)
         number = np.delete(self._number_rows(rows), [min(row, rows) - 1 for row in ragged])
-        self.ragged_rows += len(ragged)
         block = Block({}, number)
         for name, column in zip(dict.fromkeys(self.wanted), table.columns, strict=True):
             block.values[name], wrong = floats_from_text(column, self.decimal_point)
@@ -64,9 +63,7 @@ class TextSource(Source):
             raise TraceError(f"{self.path}: more than {LARGEST_TABLE >> 20} MB to arrange; cut it")
         self.wanted, parts = list(dict.fromkeys(names)), []
         while (raw := self._read_lines()) is not None:
-            table, ragged = self._read_csv(self._plain(raw))
-            self.ragged_rows += len(ragged)
-            parts.append(table)
+            parts.append(self._read_csv(raw)[0])
         return pa.concat_tables(parts).rename_columns(self.wanted)
 
     def _read_lines(self) -> bytes | None:
@@ -94,11 +91,11 @@ class TextSource(Source):
         return raw
 
     def _read_csv(self, raw: bytes) -> tuple[Any, list[int]]:
-        """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
+        """Arrow table of the wanted columns, and the numbers (from 1) of rows that are ragged."""
         import pyarrow as pa
         from pyarrow import csv as arrow
 
-        ragged: list[int] = []
+        raw, ragged = self._plain(raw), list[int]()
 
         def skip(row: Any) -> str:
             ragged.append(row.number)
@@ -116,6 +113,7 @@ class TextSource(Source):
             column_types=types, include_columns=wanted, strings_can_be_null=True
         )
         table = arrow.read_csv(pa.BufferReader(raw), read, parse, convert)
+        self.ragged_rows += len(ragged)
         return table, ragged
 
     def _read_layout(self, head: bytes) -> None:

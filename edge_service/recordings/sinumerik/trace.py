@@ -162,8 +162,7 @@ class SinumerikSource(Source):
         super().__init__(path, file)
         self._interpolate_positions = axis.interpolate_positions
         self._frames: list[DataFrame] = []
-        self._records, self._read_up_to = 0, ""
-        self._values = 0
+        self._records, self._values, self._read_up_to = 0, 0, ""
         self._has_root = False
         so_far = lambda: f"; {self._records} records were read{self._read_up_to}"  # noqa: E731
         self._xml = XmlReader(path, file, self._start, so_far=so_far)

@@ -43,7 +43,6 @@ ALPHABET += "!#$`()*+-/:;=?@[]^_{|}~"
 _DIGITS = {digit: value for value, digit in enumerate(ALPHABET)}
 
 Complexes = npt.NDArray[np.complex128]
-Curve = tuple[Floats, Complexes]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +176,7 @@ def _checked(
     )
 
 
-def _curve(response: Element) -> Curve:
+def _curve(response: Element) -> tuple[Floats, Complexes]:
     """Frequencies and values of a response or spectrum, (n,) each. Raises ValueError."""
     title = response.get("name") or response.tag
     arrays: dict[str, Floats] = {}
