@@ -50,9 +50,7 @@ _STEPS = 3.0
 _STRIDES = (1, 2, 3, 4, 5)
 CUTOFF_SHARE = 0.2
 """Of the sampling rate; a low-pass above it has no samples to work with."""
-_DECIMATION_ORDER = 8
-_DECIMATION_RIPPLE_DB = 0.05
-_DECIMATION_PASS = 0.8
+_DECIMATION_ORDER, _DECIMATION_RIPPLE_DB, _DECIMATION_PASS = 8, 0.05, 0.8
 """Chebyshev filter before decimation: the one of MATLAB's and scipy's `decimate`."""
 
 

@@ -13,27 +13,19 @@ from pathlib import Path
 from typing import IO
 
 from . import parquet
+from .arranged import open_text
 from .columns import TraceError
 from .matlab import MAGIC as MAT_5
 from .matlab import MatlabSource
 from .parquet import ParquetSource
-from .sinumerik import edge_json
-from .sinumerik.edge_json import EdgeJsonSource
+from .sinumerik.edge import EdgeJsonSource, is_edge_json
 from .sinumerik.signals import ControllerAxis
 from .sinumerik.trace import ROOT, SinumerikSource
-from .sinumerik.tuning import is_tuning
 from .source import BYTE_ORDER_MARK, Source
-from .text import TextSource
 
 HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
-_TABLE = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))
-_MAGIC, _ZIPPED, _INSIDE = (
-    {key.encode("latin-1"): str(words) for key, words in _TABLE[name].items()}
-    for name in ("magic", "zipped", "inside")
-)
-_OTHER: dict[str, str] = _TABLE["other"]
-_ROOT = re.compile(rb"<([A-Za-z_][\w.:-]{0,60})")
-_LOOKED_AT = 400
+_TABLES = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))
+_FOREIGN: dict[str, str] = _TABLES["foreign"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,37 +74,18 @@ def is_database(source: Path) -> bool:
 def foreign(head: bytes) -> str | None:
     """Name of the form that the first bytes of a file have; None if they may be text."""
     plain = head.removeprefix(BYTE_ORDER_MARK).lstrip()
-    looked = head[:_LOOKED_AT]  # every second byte is zero in UTF-16 text without a mark
-    zeros = [looked[start::2].count(0) for start in (0, 1)]
-    name: str | None = None
-    for magic, named in _MAGIC.items():
-        if head.startswith(magic) or plain.startswith(magic):
-            return named
-    for part, named in _INSIDE.items():
-        if re.search(part, head):
-            return named
-    if head.startswith(b"PK\x03\x04"):
-        name = next((name for part, name in _ZIPPED.items() if part in head), _OTHER["zip"])
-    elif head[257:262] == b"ustar":
-        name = _OTHER["tar"]
-    elif is_tuning(plain) and plain.startswith(b"<"):
-        name = "a servo tuning of a SINUMERIK: see `edge-service fingerprint`"
-    elif plain.startswith(b"<"):
-        root = _ROOT.search(plain)
-        name = "an HTML or XML document" + (f" <{root[1].decode()}>" if root else "")
-    elif plain.startswith((b"{", b"[{")):
-        name = "JSON, and no recording of Industrial Edge (Header, Payload)"
-    elif len(looked) > 8 and max(zeros) > 0.8 * len(looked[1::2]) and min(zeros) == 0:
-        name = _OTHER["utf_16"]
-    return name
+    for expression, words in _FOREIGN.items():
+        if found := re.match(expression.encode(), plain):
+            return found.expand(words.encode()).decode()
+    return None
 
 
 FORMS = (
-    Form("JSON of Industrial Edge", edge_json.recognises, lambda p, f, _: EdgeJsonSource(p, f)),
+    Form("JSON of Industrial Edge", is_edge_json, lambda p, f, _: EdgeJsonSource(p, f)),
     Form("MATLAB 5", lambda head, _: head.startswith(MAT_5), lambda p, f, _: MatlabSource(p, f)),
     Form("Parquet", parquet.recognises, lambda p, f, _: ParquetSource(p, f)),
     Form("SINUMERIK trace XML", lambda head, _: TRACE in head, SinumerikSource),
-    Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: TextSource(p, f)),
+    Form("text (CSV)", lambda head, _: foreign(head) is None, lambda p, f, _: open_text(p, f)),
 )
 """In the order of asking."""
 

@@ -18,18 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .columns import BY_NUMBER, TraceError
-from .source import MOST_COLUMNS, Block, Source
+from .source import MOST_COLUMNS, TableSource
 
 MAGIC = b"MATLAB 5.0 MAT-file"
-BLOCK_ROWS = 1 << 14
 LARGEST_BYTES = 1 << 28
 """Of all variables together, unpacked."""
 DEEPEST = 16
 _HEADER_BYTES, _MATRIX, _COMPRESSED = 128, 14, 15
-_NUMBERS = dict(enumerate(["i1", "u1", "i2", "u2", "i4", "u4", "f4"], start=1)) | {
-    **{9: "f8", 12: "i8", 13: "u8"},
-    **{16: "u1", 17: "u2", 18: "u4"},  # of characters
-}
+_NUMBERS = dict(enumerate(["i1", "u1", "i2", "u2", "i4", "u4", "f4"], start=1))
+_NUMBERS |= {9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2", 18: "u4"}  # the last of characters
 _CELL, _STRUCT, _CHAR, _FIRST_NUMERIC, _LAST_NUMERIC = 1, 2, 4, 6, 15
 _OBJECTS, _OPAQUE = {3, 16, 17}, 17
 _COMPLEX = 0x800
@@ -42,11 +39,10 @@ _OBJECT = object()
 Numbers = npt.NDArray[Any]
 
 
-class MatlabSource(Source):
+class MatlabSource(TableSource):
     """The table of a file. Numbers stay as they are packed until their rows are read."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
-        super().__init__(path, file)
         try:
             variables = dict(_variables(path, file))
         except (ValueError, IndexError, KeyError, struct.error, zlib.error) as error:
@@ -60,21 +56,12 @@ class MatlabSource(Source):
         if not lengths:
             objects = any(value is _OBJECT for value in variables.values())
             raise TraceError(f"{path}: holds {_AN_OBJECT if objects else _NO_COLUMN}")
-        self._length = max(lengths, key=lambda each: (lengths[each], each))
-        self._table = {name: each for name, each in columns.items() if len(each) == self._length}
-        self.names = tuple(self._table)
-        if others := [name for name in columns if name not in self._table]:
+        length = max(lengths, key=lambda each: (lengths[each], each))
+        super().__init__(
+            path, file, {n: each for n, each in columns.items() if len(each) == length}
+        )
+        if others := [name for name in columns if name not in self.names]:
             self.notes.append(f"of another length: {', '.join(others[:12])}")
-
-    def read_block(self) -> Block | None:
-        start = self._rows_seen
-        rows = min(BLOCK_ROWS, self._length - start)
-        if rows <= 0:
-            return None
-        values = {
-            name: self._table[name][start : start + rows].astype(np.float64) for name in self.wanted
-        }
-        return Block(values, self._number_rows(rows))
 
 
 def _variables(path: Path, file: IO[bytes]) -> Iterator[tuple[str, Any]]:

@@ -1,5 +1,6 @@
 """Rows of a Parquet file, block by block."""
 
+import io
 from pathlib import Path
 from typing import IO, Any
 
@@ -11,31 +12,26 @@ MAGIC = b"PAR1"
 PARQUET_SUFFIXES = (".parquet", ".pq")
 BLOCK_ROWS, TEXT_ROWS = 1 << 14, 1 << 5
 LARGEST_PAGE_BYTES, LARGEST_TEXT_PAGE_BYTES = 1 << 26, 1 << 22
-_BUFFER_BYTES = 1 << 18
-_LARGEST_HEADER_BYTES = 1 << 12
+_BUFFER_BYTES, _LARGEST_HEADER_BYTES = 1 << 18, 1 << 12
 _LIMITS: dict[str, Any] = {
     "thrift_string_size_limit": 1 << 24,
     "thrift_container_size_limit": 1 << 16,
 }
 
 
-def parquet_extent(path: Path, column: str) -> tuple[int, float | None, float | None]:
-    """Rows of a file, least and greatest value of a column by its footer. Raises ValueError."""
-    import pyarrow as pa
+def parquet_extent(path: Path, name: str) -> tuple[int, float | None, float | None]:
+    """Rows of a file, least and greatest value of a column by its footer. Raises as Arrow does."""
     import pyarrow.parquet
 
-    try:
-        with pyarrow.parquet.ParquetFile(path, **_LIMITS) as file:
-            footer = file.metadata
-            groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
-            at = file.schema.names.index(column) if column in file.schema.names else None
-            found = [] if at is None else [group.column(at).statistics for group in groups]
-            known = [each for each in found if each is not None and each.has_min_max]
-            if not known:
-                return footer.num_rows, None, None
-            return footer.num_rows, float(known[0].min), float(known[-1].max)
-    except (pa.ArrowException, TypeError, MemoryError) as error:
-        raise ValueError(str(error)) from None
+    with pyarrow.parquet.ParquetFile(path, **_LIMITS) as file:
+        footer = file.metadata
+    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+    chunks = [group.column(number) for group in groups for number in range(group.num_columns)]
+    found = [each.statistics for each in chunks if each.path_in_schema == name]
+    known = [each for each in found if each is not None and each.has_min_max]
+    if not known:
+        return footer.num_rows, None, None
+    return footer.num_rows, float(known[0].min), float(known[-1].max)
 
 
 class ParquetSource(Source):
@@ -161,16 +157,15 @@ def page_sizes(head: bytes) -> tuple[int, int, int] | None:
 
     The header is a struct of Thrift's compact protocol; fields 2 and 3 are the sizes.
     """
-    at, numbers, fields = 0, [0], dict[int, int]()
+    stream, numbers, fields = io.BytesIO(head), [0], dict[int, int]()
 
     def varint() -> int:
-        nonlocal at
         value = shift = 0
         while True:
-            value |= (head[at] & 0x7F) << shift
+            octet = stream.read(1)[0]
+            value |= (octet & 0x7F) << shift
             shift += 7
-            at += 1
-            if not head[at - 1] & 0x80:
+            if not octet & 0x80:
                 return value
 
     def zigzag() -> int:
@@ -179,8 +174,7 @@ def page_sizes(head: bytes) -> tuple[int, int, int] | None:
 
     try:
         while numbers:  # of the current field, in each struct that is open
-            delta, kind = head[at] >> 4, head[at] & 0x0F
-            at += 1
+            delta, kind = divmod(stream.read(1)[0], 0x10)
             if not (delta or kind):
                 numbers.pop()
                 continue
@@ -190,16 +184,15 @@ def page_sizes(head: bytes) -> tuple[int, int, int] | None:
                 if len(numbers) == 1:
                     fields[numbers[0]] = value
             elif kind == 8:
-                size = varint()
-                at += size
+                stream.seek(varint(), io.SEEK_CUR)
             elif kind == 12:
                 numbers.append(0)
             elif kind not in (1, 2):  # a truth stands in the type; no lists, no doubles
                 return None
-    except IndexError:
+    except (IndexError, OverflowError):
         return None
     unpacked, packed = fields.get(2, -1), fields.get(3, -1)
-    return (at, unpacked, packed) if min(unpacked, packed) >= 0 else None
+    return (stream.tell(), unpacked, packed) if min(unpacked, packed) >= 0 else None
 
 
 def recognises(head: bytes, path: Path) -> bool:

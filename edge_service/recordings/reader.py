@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..messages.samples import CHANNELS, TIME, ColumnMap, Floats, SampleFrame
+from ..messages.samples import CHANNELS, TIME, Booleans, ColumnMap, Floats, SampleFrame
 from .columns import ROW_NUMBER, TraceError, choose_columns
 from .forms import open_source
 from .parquet import PARQUET_SUFFIXES, parquet_extent
@@ -40,16 +40,17 @@ class DirectionSign:
 
     def of(self, values: Floats) -> Floats:
         """Signs for the next values, shape (n,) each; a missing value changes nothing."""
-        before = np.concatenate([[self._value], values])
-        known = np.isfinite(before)
-        held = np.maximum.accumulate(np.where(known, np.arange(len(before)), 0))
-        change = np.nan_to_num(np.diff(before[held]))
-        turned = np.flatnonzero(change)
-        last = np.zeros(len(change), dtype=int)
-        last[turned] = turned + 1
-        signs = np.concatenate([[self._sign], np.sign(change)])[np.maximum.accumulate(last)]
-        self._value, self._sign = before[held][-1], float(signs[-1]) if len(signs) else self._sign
-        return signs
+        before = np.append(self._value, values)
+        known = _last(before, np.isfinite(before))
+        turns = np.append(self._sign, np.sign(np.nan_to_num(np.diff(known))))
+        signs = _last(turns, turns != 0.0)
+        self._value, self._sign = float(known[-1]), float(signs[-1])
+        return signs[1:]
+
+
+def _last(values: Floats, counts: Booleans) -> Floats:
+    """Values, each that does not count replaced by the last one before it that does, (n,)."""
+    return values[np.maximum.accumulate(np.where(counts, np.arange(len(values)), 0))]
 
 
 class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
@@ -275,7 +276,7 @@ def _unreadable(path: Path, error: OSError) -> TraceError:
 
 def extent_of(path: Path) -> Extent:
     """Extent of a Parquet or CSV file; of one in another form, or that is none, what is known."""
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError, TypeError, NotImplementedError, MemoryError):
         return parquet_extent(path, TIME) if path.suffix in PARQUET_SUFFIXES else _of_text(path)
     return None, None, None
 
@@ -283,13 +284,12 @@ def extent_of(path: Path) -> Extent:
 def _of_text(path: Path) -> Extent:
     """Extent of text with a header; times are known where the first column is `time_s`."""
     with path.open("rb") as file:
-        header, first = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)
-        lines, end = header.count(b"\n") + first.count(b"\n"), first
+        names, first, end, rows = file.readline(_LINE_BYTES), file.readline(_LINE_BYTES), b"", -1
+        file.seek(0)
         while chunk := file.read(_CHUNK_BYTES):
-            lines += chunk.count(b"\n")
-            end = (end + chunk)[-_LINE_BYTES:]
-    rows = max(lines - 1 + (not end.endswith(b"\n")), 0)
-    if rows and header.split(b",")[0].strip() == TIME.encode():
+            rows, end = rows + chunk.count(b"\n"), (end + chunk)[-_LINE_BYTES:]
+    rows = max(rows + (not end.endswith(b"\n")), 0)
+    if rows and names.split(b",")[0].strip() == TIME.encode():
         last = end.rstrip().rpartition(b"\n")[2]
         with suppress(ValueError):
             return rows, float(first.split(b",")[0]), float(last.split(b",")[0])
@@ -298,21 +298,11 @@ def _of_text(path: Path) -> Extent:
 
 def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
     """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., at most `MOST_SPREAD` rows."""
-    kept: list[tuple[int, SampleFrame]] = []
-    stride, held = 1, 0
+    kept: list[SampleFrame] = []
+    stride = 1
     for number, frame in enumerate(frames):
         if number % stride == 0:
-            kept.append((number, frame))
-            held += len(frame)
-        while held > MOST_SPREAD and len(kept) > 1:
-            stride *= 2
-            kept = [each for each in kept if each[0] % stride == 0]
-            held = sum(len(each) for _, each in kept)
-    pieces: list[list[SampleFrame]] = []
-    before = -2
-    for number, frame in kept:
-        if number != before + 1:
-            pieces.append([])
-        pieces[-1].append(frame)
-        before = number
-    return [joined(piece) for piece in pieces]
+            kept.append(frame)
+        while len(kept) > 1 and sum(map(len, kept)) > MOST_SPREAD:
+            stride, kept = 2 * stride, kept[::2]
+    return [joined(kept)] if kept and stride == 1 else kept

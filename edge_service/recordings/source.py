@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import math
 import os
 import tomllib
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from itertools import product
@@ -12,10 +14,11 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..messages.samples import Floats
 
-MOST_COLUMNS = 4096
+MOST_COLUMNS, _TABLE_ROWS = 4096, 1 << 14
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # Arrow's own pool keeps some 40 MB of what eight readers have let go.
 os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
@@ -111,6 +114,37 @@ class Source:
         """Numbers of the next rows of the file, shape (count,)."""
         first, self._rows_seen = self._rows_seen, self._rows_seen + count
         return np.arange(first, first + count, dtype=np.float64)
+
+
+class TableSource(Source):
+    """Columns in memory, (n,) each by name, and what stands there in place of numbers."""
+
+    def __init__(
+        self,
+        path: Path,
+        file: IO[bytes],
+        columns: Mapping[str, npt.NDArray[Any]],
+        text: Mapping[str, Text] | None = None,
+    ) -> None:
+        super().__init__(path, file)
+        self.names, self._columns, self._text = tuple(columns), columns, text or {}
+        self._length = len(next(iter(columns.values())))
+
+    def read_block(self) -> Block | None:
+        rows = slice(self._rows_seen, min(self._rows_seen + _TABLE_ROWS, self._length))
+        if rows.start == rows.stop:
+            return None
+        values = {name: self._columns[name][rows].astype(np.float64) for name in self.wanted}
+        text = {} if rows.start else {n: self._text[n] for n in self.wanted if n in self._text}
+        return Block(values, self._number_rows(rows.stop - rows.start), text)
+
+
+def number_of(value: Any) -> float:
+    """The number that something is or says; NaN where it says none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text | None]:

@@ -4,6 +4,7 @@ import csv
 import itertools
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -13,20 +14,20 @@ from .columns import BY_NUMBER, TraceError
 from .source import BYTE_ORDER_MARK, MOST_COLUMNS, Block, Source, floats_from_text
 
 BLOCK_BYTES = 1 << 19
-LONGEST_LINE = 1 << 22
+LONGEST_LINE, LARGEST_TABLE = 1 << 22, 1 << 29
 SPACES = " "
 """Any number of spaces."""
 _SPACES, _AT_ENDS = re.compile(rb"[ \t]+"), re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _QUOTED = re.compile(rb'"([^"\r\n]*)"')
 _DELIMITERS = (",", ";", "\t", "|")
-_SAMPLE_LINES, _MOST_ABOVE, _MOST_DECIMAL = 20, 100, 4
+_SAMPLE_LINES, _MOST_ABOVE = 20, 100
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ufffd]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _QUOTED_COMMA = re.compile(r"[+-]?\d*,(\d{1,2}|\d{4,})([eE][+-]?\d+)?")
 """A decimal comma in quotes, between cells parted by commas: it parts no thousands."""
-_VALUE = re.compile(r"_?(\w*[_ ])?(var)?(value|val|wert|valeur|valore|valor)", re.IGNORECASE)
 _PARTED = re.compile(r"(?<=\d)[,.' \u2019](?=\d{3}(?!\d))")
 _AS_PYTHON = str.maketrans(",Dd\u2212", ".EE-")
+_SCOPE, _TICKS_LENGTH = "SampleTime[ms]", 15
 _WHOLE = re.compile(r"[+-]?\d+([eE][+-]?\d+)?")
 
 
@@ -44,16 +45,26 @@ class TextSource(Source):
         raw = self._read_lines()
         if raw is None:
             return None
-        table, ragged = self._read_csv(self._plain(raw))
+        table, ragged = self._read_csv(raw)
         rows = table.num_rows + len(ragged)
         number = np.delete(self._number_rows(rows), [min(row, rows) - 1 for row in ragged])
-        self.ragged_rows += len(ragged)
         block = Block({}, number)
         for name, column in zip(dict.fromkeys(self.wanted), table.columns, strict=True):
-            block.values[name], wrong = floats_from_text(column, self._decimal_point)
+            block.values[name], wrong = floats_from_text(column, self.decimal_point)
             if wrong is not None:
                 block.text[name] = wrong
         return block
+
+    def cells(self, names: Sequence[str]) -> Any:
+        """Arrow table of whole columns, their cells as they are written. Raises TraceError."""
+        import pyarrow as pa
+
+        if self._bytes > LARGEST_TABLE:
+            raise TraceError(f"{self.path}: more than {LARGEST_TABLE >> 20} MB to arrange; cut it")
+        self.wanted, parts = list(dict.fromkeys(names)), []
+        while (raw := self._read_lines()) is not None:
+            parts.append(self._read_csv(raw)[0])
+        return pa.concat_tables(parts).rename_columns(self.wanted)
 
     def _read_lines(self) -> bytes | None:
         """Whole lines of about one block; at the end of the file whatever is left, then None."""
@@ -80,11 +91,11 @@ class TextSource(Source):
         return raw
 
     def _read_csv(self, raw: bytes) -> tuple[Any, list[int]]:
-        """Arrow table of the wanted columns, and the row numbers (from 1) of the ragged rows."""
+        """Arrow table of the wanted columns, and the numbers (from 1) of rows that are ragged."""
         import pyarrow as pa
-        import pyarrow.csv
+        from pyarrow import csv as arrow
 
-        ragged: list[int] = []
+        raw, ragged = self._plain(raw), list[int]()
 
         def skip(row: Any) -> str:
             ragged.append(row.number)
@@ -92,21 +103,17 @@ class TextSource(Source):
 
         keys = [str(index) for index in range(len(self.names))]
         wanted = [keys[self.names.index(name)] for name in dict.fromkeys(self.wanted)]
-        table = pyarrow.csv.read_csv(
-            pa.BufferReader(raw),
-            # Without threads the parser knows the number of a ragged row; block_size is one block.
-            read_options=pyarrow.csv.ReadOptions(
-                column_names=keys, block_size=len(raw) + 1, use_threads=False
-            ),
-            parse_options=pyarrow.csv.ParseOptions(
-                delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
-            ),
-            convert_options=pyarrow.csv.ConvertOptions(
-                column_types=dict.fromkeys(wanted, pa.large_binary()),
-                include_columns=wanted,
-                strings_can_be_null=True,
-            ),
+        # Without threads the parser knows the number of a ragged row; block_size is one block.
+        read = arrow.ReadOptions(column_names=keys, block_size=len(raw) + 1, use_threads=False)
+        parse = arrow.ParseOptions(
+            delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
         )
+        types = dict.fromkeys(wanted, pa.large_binary())
+        convert = arrow.ConvertOptions(
+            column_types=types, include_columns=wanted, strings_can_be_null=True
+        )
+        table = arrow.read_csv(pa.BufferReader(raw), read, parse, convert)
+        self.ragged_rows += len(ragged)
         return table, ragged
 
     def _read_layout(self, head: bytes) -> None:
@@ -126,9 +133,14 @@ class TextSource(Source):
         if _CONTROL.search(lines[0].text):
             raise TraceError(f"{path}: line {len(comments)}: no text; expected names of columns")
         delimiter, top, first = _table(lines)
+        is_scope = any(line.text.startswith(_SCOPE) for line in lines[top:_MOST_ABOVE])
+        while is_scope and not _all_numbers(_split(lines[first].text, delimiter)[:1]):
+            first += 1
         heading = [_split(line.text, delimiter) for line in lines[top:first]]
         rows = lines[first if top else 0 if top == first else 1 :]
         cells = [_split(row.text, delimiter) for row in rows[:_SAMPLE_LINES] if row.text]
+        if is_scope:
+            heading = [_of_scope(heading, cells[0][0])]
         names = heading[0] if heading else _split(comments[-1].text.lstrip("# "), delimiter)
         if not heading and len(names) != len(cells[0]):  # numpy.savetxt has its names in a comment
             names = [f"{BY_NUMBER}{column}" for column in range(1, len(cells[0]) + 1)]
@@ -142,16 +154,10 @@ class TextSource(Source):
                 "stand in the numbers and between them; expected decimal points, or semicolons "
                 "between cells"
             )
-        self._delimiter, self._decimal_point = delimiter, "," if has_comma else "."
+        self._delimiter, self.decimal_point = delimiter, "," if has_comma else "."
         self._in_quotes = b"." if any(map(_QUOTED_COMMA.fullmatch, flat)) else b" "
-        fitted = _fit_names(names, cells)
-        self.names = _each_once(fitted)
+        self.names, self.sample = _each_once(_fit_names(names, cells)), cells
         self.below = heading[1:]
-        if tag := _tags(fitted, cells):
-            raise TraceError(
-                f"{path}: long form, one value a row, with its name under {tag!r}: pivot it first, "
-                "to a row a time and a column for each name"
-            )
         self._file.seek(rows[0].start if rows else len(head))
 
 
@@ -202,18 +208,14 @@ def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def _tags(names: tuple[str, ...], rows: list[list[str]]) -> str:
-    """Column with the names of values, where each row holds one value only; empty if none does."""
-    columns = list(zip(*rows, strict=False))
-    decimal = [each for each in columns if {".", ","} & {*"".join(each)}]
-    if len(decimal) > _MOST_DECIMAL or not any(map(_VALUE.fullmatch, names)):
-        return ""
-    for name, cells in zip(names, columns, strict=False):
-        words = [cell for cell in cells if not any(map(str.isdigit, cell[:1]))]
-        several = 1 < len(set(words)) <= len(cells) / 2.0
-        if len(words) == len(cells) and (several or name == "_field"):  # as InfluxDB has it
-            return name
-    return ""
+def _of_scope(heading: list[list[str]], first: str) -> list[str]:
+    """Names in an export of a TwinCAT Scope: its header has a key before each of its values."""
+    said = {row[0]: row[1::2] for row in heading if row}
+    time_unit, names = "ms" if len(first) < _TICKS_LENGTH else "100 ns", []
+    for name, unit in itertools.zip_longest(said["Name"], said.get("Unit", ()), fillvalue=""):
+        unit = unit.partition("(")[0].strip()  # noqa: PLW2901
+        names += [f"Time {name} [{time_unit}]", f"{name} [{unit}]" if unit else name]
+    return names
 
 
 def _decoded(raw: bytes) -> str:

@@ -36,7 +36,6 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         self.path = path
         self.channels = tuple(channels)
         self._pending: list[SampleFrame] = []
-        self._pending_rows = 0
         self._place = contextlib.ExitStack()
         suffix = path.suffix.lower()
         if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
@@ -45,10 +44,10 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
             )
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
-        self._sink: Any = None
         with self._one_line_errors():
             file = self._place.enter_context(replaced_bytes(path))
             self._sink = _open_sink(suffix, file, (TIME, *self.channels))
+            self._place.callback(self._sink.close)
 
     def write(self, frame: SampleFrame) -> None:
         """Add the rows of a frame.
@@ -62,28 +61,15 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
                     f"{', '.join(self.channels)}"
                 )
         self._pending.append(frame)
-        self._pending_rows += len(frame)
-        if self._pending_rows >= _ROWS_AT_ONCE:
+        if sum(map(len, self._pending)) >= _ROWS_AT_ONCE:
             with self._one_line_errors():
                 self._flush()
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
-            self._abort()
-            return
+    def __exit__(self, *error: Any) -> None:
         with self._one_line_errors():
-            self._flush()
-            self._sink.close()
-            self._place.close()
-
-    def _abort(self) -> None:
-        """Remove what was written; safe twice."""
-        sink, self._sink = self._sink, None
-        with contextlib.suppress(OSError):
-            if sink is not None:
-                sink.close()
-        with contextlib.suppress(OSError):
-            self._place.__exit__(TraceError, TraceError("aborted"), None)
+            if error[0] is None:
+                self._flush()
+            self._place.__exit__(*error)
 
     def _flush(self) -> None:
         import pyarrow as pa
@@ -94,7 +80,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         for name in self.channels:
             parts = [each.channels.get(name, np.full(len(each), np.nan)) for each in self._pending]
             columns[name] = np.concatenate(parts)
-        self._pending, self._pending_rows = [], 0
+        self._pending = []
         arrays = {
             name: pa.array(values, type=pa.float64(), mask=~np.isfinite(values))
             for name, values in columns.items()
@@ -106,7 +92,8 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         try:
             yield
         except (OSError, TraceError) as error:
-            self._abort()
+            with contextlib.suppress(OSError):
+                self._place.__exit__(type(error), error, None)
             if isinstance(error, TraceError):
                 raise TraceError(f"{self.path}: {error}") from None
             reason = error.strerror or error
@@ -162,35 +149,27 @@ class McapSink:
 
     def write_table(self, table: Any) -> None:
         """Add the rows of an Arrow table. Raises TraceError for a time that MCAP cannot hold."""
-        for row in table.to_pylist():
-            log_time_ns = self._log_time_ns(row[TIME])
-            self._writer.add_message(
-                self._channel_id,
-                log_time_ns,
-                json.dumps(row).encode(),
-                publish_time=log_time_ns,
-                sequence=self._rows,
-            )
-            self._rows += 1
+        for number, row in enumerate(table.to_pylist(), start=self._rows):
+            time_s = row[TIME]
+            if time_s is None:
+                raise TraceError(f"row {number + 1} has no time; MCAP orders its messages by time")
+            if self._zero_s is None:
+                self._zero_s = min(time_s, 0.0)
+            log_time_ns = round((time_s - self._zero_s) * 1e9)
+            if not 0 <= log_time_ns < 1 << 64:
+                raise TraceError(
+                    f"row {number + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "
+                    "ns from 0"
+                )
+            content = json.dumps(row).encode()
+            self._writer.add_message(self._channel_id, log_time_ns, content, log_time_ns, number)
+        self._rows += len(table)
 
     def close(self) -> None:
         """Write the index; the file stays open."""
         zero_s = self._zero_s or 0.0
         self._writer.add_metadata("trace", {"log_time_zero_s": repr(zero_s)})
         self._writer.finish()
-
-    def _log_time_ns(self, time_s: float | None) -> int:
-        if time_s is None:
-            raise TraceError(f"row {self._rows + 1} has no time; MCAP orders its messages by time")
-        if self._zero_s is None:
-            self._zero_s = min(time_s, 0.0)
-        log_time_ns = round((time_s - self._zero_s) * 1e9)
-        if not 0 <= log_time_ns < 1 << 64:
-            raise TraceError(
-                f"row {self._rows + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "
-                "ns from 0"
-            )
-        return log_time_ns
 
 
 def write_parts(

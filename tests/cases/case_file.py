@@ -34,6 +34,7 @@ class Edit(Strict):
     drag_nm: float = Field(0.0, description="added to the torque, with the sign of the speed")
     repeated_rows: float = 0.0
     missing_rows: float = 0.0
+    newest_first: bool = False
     clock_jump_s: float = 0.0
     clock_restart: bool = False
     between_s: tuple[float, float] | None = Field(

@@ -64,7 +64,6 @@ def _clock(time_s: Floats, edit: Edit) -> None:
 
 def _rows(columns: Columns, edit: Edit, rng: np.random.Generator) -> Columns:
     n = len(columns[TIME])
-    times = np.where(rng.random(n) < edit.missing_rows, 0, 1)
-    times = np.where((times == 1) & (rng.random(n) < edit.repeated_rows), 2, times)
-    rows = np.repeat(np.arange(n), times)
+    times = np.where(rng.random(n) < edit.missing_rows, 0, 1 + (rng.random(n) < edit.repeated_rows))
+    rows = np.repeat(np.arange(n), times)[:: -1 if edit.newest_first else 1]
     return {name: values[rows] for name, values in columns.items()}

@@ -169,7 +169,7 @@ def test_faults_inside_json_are_counted(tmp_path: Path) -> None:
 
 
 def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("edge_service.recordings.sinumerik.edge_json.CHUNK_BYTES", 7)
+    monkeypatch.setattr("edge_service.recordings.sinumerik.edge.CHUNK_BYTES", 7)
     path = tmp_path / "recording.json"
     content = edge_json(_rows(list(range(10, 40))))
     path.write_bytes(json.dumps(json.loads(content), indent=1).encode())

@@ -88,5 +88,5 @@ def test_what_is_no_response_is_told_in_one_line(tmp_path: Path, text: str, says
 
 
 def test_an_element_without_an_end_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:
-    with pytest.raises(TraceError, match="more than 33554432 characters"):
+    with pytest.raises(TraceError, match="more than 33554432 bytes"):
         _read(tmp_path, "<DynamicModelAxisController><raw>" + "1" * (33 << 20))

@@ -5,27 +5,31 @@
 `HFBlockEvent` says from which count on a block is worked off: `HFProbeCounter`, the count,
 `ActiveTool`, `SeekOffset` (place in the program) and `GCode` (text of the block).
 
+As JSON (`Capture4Analysis` of Analyze MyWorkpiece) it has a `Payload` of messages: `HFData` is a
+block of samples; `HFTimestamp`, `HFCallEvent` and `LFData` say nothing of the axes.
 As CSV such a recording is three files: `..._hfdata.csv` with columns `NAME|axis`, beside it
 `..._header.csv` (`SignalName,Type,Axis,Address`) and `..._hfblockevent.csv`.
 Layout: CaptureDataParser of max-scw, and the files of Stroebel et al., "A Multimodal Dataset for
 Process Monitoring and Anomaly Detection in Industrial CNC Milling" (KIT, 2025).
 """
 
+import codecs
 import csv
+import json
 import math
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import IO, Any, TextIO
 
 import numpy as np
 
 from ...messages.samples import TIME, Booleans, ColumnMap, Floats
 from ..columns import TraceError
-from ..source import MOST_COLUMNS, NO_TEXT, Block, Source, Text
+from ..source import BYTE_ORDER_MARK, MOST_COLUMNS, NO_TEXT, Block, Source, Text, number_of
 from .signals import EDGE_CYCLE, edge_signals
 
 PERIOD_S = 0.002
@@ -41,6 +45,10 @@ _NUMBERS, _GCODE = ("ActiveTool", "SelectedTool", "SeekOffset"), "GCode"
 EVENT_COLUMNS = tuple(f"{EVENT}.{name}" for name in (*_NUMBERS, _GCODE))
 _COUNTERS = ("HFProbeCounter", "HfProbeCounter")
 _LARGEST_FILE, _LONGEST_HEADER, _MOST_AXES = 1 << 28, 1 << 20, 1000
+BLOCK_ROWS, CHUNK_BYTES = 1 << 12, 1 << 18
+LONGEST_ELEMENT, MOST_MEMBERS = 1 << 23, 100
+_BETWEEN = " \t\r\n,:"
+_JSON = json.JSONDecoder()
 _BESIDE = {
     "the NC blocks": {"HFProbeCounter", "GCode"},
     "the list of signals": {"SignalName", "Address"},
@@ -133,7 +141,7 @@ class EdgeContext:
 
     def add_event(self, event: Mapping[str, Any]) -> None:
         """Keep an event; one without a count says nothing, one that falls begins the next run."""
-        counter = next((_number(event[name]) for name in _COUNTERS if name in event), math.nan)
+        counter = next((number_of(event[name]) for name in _COUNTERS if name in event), math.nan)
         if not math.isfinite(counter) or self.event_count >= MOST_EVENTS:
             return
         if self.events[-1][0] and counter < self.events[-1][0][-1]:
@@ -142,7 +150,7 @@ class EdgeContext:
         # CRC-32 of the text: a number that equal blocks share, whatever the day
         number = float(zlib.crc32(block.encode())) if block else math.nan
         self.events[-1][0].append(counter)
-        self.events[-1][1].append([*(_number(event.get(name)) for name in _NUMBERS), number])
+        self.events[-1][1].append([*(number_of(event.get(name)) for name in _NUMBERS), number])
         self.event_count += 1
 
     def events_at(self, cycle: Floats, run: Floats) -> dict[str, Floats]:
@@ -160,12 +168,6 @@ class EdgeContext:
             if here.any():
                 values[here] = np.array(found)[newest[here]]
         return dict(zip(EVENT_COLUMNS, values.T, strict=True))
-
-
-def _number(value: Any) -> float:
-    with suppress(TypeError, ValueError, OverflowError):
-        return float(value)
-    return math.nan
 
 
 def _context_beside(path: Path) -> EdgeContext:
@@ -227,7 +229,7 @@ class EdgeRows:
         names = [str(each.get("Address") or each.get("Name") or "") for each in signals]
         for name, each in zip(names, signals, strict=True):
             context.name_axis(name, str(each.get("Axis") or ""))
-        period_s = _number(header.get("CycleTimeMs")) / 1e3
+        period_s = number_of(header.get("CycleTimeMs")) / 1e3
         context.period_s = period_s if SHORTEST_S <= period_s <= LONGEST_S else None
         width = len(first[0]) if first and isinstance(first[0], list) else 0
         if width == len(names) + 1 and EDGE_CYCLE not in names:
@@ -263,6 +265,112 @@ class EdgeRows:
             return math.nan if value is None else float(value)
         self._text[name] = self._text.get(name, NO_TEXT) + Text(1, {str(value)[:40]: 1})
         return math.nan
+
+
+class JsonText:
+    """Values of a JSON text one by one, in bounded memory."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = codecs.getreader("utf-8-sig")(file, "replace")
+        self._text, self._position, self._passed = "", 0, 0
+
+    def elements(self, name: str, members: dict[str, Any]) -> Iterator[Any]:
+        """Elements of the list `name` of the outermost object; `members` takes those before it.
+
+        Raises ValueError, one line, for JSON that is cut off or damaged, or another than expected.
+        """
+        self._position += self._peek() == "{"
+        while self._peek() != "}" and len(members) <= MOST_MEMBERS:
+            key = self._value()
+            if key == name and self._peek() == "[":
+                break
+            members[str(key)] = self._value()
+        else:
+            raise ValueError(f"no list {name!r}")
+        self._position += 1
+        while self._peek() != "]":
+            yield self._value()
+
+    def _peek(self) -> str:
+        """The next character that is not between two values; empty at the end."""
+        while self._position < len(self._text) or self._more():
+            if self._text[self._position] not in _BETWEEN:
+                return self._text[self._position]
+            self._position += 1
+        return ""
+
+    def _value(self) -> Any:
+        self._peek()
+        while True:
+            try:
+                value, end = _JSON.raw_decode(self._text, self._position)
+            except RecursionError:
+                raise ValueError("its values are nested too deeply") from None
+            except ValueError as error:
+                if not self._more():
+                    place = f"behind character {self._passed + self._position}"
+                    reason = f"cut off or damaged {place} ({str(error)[:60]})"
+                    raise ValueError(reason) from None
+            else:
+                if end < len(self._text) or not self._more():  # a number may go on
+                    self._position = end
+                    return value
+
+    def _more(self) -> bool:
+        """Read on; False at the end of the file."""
+        rest = self._text[self._position :]
+        if len(rest) > LONGEST_ELEMENT:
+            raise ValueError(f"an element of more than {LONGEST_ELEMENT} characters")
+        text = self._file.read(max(len(rest), CHUNK_BYTES))
+        if text:
+            self._passed += self._position
+            self._text, self._position = rest + text, 0
+        return bool(text)
+
+
+class EdgeJsonSource(Source):
+    """An open JSON. A row without a number for each signal is set aside and counted."""
+
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
+        super().__init__(path, file)
+        self.context = EdgeContext(has_events=True)
+        self._waiting: list[Any] = []
+        members: dict[str, Any] = {}
+        self._messages = JsonText(file).elements(PAYLOAD, members)
+        self._fill(1)
+        try:
+            self._rows = EdgeRows(members.get(HEADER), self._waiting, self.context)
+        except ValueError as error:
+            raise TraceError(f"{path}: {error}") from None
+        self.names = self._rows.names
+
+    def read_block(self) -> Block | None:
+        self._fill(BLOCK_ROWS)
+        if not self._waiting:
+            return None
+        rows, self._waiting = self._waiting, []
+        samples, kept = self._rows.numbers(rows)
+        self.ragged_rows = self._rows.ragged_rows
+        number = self._number_rows(len(rows))[kept]
+        values = {name: samples[:, self.names.index(name)] for name in self.wanted}
+        text = self._rows.take_text()
+        return Block(values, number, {name: text[name] for name in self.wanted if name in text})
+
+    def _fill(self, rows: int) -> None:
+        """Read messages until so many rows wait, or all have been read."""
+        try:
+            for message in self._messages:
+                found = message if isinstance(message, dict) else {}
+                samples, event = found.get(SAMPLES), found.get(EVENT)
+                if isinstance(samples, list):
+                    self._waiting += samples
+                if isinstance(event, dict):
+                    self.context.add_event(event)
+                if len(self._waiting) >= rows:
+                    return
+        except ValueError as error:
+            why = f"{error}; {self._rows_seen} samples were read"
+            raise TraceError(f"{self.path}: {why}") from None
 
 
 class EdgeSource(Source):
@@ -352,3 +460,9 @@ def edge_recording(path: Path, source: Source, columns: Mapping[str, ColumnMap])
     sets_time = by_count or (mapped is None and TIME not in source.names)
     context: EdgeContext | None = getattr(source, "context", None)
     return EdgeSource(source, context or _context_beside(path), period_s, sets_time=sets_time)
+
+
+def is_edge_json(head: bytes, _path: Path) -> bool:
+    """Return whether a file begins as the JSON of such a recording."""
+    start = head.removeprefix(BYTE_ORDER_MARK).lstrip()
+    return start.startswith(b"{") and (b'"SignalListHFData"' in head or b'"HFData"' in head)

@@ -18,13 +18,7 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
-from ...messages.samples import (
-    CHANNELS,
-    SI,
-    TABLE_POSITION,
-    ColumnMap,
-    factor_to,
-)
+from ...messages.samples import CHANNELS, SI, TABLE_POSITION, ColumnMap, factor_to
 from ..columns import AxisError
 
 
