@@ -76,8 +76,7 @@ def test_a_recording_on_a_clock_of_its_own_is_another_day(torn: int, tmp_path: P
 def spoiled_state(folder: Path, trace: Path, name: str) -> Path:
     state = folder / "axis.state"
     estimate(trace, COMMISSIONED, "--state", str(state))
-    text = state.read_text()
-    content = json.loads(state.read_text())
+    content = json.loads(text := state.read_text())
     others = {
         "other machine": {"machine": "0" * 64},
         "other axis": {"axis": "Y"},

@@ -71,9 +71,8 @@ def test_missed_aims_are_printed_as_missed_and_rows_without_data_stay() -> None:
     assert set(AIMS) | {f"{ROW}{name}" for name in scenarios(False)} <= set(lines)
 
 
-@pytest.mark.parametrize("seed", [3, 5])
-def test_a_full_drop_is_no_loosening_under_a_force(seed: int) -> None:
-    drop = next(each for each in closed_loop(seed, quick=True) if each.row.endswith("full drop"))
+def test_a_full_drop_is_no_loosening_under_a_force() -> None:
+    drop = next(each for each in closed_loop(3, quick=True) if each.row.endswith("full drop"))
     assert drop.ours.wrong < 0.02
 
 

@@ -109,12 +109,12 @@ class Another:
 
     def preload(self) -> tuple[float, float, float]:
         low, high = self.quantile(0.025), self.quantile(0.975)
-        lost = high < posterior.UNDETERMINED_SHARE * axis.FRESH
-        if lost and low < 0.5 * posterior.UNDETERMINED_SHARE * axis.FRESH:
+        undetermined = posterior.UNDETERMINED_SHARE * axis.FRESH
+        if high < undetermined and low < 0.5 * undetermined:
             low = 0.0
-        high = max(high, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
         median = min(self.quantile(0.5, MOST + posterior.READ_ABOVE), axis.FRESH)
-        return median, min(low, median), max(high, median)
+        high = max(high, median, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
+        return median, min(low, median), high
 
     def spread(self, mean: Floats, variance: Floats) -> tuple[float, float]:
         value = float(self.weight @ mean)
