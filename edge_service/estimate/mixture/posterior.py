@@ -30,8 +30,8 @@ LAW_FACTORS, LAW_WEIGHTS = np.array([0.6, 1.0, 2.0]), np.array([0.1, 0.8, 0.1])
 """Of ln(preload / fresh) and their probabilities (assumed): a nut that yields more than is thought
 or stands on a soft spring, Hertz contacts, and rollers, whose exponent is 1/6."""
 UNDETERMINED_SHARE, UNDETERMINED_HIGH_SHARE = 0.3, 0.12
-"""An interval below the first share of the fresh preload reaches down to none, for a clearance may
-be there, and up to the second at least."""
+"""An interval that holds half of the first share of the fresh preload, with an answer below it,
+reaches down to none, for a clearance may be there; any reaches up to the second at least."""
 OPENING = 2.0**1.5
 """Axial force over the preload from which on one half of the nut is unloaded (Hertz contacts)."""
 READ_ABOVE = 0.15
@@ -268,7 +268,7 @@ def _interval(
     """
     fresh_percent = model.fresh_percent
     open_percent = abs(model.hanging_n) / OPENING * fresh_percent / model.fresh_preload_n
-    lost = _quantile(0.975, weight, mean, sigma, most) < UNDETERMINED_SHARE * fresh_percent
+    lost = _quantile(0.5, weight, mean, sigma, most) < UNDETERMINED_SHARE * fresh_percent
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
     if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * fresh_percent * lost):

@@ -110,7 +110,7 @@ class Another:
     def preload(self) -> tuple[float, float, float]:
         low, high = self.quantile(0.025), self.quantile(0.975)
         undetermined = posterior.UNDETERMINED_SHARE * axis.FRESH
-        if high < undetermined and low < 0.5 * undetermined:
+        if self.quantile(0.5) < undetermined and low < 0.5 * undetermined:
             low = 0.0
         median = min(self.quantile(0.5, MOST + posterior.READ_ABOVE), axis.FRESH)
         high = max(high, median, posterior.UNDETERMINED_HIGH_SHARE * axis.FRESH)
