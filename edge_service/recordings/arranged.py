@@ -21,8 +21,8 @@ from .text import TextSource
 
 _APART = 0.05
 """Share of the rows at times that the densest channel does not have."""
-_MOST_DECIMAL = 4
-"""Columns of numbers with decimals, or of times or names with dots, where a row has one value."""
+_DECIMAL = re.compile(r"\s*[-+\u2212]?\d+[.,]\d+\s*")
+"""A number that no count and no quality is: beside its one value a row of long form has none."""
 _ALIKE = 50.0
 """Times of one unit: channels are sampled within this factor of each other."""
 _NUMBER = re.compile(r"\s*[-+.\u2212]?\d")
@@ -43,8 +43,8 @@ def open_text(path: Path, file: IO[bytes]) -> Source:
     tags = [name for name in words if _LIKE["tag"](name)]
     tags += [name for name in words if 1 < len(set(first[name])) <= len(first[name]) / 2.0]
     values = list(filter(_LIKE["value"], first))
-    decimal = [cells for cells in first.values() if {".", ","} & {*"".join(cells)}]
-    if times and tags and values and len(decimal) <= _MOST_DECIMAL:
+    others = [first[name] for name in first if name not in (*times, *words, *values)]
+    if times and tags and values and not any(map(_DECIMAL.fullmatch, sum(others, ()))):
         cells = source.cells([*times, values[0], *words])
         time = next((name for name in times if len(cells[name].unique()) > 1), times[0])
         return _arranged(source, file, time, _of_tags(cells, time, tags[0], values[0], words))
