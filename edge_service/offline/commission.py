@@ -22,7 +22,7 @@ from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
 from .machine_text import drag_of
-from .recordings import failing, open_recording, read_recording, reported, require_sound
+from .recordings import examine, failing, open_recording, read_recording, reported, require_sound
 from .report.quantities import tolerated
 
 READ_BACK = 6000
@@ -62,7 +62,7 @@ def commission_to_file(
         sheet = {"preload_n": model.preload_n.value, "screw_diameter_m": diameter_m}
         drag = {"preload_drag_nm": drag_of(sheet, stated.axis.lead_m)}
         nominal = stated.model_copy(update={"model": model.model_copy(update=drag)})
-    require_sound(nominal, traces, strict=("columns", "torque"))
+    require_sound(examine(nominal, traces), traces, strict=("columns", "torque"))
     if interval_s is None and nominal.commissioned is not None:
         interval_s = nominal.commissioned.interval_s
     uncommissioned = nominal.model_copy(update={"commissioned": None})
@@ -131,10 +131,7 @@ def _not_as_fresh(
 
 
 def _read(
-    traces: Sequence[Path],
-    machine: Machine,
-    limits: SteadyLimits,
-    interval_s: float | None,
+    traces: Sequence[Path], machine: Machine, limits: SteadyLimits, interval_s: float | None
 ) -> tuple[list[list[FeatureBlock]], Floats]:
     """Blocks of each recording, and for how long its channels repeat a value, s, (3,)."""
     found, hold_s = [], np.zeros(3)

@@ -32,9 +32,7 @@ _MARKS = {Verdict.FITS: "ok", Verdict.DOUBTFUL: "DOUBT", Verdict.UNKNOWN: "?"}
 
 
 def examine_traces(
-    machine_file: Path,
-    traces: Sequence[Path],
-    axis_number: int | None = None,
+    machine_file: Path, traces: Sequence[Path], axis_number: int | None = None
 ) -> Answer:
     """Check recordings against a machine file. Raises ConfigError and TraceError."""
     machine = load_machine(machine_file, axis_number)

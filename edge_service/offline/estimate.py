@@ -19,7 +19,7 @@ from ..nodes.estimated_axis import DAMAGED, LONGEST_STOP_S, Kept, StateError, id
 from ..nodes.stages import make_downsampler, make_estimator
 from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
-from .recordings import open_recording, reported, require_sound
+from .recordings import examine, open_recording, reported, require_sound
 
 COLUMNS = (
     *("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons"),
@@ -102,7 +102,7 @@ def estimate_to_csv(
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
     machine = load_machine(machine_file, axis_number)
-    require_sound(machine, [trace])
+    require_sound(examine(machine, [trace]), [trace])
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)

@@ -18,10 +18,9 @@ from ..fingerprint.fingerprint import fingerprint_axis
 from ..fingerprint.response.control_response import Mode, servo_tuning
 from ..fingerprint.result import AxisFingerprint, FingerprintError, Status, read_fingerprint
 from ..recordings.columns import TraceError
-from ..recordings.forms import head_of
 from ..recordings.sinumerik.tuning import is_tuning, read_tuning
 from .drift import DriftReport, compare_days
-from .recordings import read_recording, require_sound
+from .recordings import examine_within, read_recording, remarks_of, require_sound
 from .report.fingerprint_page import WORDING, draw_drift, draw_sections, headline, plain
 from .report.page import as_svg, rendered
 from .report.quantities import estimate
@@ -40,6 +39,8 @@ class FingerprintDocument(AxisFingerprint):
     # stated, modes: of a servo tuning: what the control states, notches and peaks
     stated: dict[str, float] | None = None
     modes: list[Mode] | None = None
+    # remarks: what fails within the recordings
+    remarks: tuple[str, ...] | None = None
 
 
 def fingerprint(
@@ -63,10 +64,7 @@ def fingerprint(
         raise FingerprintError("no recording given; expected one trace or more")
     if twice := [name for name in names if names.count(name) > 1]:
         raise FingerprintError(f"two recordings are called {twice[0]}; expected each once")
-    tunings = []
-    for path in traces:
-        with suppress(OSError):
-            tunings += [path] if is_tuning(head_of(path)) else []
+    tunings = list(filter(is_tuning, traces))
     if len(tunings) > 1:
         raise FingerprintError(f"{tunings[1]}: a second servo tuning; expected one at most")
     baseline = None if baseline_file is None else read_fingerprint(baseline_file)
@@ -80,10 +78,12 @@ def fingerprint(
     found = AxisFingerprint(axis, (), {})
     days: DriftReport | None = None
     modes: list[Mode] | None = None
+    remarks: tuple[str, ...] = ()
     if machine is not None:
         several = len(recorded) > 1
         frames = {path: read_recording(machine, path, keep_all=several) for path in recorded}
-        require_sound(machine, recorded)
+        require_sound(examined := examine_within(machine, recorded), recorded)
+        remarks = remarks_of(examined)
         progress("friction, stiffness, backlash, modes")
         found = fingerprint_axis(machine, {p.name: each for p, each in frames.items()}, baseline)
         if several:
@@ -104,6 +104,7 @@ def fingerprint(
         None if baseline is None else appeared_figures(found, baseline),
         None if measured is None else dict(measured.stated),
         modes,
+        remarks or None,
     )
     progress("pictures")
     page = rendered(
@@ -124,7 +125,7 @@ def fingerprint(
     kept = {name: each for name, each in content.items() if each is not None}
     write_whole(out_dir / "fingerprint.json", json.dumps(kept, indent=2, allow_nan=False) + "\n")
     write_whole(out_dir / "report.html", page)
-    lines = [f"axis {axis}: {document.verdict}", *_section_lines(document)]
+    lines = [f"axis {axis}: {document.verdict}", *_section_lines(document), *remarks]
     if document.appeared:
         lines.append(f"seen only now: {', '.join(map(plain, document.appeared))}")
     if days is not None:

@@ -79,10 +79,7 @@ def list_motions(machine: Machine) -> Answer:
 
 
 def write_motion(
-    name: str,
-    machine: Machine,
-    out: Path,
-    settings: MotionFileSettings = MotionFileSettings(),
+    name: str, machine: Machine, out: Path, settings: MotionFileSettings = MotionFileSettings()
 ) -> Answer:
     """Write a motion as `out` says, .csv or .mpf; it appears whole or not at all.
 

@@ -80,6 +80,12 @@ def examine_within(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
     return [*found, Finding("channels", verdict, said or "no channel fails", remedy=remedy)]
 
 
+def remarks_of(found: Iterable[Finding]) -> tuple[str, ...]:
+    """Sentences of `doctor` on the channels that fail within recordings."""
+    said = [each for each in found if each.is_doubtful and each.name == "channels"]
+    return tuple(f"doctor: {each.sentence}" for each in said)
+
+
 def examine(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
     """Every check that these files allow; errors as `open_trace`."""
     frames: list[SampleFrame] = []
@@ -91,15 +97,17 @@ def examine(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
     return check_plausibility(machine, frames, tuple(unread))
 
 
-def require_sound(machine: Machine, traces: Sequence[Path], strict: Collection[str] = ()) -> None:
-    """Examine recordings, and go on only where an answer can be right.
+def require_sound(
+    found: Iterable[Finding], traces: Sequence[Path], strict: Collection[str] = ()
+) -> None:
+    """Go on only where an answer can be right, by what the checks of these recordings found.
 
     Args:
         strict: names of checks whose every doubt forbids an answer.
 
     Raises ExaminationError: a mistake of unit, sign or column; the text names the worst.
     """
-    for each in examine(machine, traces):
+    for each in found:
         if each.forbids or (each.is_doubtful and each.name in strict):
             names = ", ".join(str(path) for path in traces)
             raise ExaminationError(

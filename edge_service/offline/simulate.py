@@ -73,10 +73,7 @@ def simulate(machine: Machine, settings: SimulationSettings, out: Path) -> Answe
 
 
 def simulate_session(
-    machine: Machine,
-    settings: SimulationSettings,
-    motions: Sequence[str],
-    out: Path,
+    machine: Machine, settings: SimulationSettings, motions: Sequence[str], out: Path
 ) -> Answer:
     """Run motions one after another on one axis, each into a file of the folder `out`.
 

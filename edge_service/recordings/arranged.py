@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any
@@ -17,7 +18,7 @@ import numpy as np
 from ..messages.samples import TIME, Floats
 from .columns import TraceError
 from .source import NO_TEXT, Source, TableSource, Text, floats_from_text
-from .text import TextSource
+from .text import LARGEST_TABLE, TextSource
 
 _APART = 0.05
 """Share of the rows at times that the densest channel does not have."""
@@ -27,6 +28,7 @@ _ALIKE = 50.0
 """Times of one unit: channels are sampled within this factor of each other."""
 _NUMBER = re.compile(r"\s*[-+.\u2212]?\d")
 _TABLE = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))["long"]
+_CAMONITOR = re.compile(_TABLE["camonitor"].encode())
 _LIKE = {name: re.compile(text, re.IGNORECASE).fullmatch for name, text in _TABLE.items()}
 Group = tuple[Any, dict[str, Any]]
 """Cells of a time, and those of the channels that have it."""
@@ -34,6 +36,12 @@ Group = tuple[Any, dict[str, Any]]
 
 def open_text(path: Path, file: IO[bytes]) -> Source:
     """Rows of a text file, or its cells in rows of one time, oldest first. Raises TraceError."""
+    is_monitored = _CAMONITOR.match(file.readline(LARGEST_TABLE))
+    file.seek(0)
+    if is_monitored:
+        with file:
+            lines = _CAMONITOR.sub(rb"\1;\2;\3;\4", file.read(LARGEST_TABLE))
+        file = BytesIO(b"variable;time;value;state\n" + lines)
     source = TextSource(path, file)
     first = dict(zip(source.names, zip(*source.sample, strict=False), strict=False))
     words = [n for n, cells in first.items() if n and not any(map(_NUMBER.match, cells))]

@@ -234,12 +234,10 @@ def low_pass(values: Floats, cutoff_hz: float, order: int, period_s: float) -> F
     half_rate_hz = 0.5 / period_s
     if cutoff_hz >= half_rate_hz:
         raise ValueError(
-            f"cutoff_hz: {cutoff_hz:g} Hz is not below half of the sampling rate, "
-            f"{half_rate_hz:g} Hz"
+            f"cutoff_hz: {cutoff_hz:g} Hz is not below half the sampling rate, {half_rate_hz:g} Hz"
         )
     sos = signal.butter(order, cutoff_hz / half_rate_hz, output="sos")
-    filtered: Floats = signal.sosfiltfilt(sos, values)
-    return filtered
+    return np.asarray(signal.sosfiltfilt(sos, values))
 
 
 def anti_alias(values: Floats, factor: int) -> Floats:
@@ -247,8 +245,7 @@ def anti_alias(values: Floats, factor: int) -> Floats:
     sos = signal.cheby1(
         _DECIMATION_ORDER, _DECIMATION_RIPPLE_DB, _DECIMATION_PASS / factor, output="sos"
     )
-    filtered: Floats = signal.sosfiltfilt(sos, values)
-    return filtered
+    return np.asarray(signal.sosfiltfilt(sos, values))
 
 
 def white_noise_rms(values: Floats) -> float:

@@ -57,9 +57,8 @@ class MatlabSource(TableSource):
             objects = any(value is _OBJECT for value in variables.values())
             raise TraceError(f"{path}: holds {_AN_OBJECT if objects else _NO_COLUMN}")
         length = max(lengths, key=lambda each: (lengths[each], each))
-        super().__init__(
-            path, file, {n: each for n, each in columns.items() if len(each) == length}
-        )
+        table = {name: each for name, each in columns.items() if len(each) == length}
+        super().__init__(path, file, table)
         if others := [name for name in columns if name not in self.names]:
             self.notes.append(f"of another length: {', '.join(others[:12])}")
 

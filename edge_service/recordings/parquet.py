@@ -64,8 +64,7 @@ class ParquetSource(Source):
 
         cell_type = self._schema.field(name).type
         kinds = (types.is_floating, types.is_integer, types.is_decimal, types.is_boolean)
-        others = (types.is_temporal, types.is_null, _holds_text)
-        return any(kind(cell_type) for kind in (*kinds, *others))
+        return any(of(cell_type) for of in (*kinds, types.is_temporal, types.is_null, _holds_text))
 
     def want(self, names: list[str]) -> None:
         for name in names:

@@ -202,10 +202,8 @@ def _table(lines: list[_Line]) -> tuple[str, int, int]:
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
     """Names that are there twice, with the number of their column."""
     twice = {name for name, count in Counter(names).items() if count > 1 and name}
-    return tuple(
-        f"{name} {BY_NUMBER}{number}" if name in twice else name
-        for number, name in enumerate(names, start=1)
-    )
+    numbered = enumerate(names, start=1)
+    return tuple(f"{name} {BY_NUMBER}{k}" if name in twice else name for k, name in numbered)
 
 
 def _of_scope(heading: list[list[str]], first: str) -> list[str]:

@@ -103,8 +103,8 @@ def _answer(command: str, out: Path, stdout: io.StringIO, case: Case) -> Any:
         return tomllib.loads(out.read_text())
     file = out / f"{'diagnosis' if command == 'diagnose' else command}.json"
     text = file.read_text() if file.exists() else stdout.getvalue()
-    said = {"said": stdout.getvalue()} if command == "diagnose" else {}
-    return json.loads(text) | said if text.startswith("{") else None
+    said = {"said": stdout.getvalue()} if command in ("diagnose", "gap") else {}
+    return json.loads(text) | said if text.startswith("{") else said or None
 
 
 def estimates(path: Path, windows: dict[str, Window]) -> dict[str, Any]:

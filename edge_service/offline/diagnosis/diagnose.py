@@ -51,7 +51,7 @@ from ...models.machine import Machine
 from ...models.motions.registry import MotionError
 from ...nodes.stages import make_downsampler
 from ...regression.run import Run
-from ..recordings import examine_within, open_recording
+from ..recordings import examine_within, open_recording, remarks_of
 from ..report.diagnosis_page import chance, places, points, render, verdict_sentence
 from ..report.quantities import amount
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
@@ -143,8 +143,7 @@ def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> D
     check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
     found = examine_within(machine, traces)
     forbidding = tuple(f"{each.sentence}; {each.remedy}" for each in found if each.forbids)
-    failing = [f"doctor: {e.sentence}" for e in found if e.is_doubtful and e.name == "channels"]
-    remarks = (*check.remarks, *failing)
+    remarks = (*check.remarks, *remarks_of(found))
     return replace(check, faults=forbidding or check.faults, remarks=remarks)
 
 

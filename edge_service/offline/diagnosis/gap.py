@@ -25,7 +25,7 @@ from ...messages.samples import SampleFrame
 from ...models.effects.learned import model_effects
 from ...models.machine import Machine
 from ...regression.run import Run
-from ..recordings import open_recording, reported, require_sound
+from ..recordings import examine_within, open_recording, remarks_of, reported, require_sound
 from ..report.quantities import amount
 
 NOTHING_TO_COMPARE = (
@@ -83,7 +83,8 @@ def gap(machine_file: Path, traces: Sequence[Path], axis_number: int | None = No
     Raises ConfigError, TraceError, DiagnosisError, ExaminationError.
     """
     machine = load_machine(machine_file, axis_number)
-    require_sound(machine, traces)
+    found = examine_within(machine, traces)
+    require_sound(found, traces)
     modelled = model_effects(machine)
     parts: dict[str, list[tuple[int, float, float]]] = {TORQUE_GAP: [], TRANSMISSION_GAP: []}
     with one_line():
@@ -103,5 +104,5 @@ def gap(machine_file: Path, traces: Sequence[Path], axis_number: int | None = No
             known[name] = float(np.sqrt(square))
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
-    words = "\n".join(f"{name}: {amount(rms, CHANNEL_UNITS[name])}" for name, rms in known.items())
-    return Answer(words, known)
+    lines = [f"{name}: {amount(rms, CHANNEL_UNITS[name])}" for name, rms in known.items()]
+    return Answer("\n".join([*lines, *remarks_of(found)]), known)

@@ -249,9 +249,7 @@ class EdgeRows:
         except (TypeError, ValueError, OverflowError):
             samples = np.empty(0)
         if samples.shape != (len(kept), width):
-            cells = [
-                [self._cell(*each) for each in zip(self.names, row, strict=True)] for row in kept
-            ]
+            cells = [list(map(self._cell, self.names, row)) for row in kept]
             samples = np.array(cells, dtype=np.float64).reshape(-1, width)
         return samples, whole
 
@@ -385,8 +383,7 @@ class EdgeSource(Source):
         self._inner = inner
         told_s = period_s or context.period_s
         self.clock = CycleClock(told_s or PERIOD_S)
-        why = "; the usual period of Industrial Edge, as no header says it"
-        self._guessed = "" if told_s else why
+        self._guessed = "" if told_s else "; the usual period of Industrial Edge: no header says it"
         self._counted = EDGE_CYCLE in inner.names
         self._own = ((TIME,) if sets_time else ()) + EVENT_COLUMNS
         time = (TIME,) if sets_time and TIME not in inner.names else ()

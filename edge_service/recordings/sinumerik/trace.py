@@ -306,9 +306,8 @@ class SinumerikSource(Source):
             return 0.0
         after_s = newest_s + FRAME_GAP_S
         try:
-            first, this = (
-                datetime.fromisoformat(each.start_time) for each in (self._frames[0], frame)
-            )
+            texts = self._frames[0].start_time, frame.start_time
+            first, this = map(datetime.fromisoformat, texts)
             offset_s = (this - first).total_seconds()
         except (ValueError, TypeError):  # no times, or one of the two has a time zone
             return after_s

@@ -8,6 +8,7 @@ would escape: five digits are four bytes, the greatest first, and `.` is four ze
 Ascii85. Layout of both: eliasrhoden/Trace-Tools.
 """
 
+import base64
 import math
 import string
 from contextlib import suppress
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from ...messages.samples import Floats
 from ..columns import TraceError
+from ..forms import head_of
 from .xml_reader import XmlReader
 
 TUNING_ROOT, MEASUREMENT_ROOT = "DynamicModelAxisController", "ResponseTest"
@@ -40,7 +42,7 @@ _STATED = {
 }
 ALPHABET = string.digits + string.ascii_lowercase + string.ascii_uppercase
 ALPHABET += "!#$`()*+-/:;=?@[]^_{|}~"
-_DIGITS = {digit: value for value, digit in enumerate(ALPHABET)}
+_ASCII85 = str.maketrans(ALPHABET, "".join(map(chr, range(33, 118))))
 
 Complexes = npt.NDArray[np.complex128]
 
@@ -59,9 +61,12 @@ class MeasuredResponse:
     stated: dict[str, float] = field(default_factory=dict)
 
 
-def is_tuning(head: bytes) -> bool:
-    """Return whether the first bytes of a file are those of such an XML."""
-    return any(f"<{root}".encode() in head for root in (TUNING_ROOT, MEASUREMENT_ROOT))
+def is_tuning(path: Path) -> bool:
+    """Return whether a file begins as such an XML; what cannot be opened is none."""
+    with suppress(OSError):
+        head = head_of(path)
+        return any(f"<{root}".encode() in head for root in (TUNING_ROOT, MEASUREMENT_ROOT))
+    return False
 
 
 def read_tuning(path: Path) -> MeasuredResponse:
@@ -213,10 +218,6 @@ def doubles_from_base85(text: str) -> Floats:
     digits = "".join(text.split()).replace(".", "00000")
     if len(digits) % 10:
         raise ValueError("no whole number of doubles")
-    values = np.array([_DIGITS.get(digit, -1) for digit in digits], dtype=np.int64)
-    if np.any(values < 0):
+    if set(digits) - set(ALPHABET):
         raise ValueError("a character that is no digit of base 85")
-    words = values.reshape(-1, 5) @ 85 ** np.arange(4, -1, -1)
-    if np.any(words >= 1 << 32):
-        raise ValueError("five digits that are more than four bytes")
-    return words.astype(">u4").view(">f8").astype(np.float64)
+    return np.frombuffer(base64.a85decode(digits.translate(_ASCII85)), ">f8").astype(np.float64)
