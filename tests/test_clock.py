@@ -12,7 +12,7 @@ from .documents import ROOT
 START_NS = 1_795_000_000 * NS_PER_S
 YEAR_NS = 365 * 86400 * NS_PER_S
 STEPS_NS = [
-    *(74 * YEAR_NS, -56 * YEAR_NS, 3600 * NS_PER_S, -7200 * NS_PER_S, 2 * NS_PER_S, -2 * NS_PER_S),
+    *(74 * YEAR_NS, -56 * YEAR_NS, 3600 * NS_PER_S, -7200 * NS_PER_S, 2 * NS_PER_S, -2 * NS_PER_S)
 ]
 
 

@@ -13,33 +13,26 @@ from ..checks.live.channel_limits import ChannelLimits
 from ..checks.live.excursions import BEFORE, BEHIND, FIRST, longest_rows, mend
 from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.row_faults import T
-from ..messages.samples import (
-    ANGLE,
-    TABLE_POSITION,
-    TORQUE,
-    Floats,
-    Integers,
-    SampleFrame,
-    is_uncertain,
-)
+from ..messages.samples import POSITION_CHANNELS, TORQUE, Floats, SampleFrame, is_uncertain
 from ..messages.stored import Stored, StoredFloats
-from .rows import RowScreen, Screened, table_of
+from .interval_kernels import CLOCK_STATES, PERIOD_S, even_out
+from .rows import Bits, RowScreen, Screened, table_of
 from .statistics import MAX_SPEED_RAD_S, DownsampleSettings, MotionHistory, absent_block, summarise
 
 _LEARN_ROWS = 16  # rows from which the native period is learned
-_DOUBTED_CHANNELS = {TORQUE, ANGLE, TABLE_POSITION}
+_DOUBTED_CHANNELS = {TORQUE, *POSITION_CHANNELS}
 _MAX_HOLE_ROWS = 6  # native periods without a row that are bridged; more is a gap
 _DIRECTION_WINDOW_S = 0.004  # half width of the difference that gives the direction
 _LEAST_SAMPLES = 5  # in an interval, for the torque held between them to be a fair picture
 _MOST_DOUBTED = 1024
 _OF_TABLE = WITHOUT_TABLE | Fault.NO_TABLE | Fault.TABLE_SHIFTED | Fault.TABLE_OUTLIERS
 _GRID_SLACK = 1e-4  # share of an interval by which a time stamp may fall short of the grid
-_SNAPSHOT_SCHEMA: Literal["downsampler/5"] = "downsampler/5"
+_SNAPSHOT_SCHEMA: Literal["downsampler/6"] = "downsampler/6"
 
 
 _Rows = Annotated[StoredFloats, AfterValidator(lambda rows: rows.reshape(-1, 8))]
 _Faults = Annotated[
-    Integers,
+    Bits,
     PlainValidator(lambda faults: np.array(faults, np.int64)),
     PlainSerializer(lambda faults: faults.tolist()),
 ]
@@ -56,8 +49,7 @@ class _Segment:
     first: int = 0  # first row of the current interval
     seen: int = 0  # rows that were searched for gaps
     mended: int = 0  # rows that were searched for samples that no drive can make
-    # motion before the current interval
-    history: MotionHistory = field(default_factory=MotionHistory)
+    history: MotionHistory = field(default_factory=MotionHistory)  # before the current interval
 
     def split(self, row: int) -> "_Segment":
         """Cut before `row`; return what followed."""
@@ -83,15 +75,15 @@ class _Segment:
 class _State:
     """Everything that the next samples meet, as it is stored."""
 
-    schema: Literal["downsampler/5"] = _SNAPSHOT_SCHEMA
+    schema: Literal["downsampler/6"] = _SNAPSHOT_SCHEMA
     screen: RowScreen | None = None
     segment: _Segment = field(default_factory=_Segment)
     period_s: float | None = None
+    clock: StoredFloats = field(default_factory=lambda: np.zeros(CLOCK_STATES))  # of `even_out`
     reach: int = 1
     longest: int = 0  # rows of the longest excursion that is looked for
     ahead: int = 1  # rows behind an interval that its statistics and that search need
-    # interval -> bits of Fault, of values that its rows lack
-    absent: dict[int, int] = field(default_factory=dict)
+    absent: dict[int, int] = field(default_factory=dict)  # interval -> Fault of what its rows lack
     # intervals with samples that the source doubts
     doubted: Annotated[set[int], PlainSerializer(sorted)] = field(default_factory=set)
     pending_fault: int = 0  # end of a segment without an interval left to report it
@@ -161,7 +153,7 @@ class Downsampler:
         state = self._state
         if state.screen is None:
             state.screen = RowScreen(has_torque=TORQUE in frame.channels)
-            if not {ANGLE, TABLE_POSITION} <= set(frame.channels):
+            if not {*POSITION_CHANNELS} <= set(frame.channels):
                 state.expected_faults = int(~_OF_TABLE)  # one encoder only: nothing is missing
         for name in frame.quality.keys() & _DOUBTED_CHANNELS:
             doubted = frame.time_s[is_uncertain(frame.quality[name])]
@@ -193,13 +185,17 @@ class Downsampler:
             blocks += self._absent_before(self._interval_of(part.rows[0, T]))
         segment.rows = np.concatenate([segment.rows, part.rows])
         segment.fault = np.concatenate([segment.fault, part.fault])
+        fresh = segment.rows[len(segment.rows) - len(part.rows) :]
         if state.period_s is None:
             if len(segment.rows) < _LEARN_ROWS:
                 return blocks
-            state.period_s = float(np.median(np.diff(segment.rows[:_LEARN_ROWS, T])))
+            fresh, steps_s = segment.rows, np.diff(segment.rows[:_LEARN_ROWS, T])
+            state.clock = np.zeros(CLOCK_STATES)
+            state.clock[PERIOD_S], state.period_s = np.mean(steps_s), float(np.median(steps_s))
             state.reach = max(1, round(_DIRECTION_WINDOW_S / state.period_s))
             state.longest = longest_rows(state.period_s)
             state.ahead = state.reach + (state.longest + BEHIND if state.longest else 0)
+        even_out(fresh, state.clock)
         while (gap := self._next_gap(state.period_s)) is not None:
             rest = state.segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
@@ -216,9 +212,8 @@ class Downsampler:
         blocks: list[FeatureBlock] = []
         if len(rows):
             longest_s = (_MAX_HOLE_ROWS + 0.5) * (period_s or 0.0)
-            if period_s is None or newest_s - rows[-1, T] <= longest_s:
-                return []
-            if self._interval_of(newest_s) <= self._interval_of(rows[-1, T]):
+            is_later = self._interval_of(newest_s) > self._interval_of(rows[-1, T])
+            if period_s is None or newest_s - rows[-1, T] <= longest_s or not is_later:
                 return []
             blocks = self._end_segment(Fault.GAP)
         return blocks + self._absent_before(self._interval_of(newest_s))
@@ -282,9 +277,7 @@ class Downsampler:
             self._channels,
         )
         interval = self._interval_of(segment.rows[segment.first, T])
-        beyond = Fault(state.pending_fault)
-        if interval in state.doubted:
-            beyond |= Fault.DOUBTED
+        beyond = Fault(state.pending_fault | Fault.DOUBTED * (interval in state.doubted))
         if (state.period_s or 0.0) * _LEAST_SAMPLES > interval_s * (1 + _GRID_SLACK):
             beyond |= Fault.SPARSE
         state.pending_fault, segment.first = 0, end

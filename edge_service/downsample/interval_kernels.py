@@ -10,6 +10,56 @@ from ..messages.samples import Floats
 from ..models.compiled import compiled
 from ..models.steady_limits import LONGEST_HOLD_S
 
+_LEAST_SCATTER, _MOST_SCATTER = 1e-3, 0.3
+"""Scatter of the time stamps, in periods, between which they are doubted: more comes in bunches."""
+_SLOWEST, _COUNTED, _SETTLED, _MOST_STEPS, _LEAST_MOVING = 0.02, 16, 100, 6, 200
+AT_S, PERIOD_S, ROWS, SCATTER_S2, XX, XY, YY, MOVING = range(8)
+ANGLE_2, ANGLE_1, LATE_2_S, LATE_1_S, EVEN, CLOCK_STATES = range(8, 14)
+
+
+@compiled
+def even_out(rows: Floats, clock: Floats) -> None:
+    """Replace time stamps that scatter by the even clock behind them, if the angle follows that.
+
+    An alpha-beta filter follows the stamps. Where the angle bends as they scatter, the samples were
+    taken at those times, which they keep.
+
+    Args:
+        rows: (n, 8), rising in time.
+        clock: (CLOCK_STATES,), zeros but for the period before the first row, s.
+    """
+    for row in rows:
+        time_s, last_s = row[T], clock[AT_S]
+        steps = np.round((time_s - last_s) / clock[PERIOD_S])
+        steps = max(steps, 1.0) if clock[ROWS] > _COUNTED else 1.0
+        late_s = time_s - last_s - steps * clock[PERIOD_S]
+        clock[ROWS] += 1.0
+        if clock[ROWS] == 1.0 or steps > _MOST_STEPS:
+            clock[ROWS], clock[AT_S] = 1.0, time_s
+            continue
+        gain = max(4.0 / (clock[ROWS] + 16.0), _SLOWEST)
+        clock[AT_S] = time_s - (1.0 - gain) * late_s
+        clock[PERIOD_S] += 0.5 * gain * gain * late_s / steps
+        clock[SCATTER_S2] += gain * (late_s * late_s - clock[SCATTER_S2])
+        bend = row[THETA] - 2.0 * clock[ANGLE_1] + clock[ANGLE_2]
+        stamped = (late_s - 2.0 * clock[LATE_1_S] + clock[LATE_2_S]) / clock[PERIOD_S]
+        stamped *= 0.5 * (row[THETA] - clock[ANGLE_2])
+        settled = clock[ROWS] > _SETTLED
+        if settled and steps == 1.0 and not np.isnan(bend):
+            clock[XX] += stamped * stamped
+            clock[XY] += stamped * bend
+            clock[YY] += bend * bend
+            clock[MOVING] += row[THETA] != clock[ANGLE_1]
+        clock[ANGLE_2], clock[LATE_2_S] = clock[ANGLE_1], clock[LATE_1_S]
+        clock[ANGLE_1], clock[LATE_1_S] = row[THETA] if steps == 1.0 else np.nan, late_s
+        scatter = np.sqrt(clock[SCATTER_S2]) / clock[PERIOD_S]
+        error = np.sqrt(clock[XX] * clock[YY] / max(clock[MOVING], 1.0))
+        is_even = 0.5 * clock[XX] - clock[XY] > 3.0 * error and clock[MOVING] > _LEAST_MOVING
+        is_even &= settled and _LEAST_SCATTER < scatter < _MOST_SCATTER
+        if is_even or (clock[EVEN] and time_s <= last_s):
+            row[T] = clock[AT_S]
+        clock[EVEN] = is_even
+
 
 @compiled
 def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
@@ -112,10 +162,7 @@ def torque(inside: Floats) -> Floats:
     for row in range(rows):
         values[row] = _between(inside, row)
     mean, moment = lever(values, inside[:, T])
-    middle, spread = np.sum(values) / rows, 0.0
-    for value in values:
-        spread += (value - middle) * (value - middle)
-    return np.array([mean, moment, np.min(values), np.max(values), np.sqrt(spread / rows)])
+    return np.array([mean, moment, np.min(values), np.max(values), np.std(values)])
 
 
 @compiled

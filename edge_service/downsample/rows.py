@@ -7,46 +7,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..messages.features import Fault
-from ..messages.row_faults import (
-    FORCE,
-    OMEGA,
-    SET,
-    TEMP,
-    THETA,
-    WILDEST,
-    ClockPart,
-    T,
-    U,
-    X,
-    clock_parts,
-)
-from ..messages.samples import (
-    ANGLE,
-    EXTERNAL_FORCE,
-    MOTOR_SPEED,
-    SETPOINT,
-    TABLE_POSITION,
-    TABLE_SPEED,
-    TEMPERATURE,
-    TORQUE,
-    Floats,
-    SampleFrame,
-)
+from ..messages.row_faults import THETA, WILDEST, ClockPart, T, U, X, clock_parts
+from ..messages.samples import ANGLE, CHANNELS, MOTOR_SPEED, TABLE_SPEED, Floats, SampleFrame
 from ..messages.stored import Number
 
 DERIVED = (MOTOR_SPEED, TABLE_SPEED)
 """Not kept in a ring: they follow from the positions."""
+Bits = npt.NDArray[np.int64]
+"""Faults of rows as bits of `Fault`, (n,)."""
 MOST_FRAMES = 256
 """Frames that wait together at the most."""
-_CHANNEL_COLUMNS = {
-    TORQUE: U,
-    ANGLE: THETA,
-    TABLE_POSITION: X,
-    MOTOR_SPEED: OMEGA,
-    SETPOINT: SET,
-    TEMPERATURE: TEMP,
-    EXTERNAL_FORCE: FORCE,
-}
+_COLUMNS = [name for name in CHANNELS if name != TABLE_SPEED]  # as `row_faults` numbers them
 
 
 def table_of(frame: SampleFrame, ratio_m_per_rad: float) -> Floats:
@@ -56,7 +27,7 @@ def table_of(frame: SampleFrame, ratio_m_per_rad: float) -> Floats:
     """
     rows = np.full((len(frame), 8), np.nan)
     rows[:, T] = frame.time_s
-    for name, column in _CHANNEL_COLUMNS.items():
+    for column, name in enumerate(_COLUMNS, start=1):
         if name in frame.channels:
             rows[:, column] = frame.channels[name]
     rows[~(np.abs(rows) < WILDEST)] = np.nan
@@ -71,7 +42,7 @@ class Screened:
     """Rows in strictly increasing time, each with the faults found just before it."""
 
     rows: Floats  # (n, 8)
-    fault: npt.NDArray[np.int64]  # (n,), bits of Fault
+    fault: Bits  # (n,), bits of Fault
     new_clock: bool  # the first row belongs to a new clock
     missing: tuple[tuple[float, Fault], ...] = ()  # time and fault of rows without a needed value
 
@@ -119,9 +90,7 @@ class RowScreen:
         )
         return Screened(*self._keep(rows, bits), part.new_clock, absent)
 
-    def _keep(
-        self, rows: Floats, bits: npt.NDArray[np.int64]
-    ) -> tuple[Floats, npt.NDArray[np.int64]]:
+    def _keep(self, rows: Floats, bits: Bits) -> tuple[Floats, Bits]:
         """Good rows with their faults; those of a bad row go to the good one behind it."""
         keep = np.flatnonzero(bits == 0)
         fault = np.zeros(len(keep), dtype=np.int64)
@@ -171,10 +140,7 @@ class Gathering:
         frames, self._waiting = self._waiting, []
         if len(frames) < 2:
             return frames
-        channels = {
-            name: np.concatenate([each.channels[name] for each in frames])
-            for name in frames[0].channels
-        }
+        channels = {n: np.concatenate([e.channels[n] for e in frames]) for n in frames[0].channels}
         return [SampleFrame(np.concatenate([each.time_s for each in frames]), channels)]
 
 
@@ -205,9 +171,8 @@ class SampleRing:
             self._pieces.clear()  # a new clock
             self._rows = 0
         names = tuple(name for name in frame.channels if name not in DERIVED)
-        self._pieces.append(
-            (names, np.array([frame.time_s, *(frame.channels[name] for name in names)]))
-        )
+        table = np.array([frame.time_s, *(frame.channels[name] for name in names)])
+        self._pieces.append((names, table))
         self._rows += len(frame)
         oldest_s = self.newest_s - self.keep_s
         while self._pieces and (

@@ -33,8 +33,7 @@ class DownsampleSettings:
     max_torque_nm: float | None = None  # the drive's torque limit; None if unknown
     min_speed_rad_s: float = 2.0  # slower rows are not steady (Stribeck friction, creeping jogs)
     cruise_rad_s2: float = 30.0  # up to this acceleration the axis cruises
-    # limits between the encoders; those of the lead alone unless given
-    channels: ChannelLimits | None = None
+    channels: ChannelLimits | None = None  # between the encoders; of the lead alone unless given
 
 
 STANDSTILL_RAD_S = 0.05
@@ -133,8 +132,6 @@ def summarise(
         external_force_n=external_force_n,
         **steady,
     )
-    if direction[-1] == 0.0:
-        return block, MotionHistory(known)
     return block, MotionHistory(known, float(since_s[-1]))
 
 
@@ -147,11 +144,8 @@ def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock
 
 
 def _speed_at(segment: Floats, row: int) -> float:
-    before, behind = max(row - 1, 0), min(row + 1, len(segment) - 1)
-    return float(
-        (segment[behind, THETA] - segment[before, THETA])
-        / (segment[behind, T] - segment[before, T])
-    )
+    before, behind = segment[max(row - 1, 0)], segment[min(row + 1, len(segment) - 1)]
+    return float((behind[THETA] - before[THETA]) / (behind[T] - before[T]))
 
 
 def _plausibility(inside: Floats, max_torque_nm: float | None) -> Fault:

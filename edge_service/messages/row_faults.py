@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from .samples import Booleans, Floats
 
-T, U, THETA, X, OMEGA, SET, TEMP, FORCE = range(8)
-"""Columns of a table of rows: time, torque, angle, table, speed, setpoint, temperature, force."""
+T, U, THETA, OMEGA, X, SET, TEMP, FORCE = range(8)
+"""Columns of a table of rows: time, torque, angle, speed, table, setpoint, temperature, force."""
 
 CLOCK_RESET_S = 1.0
 """A step back in time by more than this is a new clock, less is rows out of order."""

@@ -114,17 +114,7 @@ def test_blocks_do_not_depend_on_how_samples_were_parted(
 def faulty_trace() -> dict[str, Floats]:
     """Two seconds with a repeat, a hole, a gap, rows out of order and missing values."""
     columns = trace(2.0)
-    rows = np.concatenate(
-        [
-            np.arange(0, 150),
-            [149, 149],
-            np.arange(150, 350),
-            np.arange(353, 600),
-            [590, 595],
-            np.arange(600, 900),
-            np.arange(1200, 2000),
-        ]
-    )
+    rows = np.r_[0:150, 149, 149, 150:350, 353:600, 590, 595, 600:900, 1200:2000]
     columns = {name: values[rows] for name, values in columns.items()}
     columns[samples.TORQUE][1000:1003] = np.nan
     return columns
@@ -254,7 +244,7 @@ def test_a_state_within_rows_that_lack_a_value_goes_on() -> None:
 
 def test_a_state_of_another_version_is_told_from_a_damaged_one() -> None:
     kept = Downsampler(DownsampleSettings(), RATIO).snapshot()
-    with pytest.raises(ValueError, match=r"^no downsampler/5 snapshot$"):
+    with pytest.raises(ValueError, match=r"^no downsampler/6 snapshot$"):
         Downsampler(DownsampleSettings(), RATIO).restore({**kept, "schema": "downsampler/3"})
 
 

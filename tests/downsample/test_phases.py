@@ -1,7 +1,7 @@
 """Phases of steady motion: exact means, the same for any chunks and any interval."""
 
+import itertools
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def blocks_of(
     downsampler = Downsampler(DownsampleSettings(interval_s=interval_s), RATIO)
     edges = [0, *sorted(set(cuts)), len(columns["time_s"])]
     blocks = []
-    for start, end in pairwise(edges):
+    for start, end in itertools.pairwise(edges):
         channels = {k: v[start:end] for k, v in columns.items() if k != "time_s"}
         blocks += downsampler.push(SampleFrame(columns["time_s"][start:end], channels))
     return blocks
@@ -73,6 +73,20 @@ def test_torque_less_inertia_torque_is_the_drag_exactly(
     for phase in phases:
         balance = phase.torque_nm - INERTIA * phase.acceleration_rad_s2
         assert balance == pytest.approx(direction * DRAG, abs=1e-8)
+
+
+def test_stamps_that_scatter_are_not_taken_for_motion() -> None:
+    """Samples on an even clock whose stamps are 20 us early or late."""
+    true = swing() | {"time_s": 0.0505 + swing()["time_s"]}
+    late_s = 2e-5 * np.random.default_rng(5).standard_normal(len(true["time_s"]))
+    blocks = blocks_of(true | {"time_s": true["time_s"] + late_s})
+    cut = blocks_of(true | {"time_s": true["time_s"] + late_s}, cuts=[1, 20, 415, 416, 1800])
+    assert repr(cut) == repr(blocks)
+    pairs = [(a.phases, b.phases) for a, b in zip(blocks_of(true), blocks, strict=True)][6:]
+    alike = [zip(a, b, strict=True) for a, b in pairs if len(a) == len(b)]
+    assert len(alike) > 20
+    for known, found in itertools.chain.from_iterable(alike):
+        assert found.acceleration_rad_s2 == pytest.approx(known.acceleration_rad_s2, abs=5.0)
 
 
 @pytest.mark.parametrize("part", PHASES)

@@ -12,14 +12,7 @@ from edge_service.checks.live.channel_check import channel_reasons
 from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.messages.features import FAULT_WORDS, Fault
-from edge_service.messages.samples import (
-    ANGLE,
-    TABLE_POSITION,
-    TIME,
-    TORQUE,
-    Floats,
-    SampleFrame,
-)
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TIME, TORQUE, Floats, SampleFrame
 
 from ..bench.real_machines import written
 from ..fingerprint.test_examination import recorded

@@ -19,11 +19,7 @@ from edge_service.estimate.imm.bank import (
     LinearStep,
     run_bank,
 )
-from edge_service.estimate.imm.modes import (
-    moving_average,
-    scaled_mode_transition,
-    weighted_level,
-)
+from edge_service.estimate.imm.modes import moving_average, scaled_mode_transition, weighted_level
 from edge_service.messages.samples import Floats
 from edge_service.offline.reproduce.simulation import ThesisCase, bank_inputs, run_case
 
