@@ -29,9 +29,8 @@ build_program() { # relocatable: only the scripts in bin know where they stand; 
   "$1/bin/python" $pip --no-compile --no-deps "$work/source"
   (cd "$work" && "$1/bin/python" -m edge_service check-config >/dev/null) ||
     fail "the program that was built does not work"
-  "$1/bin/python" -m pip --quiet uninstall --yes pip
   find "$1/bin" -type f ! -name edge-service -delete
-  sh deploy/unused.sh "$1" | xargs rm -r
+  sh deploy/slim.sh "$1"
   find "$1" -name __pycache__ -prune -exec rm -r {} +
 }
 

@@ -51,6 +51,9 @@ count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c
 step() { echo "setup: [$1] $2" >&2; }
 
 compile_kernels() { # of the estimators with either engine, and of the simulated drive
+  trial=$(mktemp -d) # on the other core
+  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null &
+  simulated=$!
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import EstimatorConfig, load_machine
 from edge_service.nodes.stages import warm_up
@@ -58,8 +61,7 @@ machines = [load_machine(Path(f"deploy/{name}.toml")) for name in ("machine", "c
 for engine in ("compiled", "filterpy"):
     warm_up(EstimatorConfig(engine=engine), machines)'
   .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
-  trial=$(mktemp -d)
-  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null
+  wait $simulated
   rm -r "$trial"
 }
 
@@ -74,8 +76,8 @@ elif ! is_there; then
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
     --require-hashes $locks
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
-  [ $purpose = dev ] || sh deploy/unused.sh .venv | xargs rm -r
   [ $purpose = dev ] || {
+    sh deploy/slim.sh .venv
     step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
     compile_kernels
   }
