@@ -51,9 +51,6 @@ count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c
 step() { echo "setup: [$1] $2" >&2; }
 
 compile_kernels() { # of the estimators with either engine, and of the simulated drive
-  trial=$(mktemp -d) # on the other core
-  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null &
-  simulated=$!
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import EstimatorConfig, load_machine
 from edge_service.nodes.stages import warm_up
@@ -61,7 +58,8 @@ machines = [load_machine(Path(f"deploy/{name}.toml")) for name in ("machine", "c
 for engine in ("compiled", "filterpy"):
     warm_up(EstimatorConfig(engine=engine), machines)'
   .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
-  wait $simulated
+  trial=$(mktemp -d)
+  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null
   rm -r "$trial"
 }
 
