@@ -74,8 +74,8 @@ elif ! is_there; then
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
     --require-hashes $locks
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
-  [ $purpose = dev ] || sh deploy/unused.sh .venv | xargs rm -r
   [ $purpose = dev ] || {
+    sh deploy/slim.sh .venv
     step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
     compile_kernels
   }

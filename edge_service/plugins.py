@@ -4,9 +4,6 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-OPTIONAL = ("mqtt", "opcua", "notify")
-"""Drivers and outputs whose library comes with an extra of the same name."""
-
 
 class UnknownPluginError(Exception):
     """Nothing of that name is installed, or it cannot be loaded."""
@@ -34,6 +31,4 @@ def load_plugin(group: str, name: str) -> Any:
     try:
         return there[name].load()
     except (ImportError, AttributeError) as error:
-        is_missing = isinstance(error, ModuleNotFoundError) and name in OPTIONAL
-        extra = f"; does `pip install edge-service[{name}]` help?" if is_missing else ""
-        raise UnknownPluginError(f"{kind} {name!r} cannot be loaded: {error}{extra}") from error
+        raise UnknownPluginError(f"{kind} {name!r} cannot be loaded: {error}") from error

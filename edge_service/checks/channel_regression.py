@@ -70,9 +70,8 @@ def regress_channel(
     design = np.concatenate([rows for rows, _ in pieces])
     wanted = np.concatenate([values for _, values in pieces])
     step = len(wanted) // MOST_ROWS + 1
-    design, wanted = design[::step], wanted[::step]
     names = ("factor", "lag", "direction", "stretch")[: design.shape[1]]
-    fit = least_squares(names, design, wanted)
+    fit = least_squares(names, design[::step], wanted[::step])
     factor, slope = fit.interval_estimate("factor", ""), fit.interval_estimate("lag", "s")
     if not factor.determined or factor.holds(0.0):
         return ChannelRegression(factor, undetermined("s", "the factor itself is not determined"))

@@ -52,9 +52,9 @@ def check_plausibility(
     found = [] if unread is None else [signals.check_columns(channels, unread)]
     has_limits = bool(machine.axis.max_speed_rad_s or machine.axis.max_torque_nm)
     for check in CHECKS:
-        if channels.issuperset(check.needed) and (check.name != "limits" or has_limits):
+        if channels.issuperset(check.needed):
             found.append(_lasting(check, machine, recordings))
-    return found
+    return [each for each in found if each.name != "limits" or has_limits or each.is_doubtful]
 
 
 def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:

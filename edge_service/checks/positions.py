@@ -58,15 +58,15 @@ def other_lead(ratio: float, stated_mm: float) -> str:
     if ratio < 0.0:
         return f"{TABLE_POSITION} runs against {ANGLE}: one of the signs looks inverted"
     said = f"lead looks like {ratio * stated_mm:.4g} mm, not {stated_mm:.4g}"
-    return said + usual_mistake(ratio, f"{TABLE_POSITION} over {ANGLE}")
+    angle, both = usual_mistake(1.0 / ratio, ANGLE), f"{TABLE_POSITION} over {ANGLE}"
+    return said + (angle if "degrees" in angle else usual_mistake(ratio, both))
 
 
 def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
     """Flag of a rotary encoder that contradicts a linear one which agrees with the setpoints."""
-    try:
+    with contextlib.suppress(ValueError):
         return check_lead(machine, recordings).sentence.startswith(ANGLE)
-    except ValueError:
-        return False
+    return False
 
 
 def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -109,10 +109,9 @@ def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
 
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
     """Flag of a linear encoder that agrees with the setpoints."""
-    try:
+    with contextlib.suppress(ValueError):
         return check_setpoint(machine, recordings).verdict is Verdict.FITS
-    except ValueError:
-        return False
+    return False
 
 
 def factor_at_rest(

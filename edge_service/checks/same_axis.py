@@ -97,9 +97,8 @@ def _axis_of(runs: Sequence[Run], ratio_m_per_rad: float) -> _Axis:
                 leads[k] = 2.0 * math.pi * factor.value
     parts = [run.transmission_m for run in runs if run.transmission_m is not None]
     zero_m = float(np.median(np.concatenate(parts))) if len(parts) == len(runs) else math.nan
-    middle_m = float(np.median(way))
     dynamics = _dynamics(runs, frames, ratio_m_per_rad)
-    return _Axis((leads[0], leads[1]), travel_m, middle_m, zero_m, *dynamics)
+    return _Axis((leads[0], leads[1]), travel_m, float(np.median(way)), zero_m, *dynamics)
 
 
 def _dynamics(
@@ -127,8 +126,7 @@ def _dynamics(
 
 def _apart(one: _Axis, other: _Axis, lead_m: float) -> str:
     """Reason why two axes are not one; empty if they may be."""
-    late = 1.0 - 1.0 / LAG_RATIO
-    reaches = max(one.lead_reach, other.lead_reach), late
+    reaches = max(one.lead_reach, other.lead_reach), 1.0 - 1.0 / LAG_RATIO
     for a, b, most in zip(one.leads_m, other.leads_m, reaches, strict=True):
         if abs(a - b) > most * max(abs(a), abs(b)):
             return f"lead {1e3 * a:.4g} mm against {1e3 * b:.4g} mm"
@@ -142,8 +140,7 @@ def _apart(one: _Axis, other: _Axis, lead_m: float) -> str:
     if apart_m > ZERO_M:
         return f"at one motor angle their table positions are {1e3 * apart_m:.3g} mm apart"
     if _exceeds(one.inertia, other.inertia, INERTIA_RATIO):
-        one_kg_m2, other_kg_m2 = one.inertia.value, other.inertia.value
-        return f"inertia {one_kg_m2:.3g} kg m2 against {other_kg_m2:.3g} kg m2"
+        return f"inertia {one.inertia.value:.3g} kg m2 against {other.inertia.value:.3g} kg m2"
     if _exceeds(one.friction, other.friction, FRICTION_RATIO):
         return f"dry friction {one.friction.value:.3g} N m against {other.friction.value:.3g} N m"
     return ""

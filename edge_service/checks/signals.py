@@ -45,6 +45,8 @@ _EFFORTS = (Quantity.TORQUE, Quantity.CURRENT, Quantity.FORCE)
 STROKE_SLACK = 0.02
 LIMIT_SLACK = 1.5
 """Drives overshoot their speed by tenths, and motors give half more than rated for a moment."""
+MOST_DN_M_RAD_S = 16.0
+"""Speed of a screw times its diameter, as catalogues have it: 150,000 r/min mm."""
 TEMPERATURES_C = (-40.0, 150.0)
 FASTEST_HZ = 1e5
 """No controller records an axis faster; a clock in minutes or hours would seem to."""
@@ -130,18 +132,18 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     values = {name: _values(recordings, name) for name in there}
     still = [name for name in there if not values[name].size or np.ptp(values[name]) == 0.0]
     moving = {ANGLE, TABLE_POSITION, SETPOINT} & {*there} - {*still}
-    stuck = [name for name in _MEASURED if name in still]
+    stuck, forbids = [name for name in _MEASURED if name in still], True
     if stuck and not any(name in there and name not in still for name in _MEASURED):
         said = f"{', '.join(stuck)}: not one value changes: the device is off, or not connected"
-        return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
-    if TORQUE in still and moving:
+    elif TORQUE in still and moving:
         fault = Fault.TORQUE_STUCK if values[TORQUE].size else Fault.NO_TORQUE
         said = f"{TORQUE}: {FAULT_WORDS[fault]}"
-        return Finding("signals", Verdict.DOUBTFUL, said, forbids=True)
-    if stuck and moving:
+    elif stuck and moving:
         said = "; ".join(f"{name}: {FAULT_WORDS[_MEASURED[name][1]]}" for name in stuck)
-        return Finding("signals", Verdict.DOUBTFUL, said)
-    return Finding("signals", Verdict.FITS, "what is measured changes")
+        forbids = False
+    else:
+        return Finding("signals", Verdict.FITS, "what is measured changes")
+    return Finding("signals", Verdict.DOUBTFUL, said, forbids=forbids)
 
 
 def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
@@ -211,15 +213,19 @@ def check_temperature(_machine: Machine, recordings: Sequence[SampleFrame]) -> F
 
 
 def check_limits(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    said, exceeded = [], False
+    axis, said, exceeded = machine.axis, [], False
+    top_rad_s, speed = axis.max_speed_rad_s, "speed"
+    if top_rad_s is None and axis.screw_diameter_m:  # an angle in another unit is far beyond
+        top_rad_s = MOST_DN_M_RAD_S / axis.screw_diameter_m
+        speed = f"speed of a {1e3 * axis.screw_diameter_m:.3g} mm screw"
     for what, unit, limit, values in (
-        ("speed", "rad/s", machine.axis.max_speed_rad_s, motion_speeds(machine, recordings)),
-        ("torque", "N m", machine.axis.max_torque_nm, _values(recordings, TORQUE)),
+        (speed, "rad/s", top_rad_s, motion_speeds(machine, recordings)),
+        ("torque", "N m", axis.max_torque_nm, _values(recordings, TORQUE)),
     ):
         if limit is not None and len(values):
             greatest = float(np.quantile(np.abs(values), 0.99))
             exceeded |= greatest > LIMIT_SLACK * limit
-            said.append(f"{what} up to {greatest:.3g} {unit} of {limit:.3g}")
+            said.append(f"{what} up to {greatest:.4g} {unit} of {limit:.3g}")
     if not said:
         raise ValueError(f"neither {TORQUE} nor {ANGLE}")
     return Finding("limits", Verdict.DOUBTFUL if exceeded else Verdict.FITS, "; ".join(said))

@@ -59,7 +59,6 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
         return by_sign
     fit = identify_inverse_dynamics(able, settings)
     inertia = fit.parameters["inertia"]
-    half = 0.5 * (inertia.high - inertia.low)
     verdict, said = Verdict.FITS, "torque has the sign and the size that the inertia needs"
     judged = None
     if not inertia.determined or inertia.holds(0.0):
@@ -70,7 +69,7 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
         is_rough = fit.fit.residual_std > _UNEXPLAINED * np.std(_rows(able, settings)[0])
         if judged and is_rough and inertia.low > 0.0:
             judged = replace(judged, forbids=False)
-        if half > 0.5 * abs(inertia.value):
+        if inertia.high - inertia.low > abs(inertia.value):
             verdict, said = Verdict.DOUBTFUL, _WIDE
     judged = judged or _judged_drag(machine, able, fit) or _judged_size(machine, fit)
     return judged or Finding("torque", verdict, said, inertia, machine.model.inertia_kg_m2.value)

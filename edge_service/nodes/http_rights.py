@@ -39,7 +39,7 @@ def check_access(config: EdgeConfig) -> str:
     try:
         there = folder is not None and (folder / FILE_NAME).exists()
         count = len(tokens_of(config).all()) if there else 0
-    except StoreFailedError as error:
+    except (StoreFailedError, OSError) as error:  # others may not look into the folder
         return f"{encrypted}, tokens cannot be read ({error})"
     if count == 0 and http.needs_token:
         key, mend = "url" if http.url else "host", "edge-service token CONFIG --add NAME"

@@ -187,7 +187,7 @@ def on_cluster(
     try:
         distributed: Any = import_module("distributed")
     except ImportError as error:
-        raise ConfigError(f"--cluster: `pip install edge-service[cluster]` ({error})") from None
+        raise ConfigError(f"--cluster: {error}; expected the package `distributed`") from None
     try:
         client = distributed.Client(address, timeout=CONNECT_S)
     except (TimeoutError, OSError, ValueError, TypeError) as error:

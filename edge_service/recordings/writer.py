@@ -127,9 +127,7 @@ class McapSink:
         try:
             from mcap.writer import Writer
         except ImportError:
-            raise TraceError(
-                "MCAP needs a package that is not here: pip install 'edge-service[mcap]'"
-            ) from None
+            raise TraceError("MCAP needs a package that is not installed: mcap") from None
         self._writer: Any = Writer(file)
         self._writer.start(library="edge-service")
         properties: dict[str, Any] = {

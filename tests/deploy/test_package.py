@@ -93,6 +93,17 @@ def test_lintian_finds_nothing(packages: tuple[Path, Path]) -> None:
     assert run(line) == ""
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("program")
+def test_one_command_builds_wheel_and_package_with_every_document(tmp_path: Path) -> None:
+    run(["sh", "deploy/package.sh", str(tmp_path)])
+    (wheel,), (package,) = tmp_path.glob("*.whl"), tmp_path.glob("*.deb")
+    held = run([sys.executable, "-m", "zipfile", "--list", str(wheel)])
+    held += run(["dpkg-deb", "--contents", str(package)])
+    for path in documents():
+        assert held.count(f"share/doc/edge-service/{path}") == 2, path
+
+
 COURSE = """set -e
 ours() { find /etc /opt /usr /var -path '*edge-service*' ! -path '/var/lib/dpkg/*' | sort; }
 check() { edge-service check-config /etc/edge-service/edge.toml | tail -n 1; }

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from edge_service.config import load_config
 from edge_service.health.store.store import FILE_NAME, Store
 from edge_service.health.store.tokens import Tokens
 from edge_service.http_api.recordings import Recordings
+from edge_service.nodes.http_rights import check_access
 
 OTHER = 65_534
 pytestmark = pytest.mark.skipif(os.getuid() != 0, reason="only root can be two users")
@@ -69,3 +71,6 @@ async def test_files_of_the_service_are_its_own(folder: Path) -> None:
     own = Path(f"/proc/{os.getpid()}/environ")
     found = as_another(lambda: [refusal(path) for path in [*paths, own]])
     assert found == ["PermissionError"] * 5
+    (folder / "edge.toml").write_text(f'[store]\nfolder = "{state}"\n')
+    config = load_config(folder / "edge.toml")
+    assert "no TLS, tokens cannot be read" in str(as_another(lambda: check_access(config)))

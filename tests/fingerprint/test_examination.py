@@ -166,12 +166,23 @@ def test_what_goes_wrong_midway_is_a_fault_and_not_a_unit(
     assert forbidding(MACHINE, frame) == {}
 
 
-def test_a_limit_of_the_machine_file_is_held() -> None:
-    frame, machine = BENCH.frame(), BENCH.machine()
-    for top_rad_s, doubtful in ((BENCH.top_rad_s, False), (0.3 * BENCH.top_rad_s, True)):
-        axis = machine.axis.model_copy(update={"max_speed_rad_s": top_rad_s})
-        found = examined(machine.model_copy(update={"axis": axis}), frame)["limits"]
-        assert found.is_doubtful == doubtful
+@pytest.mark.parametrize(
+    ("stated", "misread", "doubtful"),
+    [
+        ({"max_speed_rad_s": BENCH.top_rad_s}, 1.0, False),
+        ({"max_speed_rad_s": 0.3 * BENCH.top_rad_s}, 1.0, True),
+        ({"screw_diameter_m": 0.032}, 1.0, False),
+        ({"screw_diameter_m": 0.032}, math.degrees(1.0), True),
+    ],
+)
+def test_a_limit_is_held_that_of_a_screw_if_none_is_stated(
+    stated: dict[str, float], misread: float, doubtful: bool
+) -> None:
+    """Unless a second encoder tells, an angle in degrees shows by nothing else."""
+    axis = BENCH.machine().axis.model_copy(update=stated)
+    frame = changed(BENCH.frame(), ANGLE, lambda x: misread * x)
+    found = examined(BENCH.machine().model_copy(update={"axis": axis}), frame)
+    assert ("limits" in doubts(found)) == doubtful
 
 
 def test_every_check_says_what_it_compares_and_what_to_do(healthy: SampleFrame) -> None:

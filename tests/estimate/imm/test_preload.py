@@ -15,6 +15,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import ANGLE, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
+from tests.estimate.mixture.production import run as estimated
 from tests.nodes.conftest import production
 
 MACHINE = load_machine(DEFAULT_MACHINE)
@@ -47,12 +48,7 @@ def blocks_of(frame: SampleFrame, interval_s: float = 0.1) -> list[FeatureBlock]
 def run(
     blocks: Iterable[FeatureBlock], machine: Machine = MACHINE, **options: Any
 ) -> list[PreloadEstimate]:
-    estimator = ImmPreloadEstimator(machine, **options)
-    estimates = []
-    for block in blocks:
-        estimator.update(block)
-        estimates.append(estimator.estimate())
-    return estimates
+    return estimated(blocks, ImmPreloadEstimator(machine, **options))
 
 
 def errors(estimates: list[PreloadEstimate], truth: Floats) -> tuple[Floats, float]:

@@ -102,23 +102,35 @@ def spread(values: Floats, chosen: Floats) -> float:
     return float(np.std(values[chosen]))
 
 
-@pytest.mark.parametrize("name", effect_names())
-def test_torque_differs_as_its_signature_says(name: str) -> None:
-    active, plain, changed = parse_effect(name), run(), run(name)
+AS_USUAL = [(name, {}) for name in effect_names()]
+WARMER = {"warmest_c": 30.0}
+THINNED = [
+    "warmup:thinned_nm=0.1,reference_c=22,span_k=9",
+    "warmup:thinned_nm_s_per_rad=0.004,reference_c=22,span_k=9",
+    "warmup:viscous_excess_nm_s_per_rad=0.004,time_constant_s=20",
+]
+GROWN = "thermal_growth:strain_per_k=1e-5,reference_c=22"
+
+
+@pytest.mark.parametrize(("name", "warmth"), AS_USUAL + [(name, WARMER) for name in THINNED])
+def test_torque_differs_as_its_signature_says(name: str, warmth: dict[str, float]) -> None:
+    active, plain, changed = parse_effect(name), run(**warmth), run(name, **warmth)
     expected = smooth(torque_signature(active.effect, active.values, changed.motion, BASELINE))
     found = smooth(changed.torque_nm) - smooth(plain.torque_nm)
     chosen = settled(changed.motion)
     error_nm = np.sqrt(np.mean((found - expected)[chosen] ** 2))
     size_nm = np.sqrt(np.mean(expected[chosen] ** 2))
+    assert not warmth or size_nm > 10.0 * TORQUE_FLOOR_NM
     assert error_nm < TORQUE_FLOOR_NM + 0.01 * size_nm
 
 
-@pytest.mark.parametrize("name", effect_names())
-def test_transmission_differs_as_its_signature_says(name: str) -> None:
-    active, plain, changed = parse_effect(name), run(), run(name)
+@pytest.mark.parametrize(("name", "warmth"), [*AS_USUAL, (GROWN, WARMER)])
+def test_transmission_differs_as_its_signature_says(name: str, warmth: dict[str, float]) -> None:
+    active, plain, changed = parse_effect(name), run(**warmth), run(name, **warmth)
     signature = transmission_signature(active.effect, active.values, changed.motion, BASELINE)
     found = smooth(changed.transmission_m) - smooth(plain.transmission_m)
     chosen = settled(changed.motion)
+    assert not warmth or spread(signature, chosen) > 50.0 * TRANSMISSION_FLOOR_M
     error_m = spread(found - smooth(signature), chosen)
     assert error_m < TRANSMISSION_FLOOR_M + 0.01 * spread(signature, chosen)
 
@@ -164,37 +176,8 @@ def test_signatures_of_several_effects_add_up() -> None:
     assert spread(shift - smooth(transmission), chosen) < 2.0 * TRANSMISSION_FLOOR_M
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        "warmup:thinned_nm=0.1,reference_c=22,span_k=9",
-        "warmup:thinned_nm_s_per_rad=0.004,reference_c=22,span_k=9",
-        "warmup:viscous_excess_nm_s_per_rad=0.004,time_constant_s=20",
-    ],
-)
-def test_friction_follows_warmth_as_its_signature_says(effect: str) -> None:
-    active, plain, changed = parse_effect(effect), run(warmest_c=30.0), run(effect, warmest_c=30.0)
-    expected = smooth(torque_signature(active.effect, active.values, changed.motion, BASELINE))
-    found = smooth(changed.torque_nm) - smooth(plain.torque_nm)
-    chosen = settled(changed.motion)
-    size_nm = np.sqrt(np.mean(expected[chosen] ** 2))
-    assert size_nm > 10.0 * TORQUE_FLOOR_NM
-    assert np.sqrt(np.mean((found - expected)[chosen] ** 2)) < TORQUE_FLOOR_NM + 0.01 * size_nm
-
-
-def test_a_screw_grows_with_its_temperature() -> None:
-    effect = "thermal_growth:strain_per_k=1e-5,reference_c=22"
-    active, plain, changed = parse_effect(effect), run(warmest_c=30.0), run(effect, warmest_c=30.0)
-    signature = transmission_signature(active.effect, active.values, changed.motion, BASELINE)
-    found = smooth(changed.transmission_m) - smooth(plain.transmission_m)
-    chosen = settled(changed.motion)
-    assert spread(signature, chosen) > 50.0 * TRANSMISSION_FLOOR_M
-    error_m = spread(found - smooth(signature), chosen)
-    assert error_m < TRANSMISSION_FLOOR_M + 0.01 * spread(signature, chosen)
-
-
 def test_without_a_temperature_nothing_follows_it() -> None:
-    active = parse_effect("warmup:thinned_nm=0.1,reference_c=22,span_k=9")
+    active = parse_effect(THINNED[0])
     motion = run().motion
     unknown = replace(motion, temperature_c=np.full(len(motion), np.nan))
     assert not torque_signature(active.effect, active.values, unknown, BASELINE).any()
