@@ -9,14 +9,15 @@ from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
-from ..regression import FALSE_ALARMS
+from ..regression import FALSE_ALARMS, chance_of_misfit
 from .candidates.regressors import UNKNOWN
 from .localisation import where
-from .residual.noise import steps_nm
+from .residual.noise import LEAST_EFFECTIVE, steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
     ChannelGap,
+    ChannelMisfit,
     Diagnosis,
     Misfit,
     NamedEffect,
@@ -123,8 +124,13 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
     places = where(session.channels, {name: each.floor for name, each in gap.items()})
     misfit = rest.misfit
     if misfit is not None:
-        surely = min([misfit.p_value, *(1.0 - each.probability for each in named)])
-        misfit = misfit.model_copy(update={"p_value": surely})
+        chances = dict(misfit.per_channel)
+        for name, each in chances.items():
+            healthy = gap[name].floor ** 2 + (gap[name].tolerance or 0.0) ** 2
+            whole = chance_of_misfit(gap[name].before ** 2, healthy, LEAST_EFFECTIVE)
+            chances[name] = each.model_copy(update={"p_value": min(each.p_value, whole)})
+        most = min([misfit.p_value, *(each.p_value for each in chances.values())])
+        misfit = misfit.model_copy(update={"p_value": most, "per_channel": chances})
     changes = {"gap": gap, "where": tuple(places), "misfit": misfit}
     return rest.model_copy(update=changes | {"effects": (*named, *rest.effects)})
 
@@ -174,28 +180,39 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     is_unknown = blind or assessment.is_unknown
     bare = problem.fit(())
     stretched = problem.stretched(bare) if posterior.exceeding else {}
-    chances = [2.0 * NormalDist().cdf(-off) for off in stretched.values()]
-    chances += [noise.chance(name, bare.rms[name]) for name in gap]
-    after = (noise.chance(name, left_rms[name]) for name in gap)
-    misfit = Misfit(p_value=min(chances), p_value_after=min(after if found else chances))
-    exceeds = any(_exceeds(each, left_rms[name]) for name, each in gap.items())
-    is_unknown |= not found and (exceeds or misfit.p_value < FALSE_ALARMS)
+    chance = {name: noise.chance(name, bare.rms[name]) for name in gap}
+    after = {name: noise.chance(name, left_rms[name]) for name in gap} if found else chance
+    off_chance = [2.0 * NormalDist().cdf(-off) for off in stretched.values()]
+    misfit = Misfit(
+        p_value=min([*chance.values(), *off_chance]),
+        p_value_after=min([*after.values(), *([] if found else off_chance)]),
+        per_channel={
+            name: ChannelMisfit(p_value=each, p_value_after=after[name])
+            for name, each in chance.items()
+        },
+    )
+    unclaimed = gap.keys() - {each.channel for each in found}
+    is_open = any(_exceeds(gap[name], left_rms[name]) for name in unclaimed)
+    is_unknown |= not found and (is_open or misfit.p_value < FALSE_ALARMS)
+    shares = problem.noise.unexplained_shares(session, left_rms)
+    unexplained = max([*posterior.unexplained.values(), *(shares[name] for name in unclaimed)])
     suspected = [*(each.name for each in found), *sorted(posterior.best.material - {UNKNOWN})]
     doubted = assessment.misattributed
-    partly = is_unknown and any(e.is_known and e.channel not in doubted for e in found)
-    verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
+    is_known = any(e.is_known and e.channel not in doubted for e in found)
+    verdict = verdict_of(found, is_unknown=is_unknown and not is_known)
+    verdict = Verdict.EXPLAINED if is_unknown and is_known else verdict
     off = [OFF.format(*each) for each in stretched.items() if verdict is Verdict.UNKNOWN]
     rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
-        partly=partly,
+        partly=is_known and (is_unknown or is_open),
         misfit=misfit,
         gap=gap,
         where=tuple(where(session.channels, floor)),
         where_after=tuple(where(rows_after, floor)),
         effects=tuple(found),
         unexplained=Unexplained(
-            share=max(posterior.unexplained.values(), default=0.0),
+            share=unexplained,
             nearest=next(iter(suspected), None) if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,

@@ -134,14 +134,17 @@ class ChannelGap(Frozen):
         return self.beyond > (self.tolerance or 0.0)
 
 
-class Misfit(Frozen):
-    """Chance that a healthy axis leaves as much beyond the floor, in the least likely channel.
-
-    First with the model as it is, then with the named effects in it.
-    """
+class ChannelMisfit(Frozen):
+    """Chance that a healthy axis leaves as much: first as it is, then with the named effects."""
 
     p_value: float
     p_value_after: float
+
+
+class Misfit(ChannelMisfit):
+    """The same in the least likely channel, and in each."""
+
+    per_channel: dict[str, ChannelMisfit] = {}
 
 
 class Unexplained(Frozen):

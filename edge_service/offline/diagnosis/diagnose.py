@@ -227,7 +227,10 @@ def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
     ]
     lines += places(found.where, m_per_rad)
     for each in found.effects:
-        values = ", ".join(f"{x.value:.3g} {x.unit}" for x in each.parameters.values())
+        values = ", ".join(
+            f"{name.rpartition('_')[0] or name} {x.value:.3g} {x.unit}"
+            for name, x in each.parameters.items()
+        )
         said = f"shrinks {each.channel} by {points(each.shrink)}" if each.entries else values
         lines.append(f"{each.name}: probability {each.probability:.3f}, {said}")
     lines += [f"but {each}" for each in found.caveats]
