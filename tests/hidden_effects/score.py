@@ -206,6 +206,6 @@ def total_lines(totals: Mapping[str, Any]) -> list[str]:
         off = totals["calibration_error_share"]
         lines.append(f"calibration error of the probabilities: {off:.3f}, {totals['names']} names")
     if totals["controls"]:
-        wrong = f"{totals['false_alarms']} of {totals['controls']}"
-        lines.append(f"healthy axes whose model is wrong by a chance below {FALSE_ALARMS}: {wrong}")
+        false, count = totals["false_alarms"], totals["controls"]
+        lines.append(f"healthy axes with a chance below {FALSE_ALARMS}: {false} of {count}")
     return lines
