@@ -13,8 +13,8 @@ from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.contribution import Change, Constant
 from ...models.effects.effect import ActiveEffect, Effect, Term
-from ...models.effects.learned import model_effects
-from ...models.effects.registry import error_of, machine_effects
+from ...models.effects.learned import learned_effects
+from ...models.effects.registry import error_of
 from ...models.effects.signature import torque_signature, transmission_signature
 from ...models.machine import DEFAULT_TOLERANCE, Machine
 from ...models.plant.two_mass import Plant
@@ -200,14 +200,14 @@ _KNOWN_MASS = 0.1  # tolerance up to which the table's mass tells a spring
 
 
 def rigid_baseline(machine: Machine) -> Baseline:
-    """Baseline as the machine file means it: springs that it knows wind up, and nothing else.
+    """Baseline as the machine file means it: the learned spring winds up, and nothing else.
 
     What commissioning learned is a stretch per acceleration, a spring where the mass is known.
     """
     baseline, springs = Baseline.of_machine(machine), Counter[Constant]()
     mass = machine.model.table_mass_kg
     is_known = mass is not None and mass.tolerance <= _KNOWN_MASS
-    for each in model_effects(machine) if is_known else machine_effects(machine):
+    for each in learned_effects(machine) if is_known else ():
         changes = (c for c in each.effect.contributions(each.values) if isinstance(c, Change))
         springs.update({change.quantity: change.value for change in changes})
     sloped = springs[Constant.COMPLIANCE_SLOPE] * baseline.position_m
