@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from statistics import NormalDist
 
-from ..messages.stored import finite_or_none
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
-from ..regression import FALSE_ALARMS
+from ..regression import FALSE_ALARMS, chance_of_misfit
 from .candidates.regressors import UNKNOWN
 from .localisation import where
-from .residual.noise import steps_nm
+from .residual.noise import LEAST_EFFECTIVE, steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
@@ -121,10 +119,12 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
         for name, each in rest.gap.items()
     }
     places = where(session.channels, {name: each.floor for name, each in gap.items()})
-    misfit = rest.misfit
-    if misfit is not None:
-        surely = min([misfit.p_value, *(1.0 - each.probability for each in named)])
-        misfit = misfit.model_copy(update={"p_value": surely})
+    first, then = dict[str, float](), dict[str, float]()
+    for name, known in rest.misfit.per_channel.items() if rest.misfit else ():
+        healthy = gap[name].floor ** 2 + (gap[name].tolerance or 0.0) ** 2
+        whole = chance_of_misfit(gap[name].before ** 2, healthy, LEAST_EFFECTIVE)
+        first[name], then[name] = min(known["p_value"], whole), known["p_value_after"]
+    misfit = Misfit.of_channels(first, then)
     changes = {"gap": gap, "where": tuple(places), "misfit": misfit}
     return rest.model_copy(update=changes | {"effects": (*named, *rest.effects)})
 
@@ -158,10 +158,9 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         found.append(each.model_copy(update=changes | {"probability": trust * each.probability}))
     found = _ranked(found)
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
-    gap, left_rms = {}, {}
-    beside_nuisances = contributions.left_beside_nuisances
+    gap, beside_nuisances = {}, contributions.left_beside_nuisances
+    left_rms = {name: min(rms(each), rms(left[name])) for name, each in beside_nuisances.items()}
     for name, rows in session.channels.items():
-        left_rms[name] = min(rms(beside_nuisances[name]), rms(left[name]))
         gap[name] = ChannelGap(
             before=rows.rms,
             after=rms(left[name]),
@@ -174,39 +173,39 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     is_unknown = blind or assessment.is_unknown
     bare = problem.fit(())
     stretched = problem.stretched(bare) if posterior.exceeding else {}
-    chances = [2.0 * NormalDist().cdf(-off) for off in stretched.values()]
-    chances += [noise.chance(name, bare.rms[name]) for name in gap]
-    after = (noise.chance(name, left_rms[name]) for name in gap)
-    misfit = Misfit(p_value=min(chances), p_value_after=min(after if found else chances))
-    exceeds = any(_exceeds(each, left_rms[name]) for name, each in gap.items())
-    is_unknown |= not found and (exceeds or misfit.p_value < FALSE_ALARMS)
+    chance = {name: noise.chance(name, bare.rms[name]) for name in gap}
+    for tolerances in stretched.values():  # parameters are the torque's
+        chance[TORQUE_GAP] = min(chance[TORQUE_GAP], 2.0 * NormalDist().cdf(-tolerances))
+    after = {name: noise.chance(name, left_rms[name]) for name in gap} if found else chance
+    misfit = Misfit.of_channels(chance, after)
+    unclaimed = gap.keys() - {each.channel for each in found}
+    is_open = any(_exceeds(gap[name], left_rms[name]) for name in unclaimed)
+    is_unknown |= not found and (is_open or misfit.p_value < FALSE_ALARMS)
+    shares = problem.noise.unexplained_shares(session, left_rms)
+    unexplained = max([*posterior.unexplained.values(), *(shares[name] for name in unclaimed)])
     suspected = [*(each.name for each in found), *sorted(posterior.best.material - {UNKNOWN})]
     doubted = assessment.misattributed
-    partly = is_unknown and any(e.is_known and e.channel not in doubted for e in found)
+    is_known = any(e.is_known and e.channel not in doubted for e in found)
+    partly = is_known and is_unknown
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     off = [OFF.format(*each) for each in stretched.items() if verdict is Verdict.UNKNOWN]
-    rows_after = {name: replace(rows, gap=left[name]) for name, rows in session.channels.items()}
     return Diagnosis(
         verdict=verdict,
-        partly=partly,
+        partly=partly or (is_known and is_open),
         misfit=misfit,
         gap=gap,
         where=tuple(where(session.channels, floor)),
-        where_after=tuple(where(rows_after, floor)),
         effects=tuple(found),
         unexplained=Unexplained(
-            share=max(posterior.unexplained.values(), default=0.0),
+            share=unexplained,
             nearest=next(iter(suspected), None) if verdict is Verdict.UNKNOWN else None,
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall=contributions.waterfall(),
         caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict), *off),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
-        suspects={n: {"structure": finite_or_none(x)} for n, x in assessment.suspects.items()},
         is_blind=blind,
-        series=Series(
-            left, replayed.series, replayed.effects.get(loss.effect.name if loss else "")
-        ),
+        series=Series(left, replayed.series, replayed.effects.get(next(iter(known), ""))),
     )
 
 

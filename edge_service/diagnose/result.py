@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, InstanceOf
 from pydantic.json_schema import SkipJsonSchema
@@ -43,8 +43,8 @@ class ParameterValue(Frozen):
     """Value of a parameter in `unit`, with its 90 % interval; None where the data set no bound."""
 
     value: float
-    low: float | None
-    high: float | None
+    low: float | None = None
+    high: float | None = None
     unit: str
 
 
@@ -54,6 +54,7 @@ class Place(Frozen):
     Attributes:
         share: of the gap's energy that a function of the variable explains.
         energy: of the gap's energy that lies in the interval.
+        machine_coordinate: the interval as a controller shows it.
     """
 
     channel: str
@@ -63,6 +64,7 @@ class Place(Frozen):
     unit: str
     share: float
     energy: float = Field(alias="energy_share")
+    machine_coordinate: str = ""
 
 
 class NamedEffect(Frozen):
@@ -137,11 +139,18 @@ class ChannelGap(Frozen):
 class Misfit(Frozen):
     """Chance that a healthy axis leaves as much beyond the floor, in the least likely channel.
 
-    First with the model as it is, then with the named effects in it.
+    First with the model as it is, then with the named effects in it; and so by channel.
     """
 
     p_value: float
     p_value_after: float
+    per_channel: dict[str, dict[str, float]]
+
+    @classmethod
+    def of_channels(cls, first: Mapping[str, float], then: Mapping[str, float]) -> Self:
+        """Misfit of some channels."""
+        each = {n: {"p_value": p, "p_value_after": then[n]} for n, p in first.items()}
+        return cls(p_value=min(first.values()), p_value_after=min(then.values()), per_channel=each)
 
 
 class Unexplained(Frozen):
@@ -196,9 +205,7 @@ class Diagnosis(Frozen):
 
     Attributes:
         gap, waterfall: by channel.
-        where, where_after: places of the gap, and of what the named effects leave of it.
         effects: the most probable first.
-        suspects: effects that were named at first, and the `structure` that each left.
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each.
@@ -216,7 +223,6 @@ class Diagnosis(Frozen):
     effects: tuple[NamedEffect, ...] = ()
     unexplained: Unexplained = Unexplained(share=None, nearest=None)
     next_motion: str | None = None
-    where_after: tuple[Place, ...] = ()
     waterfall: dict[str, tuple[WaterfallStep, ...]] = {}
     not_judged: tuple[str, ...] = ()
     not_judged_reasons: dict[str, str] = {}
@@ -226,7 +232,6 @@ class Diagnosis(Frozen):
     remarks: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     replay: ReplayStatus
-    suspects: dict[str, dict[str, float | None]] = {}
     reference: tuple[str, ...] = ()
     is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
     series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)

@@ -13,8 +13,8 @@ from edge_service.config import load_machine
 from edge_service.diagnose.session.recordings import runs_of
 from edge_service.diagnose.session.session import Session, rigid_baseline
 from edge_service.messages.samples import SampleFrame
-from edge_service.models.effects.learned import model_effects
 from edge_service.models.machine import Machine
+from edge_service.offline.diagnosis import gap
 from edge_service.regression.run import Run
 
 from .. import foreign_plant
@@ -23,11 +23,10 @@ DURATION_S = 40.0
 
 
 @cache
-def recorded(causes: tuple[str, ...], seed: int, strength: float = 1.0) -> Any:
+def recorded(causes: tuple[str, ...], seed: int, strength: float = 1.0, **more: Any) -> Any:
     effects = tuple((name, strength) for name in causes)
-    return foreign_plant.simulate(
-        foreign_plant.case(effects, "production", seed=seed, duration_s=DURATION_S)
-    )
+    given = {"seed": seed, "duration_s": DURATION_S, **more}
+    return foreign_plant.simulate(foreign_plant.case(effects, "production", **given))
 
 
 def frame_of(recording: Any, **changes: Any) -> SampleFrame:
@@ -54,8 +53,7 @@ def runs(machine: Machine, frame: SampleFrame) -> list[Run]:
 
 
 def session_of(machine: Machine, frame: SampleFrame) -> Session:
-    baseline = rigid_baseline(machine)
-    return Session.of_runs(runs(machine, frame), baseline, model_effects(machine))
+    return gap.session_of(machine, runs(machine, frame))
 
 
 def diagnosed(

@@ -44,7 +44,6 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == [cause]
     assert 0.9 < found.effects[0].probability <= SUREST
-    assert (found.suspects[cause]["structure"] or 0.0) < 0.05
     assert found.misfit is not None
     assert found.misfit.p_value < 1e-3
     assert found.misfit.p_value_after > 0.01

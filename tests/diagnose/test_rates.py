@@ -9,7 +9,6 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.messages.samples import Floats
 
-from .. import foreign_plant
 from ..bench.real_machines import written
 from .conftest import DURATION_S, diagnosed, recorded
 
@@ -19,12 +18,8 @@ Columns = Mapping[str, Floats]
 
 def trace(folder: Path, causes: tuple[str, ...], every: int, seed: int = 3) -> str:
     """A minute and a half of a foreign axis, each so-many-th row."""
-    effects = tuple((name, 1.0) for name in causes)
-    recording = foreign_plant.simulate(
-        foreign_plant.case(effects, "production", seed=seed, duration_s=2.5 * DURATION_S)
-    )
-    columns = {name: values[::every] for name, values in recording.columns.items()}
-    return written(folder / "a.csv", columns)
+    recording = recorded(causes, seed, duration_s=2.5 * DURATION_S)
+    return written(folder / "a.csv", {n: each[::every] for n, each in recording.columns.items()})
 
 
 @pytest.mark.slow

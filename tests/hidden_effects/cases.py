@@ -27,6 +27,8 @@ STRENGTHS = (0.5, 1.0, 2.0)
 """Of a typical fault."""
 RATE_HZ, PERCENT = 1000.0, 7.0
 """Of the own plant; its preload where the machine file has none."""
+NONE = "none"
+"""In place of an effect: every axis is healthy."""
 FRESH, FRESH_S = "production", 60.0
 """Motion of the recording that shows how far the gap really shrinks, and its duration."""
 SIZES = {"healthy": 0, "single": 1, "odd": 1, "out": 1, "pair": 2, "triple": 3}
@@ -124,7 +126,7 @@ def _foreign_recorded(case: HiddenCase, motion: str, seed: int) -> SampleFrame:
 def plan(
     plant: Plant, count: int, seed: int, given: Sequence[str] = (), withheld: Sequence[str] = ()
 ) -> list[HiddenCase]:
-    """Cases of given effects; or healthy ones, singles, pairs, triples and what nobody knows.
+    """Cases of given effects, or none; or healthy ones, singles, pairs, triples, what nobody knows.
 
     Args:
         withheld: what the library is to lack; of every eighth case it is the cause itself.
@@ -142,6 +144,7 @@ def plan(
         name, lacking = plant.known[(k // 2) % len(plant.known)], tuple(withheld)
         others = [each for each in random.permutation(plant.known) if each != name]
         causes = tuple(given) or tuple(map(str, [name, *others][: SIZES[kind]]))
+        causes = () if NONE in given else causes
         if kind == "odd" and plant.odd and not given:
             causes = (str(random.choice(plant.odd)),)
         elif kind in ("odd", "out") and not given:
@@ -152,7 +155,7 @@ def plan(
 
 def _check_effect(plant: Plant, text: str) -> None:
     name, stated, _ = text.partition(":")
-    there = [*plant.known, *plant.odd]
+    there = [*plant.known, *plant.odd, NONE]
     if name not in there:
         near = difflib.get_close_matches(name, there, 3)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""

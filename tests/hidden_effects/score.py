@@ -20,6 +20,7 @@ from edge_service.models.effects.registry import disturbance, effect_names, get_
 from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.gap import BadDataError, read_runs, session_of
 from edge_service.recordings.writer import TraceWriter
+from edge_service.regression import FALSE_ALARMS
 
 from .cases import FRESH, HiddenCase, Plant
 
@@ -171,6 +172,7 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         if before > _CLEAR * row.found.gap[name].floor
         and name in {each.channel for each in row.found.effects}
     ]
+    healthy = [row.found.misfit for row in rows if row.found.misfit and not row.case.causes]
     kinds = {row.kind: Counter(x.outcome for x in rows if x.kind == row.kind) for row in rows}
     return {
         "outcomes": {kind: dict(each.most_common()) for kind, each in kinds.items()},
@@ -181,6 +183,8 @@ def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
         "shrinks_in_interval": sum(claimed.low <= got <= claimed.high for claimed, got in pairs),
         "calibration_error_share": float(off) / len(p) if len(p) else None,
         "names": len(p),
+        "controls": len(healthy),
+        "false_alarms": sum(each.p_value < FALSE_ALARMS for each in healthy),
     }
 
 
@@ -201,4 +205,7 @@ def total_lines(totals: Mapping[str, Any]) -> list[str]:
     if totals["names"]:
         off = totals["calibration_error_share"]
         lines.append(f"calibration error of the probabilities: {off:.3f}, {totals['names']} names")
+    if totals["controls"]:
+        false, count = totals["false_alarms"], totals["controls"]
+        lines.append(f"healthy axes with a chance below {FALSE_ALARMS}: {false} of {count}")
     return lines

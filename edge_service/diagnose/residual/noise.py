@@ -26,7 +26,7 @@ from ..session.session import TORQUE_GAP, TRANSMISSION_GAP, Rows, Session, rms
 
 MOST_EFFECTIVE = 400.0
 """Independent observations that a channel counts for at most: the library is an approximation."""
-_LEAST_EFFECTIVE = 40.0
+LEAST_EFFECTIVE = 40.0
 DISCREPANCY = 0.05
 """Share of the gap that the best entry may still miss on a real axis."""
 TOLERANCE_OF_FLOOR = 1.0
@@ -109,7 +109,7 @@ class Noise:
             # structure, or bursts, hide how the noise goes on
             is_hidden = rms(each) >= _MORE_THAN_NOISE * levels[name]
             independent = math.inf if is_hidden else effective_size(each)
-            effective[name] = float(np.clip(independent, _LEAST_EFFECTIVE, MOST_EFFECTIVE))
+            effective[name] = float(np.clip(independent, LEAST_EFFECTIVE, MOST_EFFECTIVE))
         return replace(self, effective=effective, floor=floor, tolerance=tolerance)
 
     def beyond(self, channel: str, rms: float) -> float:

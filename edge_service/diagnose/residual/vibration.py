@@ -95,10 +95,7 @@ class Vibration:
             probability=min(1.0 - self.p_value, SUREST),
             tied=(VIBRATION,),
             shrink=Shrink(estimate=0.0, low=0.0, high=max(here, 0.0)),
-            parameters={
-                name: ParameterValue(value=value, low=None, high=None, unit=unit)
-                for name, (value, unit) in values.items()
-            },
+            parameters={n: ParameterValue(value=v, unit=u) for n, (v, u) in values.items()},
             entries=(),
         )
 

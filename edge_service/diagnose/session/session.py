@@ -1,6 +1,7 @@
 """Session: all runs of one axis as rows of two channels, what the baseline leaves of each."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -10,7 +11,9 @@ from scipy import ndimage
 
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
+from ...models.effects.contribution import Change, Constant
 from ...models.effects.effect import ActiveEffect, Effect, Term
+from ...models.effects.learned import learned_effects
 from ...models.effects.registry import error_of
 from ...models.effects.signature import torque_signature, transmission_signature
 from ...models.machine import DEFAULT_TOLERANCE, Machine
@@ -18,6 +21,7 @@ from ...models.plant.two_mass import Plant
 from ...regression.run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
+_SIGNATURES = {TORQUE_GAP: torque_signature, TRANSMISSION_GAP: transmission_signature}
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
 CHANNEL_WORDS = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 MOST_ROWS = 60_000
@@ -123,9 +127,8 @@ class Session:
 
     def signature(self, channel: str, effect: Effect, values: Mapping[str, float]) -> Floats:
         """Column of an effect in a channel, (n,)."""
-        return self.column(
-            channel, lambda motion: _signature(channel, effect, values, motion, self.baseline)
-        )
+        of = _SIGNATURES[channel]
+        return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
 
     def folds(self, time_s: Floats) -> Integers:
         """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on.
@@ -150,13 +153,6 @@ class Session:
         return rms(self.column(TORQUE_GAP, lambda motion: motion.torque_nm))
 
 
-def _signature(
-    channel: str, effect: Effect, values: Mapping[str, float], motion: Motion, baseline: Baseline
-) -> Floats:
-    of = torque_signature if channel == TORQUE_GAP else transmission_signature
-    return of(effect, values, motion, baseline)
-
-
 def compared(channel: str, run: Run) -> Booleans:
     """Rows of a run at which a channel is compared: in a rest friction holds a spring anywhere."""
     if channel == TORQUE_GAP:
@@ -171,7 +167,8 @@ def channel_gap(
     channel: str, run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]
 ) -> Floats:
     """Measured less modelled at the rows of a run that are compared, N m or m, (n,)."""
-    known = [_signature(channel, e.effect, e.values, run.motion, baseline) for e in modelled]
+    of = _SIGNATURES[channel]
+    known = [of(each.effect, each.values, run.motion, baseline) for each in modelled]
     if channel == TORQUE_GAP:
         left = run.motion.torque_nm - (run.motion.model_torque_nm + sum(known))
         return run.resting_zero(left)[compared(channel, run)]
@@ -188,26 +185,34 @@ def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:
         "time_s": lambda run: run.motion.time_s,
         "direction": lambda run: run.motion.approach,
     }
+    if all(run.temperature_c is not None for run, _ in kept):
+        names["temperature_c"] = lambda run: run.motion.temperature_c
     variables = {
         name: np.concatenate([run.at_rows(of(run))[rows] for run, rows in kept])
         for name, of in names.items()
     }
-    warmth = [run.temperature_c for run, _ in kept if run.temperature_c is not None]
-    if len(warmth) == len(kept):
-        variables["temperature_c"] = np.concatenate(
-            [run.at_rows(each)[rows] for each, (run, rows) in zip(warmth, kept, strict=True)]
-        )
     _, block = np.unique(np.floor(variables["time_s"] / BLOCK_S), return_inverse=True)
     return Rows(gap, variables, block.astype(np.int64))
 
 
 _STIFFENING = 300.0
+_KNOWN_MASS = 0.1  # tolerance up to which the table's mass tells a spring
 
 
 def rigid_baseline(machine: Machine) -> Baseline:
-    """Baseline as the machine file means it: nothing winds up."""
-    baseline = Baseline.of_machine(machine)
-    return replace(baseline, compliance_m_per_n=np.zeros_like(baseline.compliance_m_per_n))
+    """Baseline as the machine file means it: the learned spring winds up, and nothing else.
+
+    What commissioning learned is a stretch per acceleration, a spring where the mass is known.
+    """
+    baseline, springs = Baseline.of_machine(machine), Counter[Constant]()
+    mass = machine.model.table_mass_kg
+    is_known = mass is not None and mass.tolerance <= _KNOWN_MASS
+    for each in learned_effects(machine) if is_known else ():
+        changes = (c for c in each.effect.contributions(each.values) if isinstance(c, Change))
+        springs.update({change.quantity: change.value for change in changes})
+    sloped = springs[Constant.COMPLIANCE_SLOPE] * baseline.position_m
+    compliance = np.maximum(springs[Constant.COMPLIANCE] + sloped, 0.0)
+    return replace(baseline, compliance_m_per_n=compliance)
 
 
 def rigid_plant(plant: Plant) -> Plant:

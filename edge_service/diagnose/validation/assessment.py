@@ -298,7 +298,6 @@ class Assessment:
         attributions: effect -> what it has in its channel.
         confidence: factor on the probabilities, by channel; below 1 the cause is unknown.
         effects: with the probability, the shrinkage and the values of each.
-        suspects: effects that were named at first, and the structure that each left.
     """
 
     posterior: Posterior
@@ -307,7 +306,6 @@ class Assessment:
     attributions: Mapping[str, Attribution]
     confidence: Mapping[str, float]
     effects: tuple[NamedEffect, ...]
-    suspects: Mapping[str, float]
 
     @classmethod
     def of_effects(cls, posterior: Posterior, named: frozenset[str]) -> "Assessment":
@@ -347,10 +345,8 @@ class Assessment:
                     entries=estimates.entries(name),
                 )
             )
-        suspects = {name: each.structure for name, each in attributed.items()}
-        return cls(
-            posterior, contributions, validation, attributed, confidence, tuple(effects), suspects
-        )
+        found = tuple(effects)
+        return cls(posterior, contributions, validation, attributed, confidence, found)
 
     @property
     def misattributed(self) -> set[str]:
@@ -400,13 +396,11 @@ def assess_causes(posterior: Posterior) -> Assessment:
     else there is: without it all sets are weighed anew.
     """
     named = posterior.best.material - {UNKNOWN}
-    suspects: dict[str, float] = {}
     while True:
         assessment = Assessment.of_effects(posterior, named)
-        suspects = {**assessment.suspects, **suspects}
         idle = assessment.idlest()
         if not idle:
-            return replace(assessment, suspects=suspects)
+            return assessment
         calmer = posterior.without(FORCE) if idle == FORCE else None
         posterior = calmer or posterior
         named = calmer.best.material - {UNKNOWN} if calmer else named - {idle}

@@ -31,7 +31,6 @@ from ...diagnose.preload import (
 )
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
 from ...diagnose.result import (
-    VIBRATION,
     ChannelGap,
     Diagnosis,
     NamedEffect,
@@ -52,8 +51,7 @@ from ...models.motions.registry import MotionError
 from ...nodes.stages import make_downsampler
 from ...regression.run import Run
 from ..recordings import examine_within, open_recording, remarks_of
-from ..report.diagnosis_page import chance, places, points, render, verdict_sentence
-from ..report.quantities import amount
+from ..report.diagnosis_page import located, render, summary
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
@@ -108,7 +106,9 @@ def diagnose(
         )
         found = found.with_effects(found.effects, verdict, *mismatches)
         unseen = unobservable(session)
+        ratio = machine.transmission_ratio_m_per_rad
         stated = {
+            "where": located(found.where, ratio),
             "not_judged": tuple(unseen),
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learnable(found)),
@@ -122,7 +122,7 @@ def diagnose(
         except ValueError as error:
             raise ConfigError(f"{machine_file}: {error}") from error
         _write(out, found, augmented, render(machine, names, found, session))
-        return Answer(_summary(found, out, machine.transmission_ratio_m_per_rad), found)
+        return Answer(summary(found, out, ratio), found)
     except BadDataError:
         raise
     except BaseException:
@@ -210,37 +210,6 @@ def _write(out: Path, found: Diagnosis, augmented: str, page: str) -> None:
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     for name, content in zip(_FILES, (augmented, page, text), strict=True):
         write_whole(out / name, content)
-
-
-def _summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
-    lines = [verdict_sentence(found)]
-    if found.misfit is not None:
-        before, after = chance(found.misfit.p_value), chance(found.misfit.p_value_after)
-        causes = f", with the causes {after}" if found.effects else ""
-        lines.append(f"chance that a healthy axis differs as much: {before}{causes}")
-    lines += [
-        f"{name}: {amount(each.before, each.unit)} before, {amount(each.after, each.unit)} after, "
-        f"{amount(each.floor, each.unit)} floor ({each.floor_source}), "
-        f"{amount(each.tolerance or 0.0, each.unit)} tolerated"
-        for name, each in found.gap.items()
-    ]
-    lines += places(found.where, m_per_rad)
-    for each in found.effects:
-        values = ", ".join(f"{x.value:.3g} {x.unit}" for x in each.parameters.values())
-        said = f"shrinks {each.channel} by {points(each.shrink)}" if each.entries else values
-        lines.append(f"{each.name}: probability {each.probability:.3f}, {said}")
-    lines += [f"but {each}" for each in found.caveats]
-    kept = (*found.augmented, *found.withheld, VIBRATION)
-    unsure = [each.name for each in found.effects if each.name not in kept]
-    kinds = {
-        "in augmented.toml": found.augmented,
-        "not in augmented.toml, for it is not sure": unsure,
-        "not in augmented.toml, for a model should not learn a fault": found.withheld,
-    }
-    lines += [f"{words}: {', '.join(names)}" for words, names in kinds.items() if names]
-    if found.next_motion:
-        lines += [f"to decide ({found.next_motion}): edge-service motion next {out / _FILES[2]}"]
-    return "\n".join([*lines, f"report: {out / 'report.html'}"])
 
 
 def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:

@@ -1,6 +1,8 @@
 """The page of a diagnosis: plain words first, then numbers and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -39,6 +41,7 @@ LABELS = {
 }
 _POINTS = 4000
 _DPI = 130
+_CLOCK_FROM_S = 1e9  # a clock that counts from 1970 passed it in 2001
 _WINDOW_S = 4.0
 _PAUSE_S = 0.05
 _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
@@ -153,6 +156,13 @@ def verdict_sentence(found: Diagnosis) -> str:
     return rendered("verdict.txt", used, found=found, named=named, channels=CHANNEL_WORDS).strip()
 
 
+def summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
+    """Diagnosis on the terminal; its files are in `out`."""
+    used = {each.__name__: each for each in (amount, chance, places, points)}
+    content = {"lead": verdict_sentence(found), "out": out, "m_per_rad": m_per_rad}
+    return rendered("summary.txt", used, found=found, **content).strip()
+
+
 def _weight(each: NamedEffect) -> tuple[bool, float, float]:
     """A fault comes first, then the surest; of those as sure, what makes most of the difference."""
     is_fault = bool(each.entries) and get_effect(each.name).is_fault
@@ -218,22 +228,32 @@ def places(found: Sequence[Place], m_per_rad: float) -> list[str]:
     ]
 
 
+def located(found: Sequence[Place], m_per_rad: float) -> tuple[Place, ...]:
+    """Places with their intervals as a controller shows them."""
+    told = ({"machine_coordinate": _over(each.variable, [each], m_per_rad)} for each in found)
+    return tuple(each.model_copy(update=x) for each, x in zip(found, told, strict=True))
+
+
 def _over(variable: str, mine: Sequence[Place], m_per_rad: float) -> str:
     label, factor = {
         "motor_speed_rad_s": ("table speed, mm/min", 6e4 * m_per_rad),
         "motor_acceleration_rad_s2": ("table acceleration, m/s²", m_per_rad),
         "table_position_m": ("table position, mm", 1e3),
     }.get(variable, (LABELS[variable], 1.0))
+    if variable == "time_s" and mine[0].low > _CLOCK_FROM_S:
+        label = "time of day, UTC"
     name, _, unit = label.partition(", ")
     if variable == "direction":
         ways = {(0.0, 1.0): ", most of it forwards", (-1.0, 0.0): ", most of it backwards"}
         return name + ways.get((mine[0].low, mine[0].high), "")
     ends = (
-        f"{_plain(factor * each.low)} to {_plain(factor * each.high)}"
+        f"{_plain(factor * each.low, unit)} to {_plain(factor * each.high, unit)}"
         for each in sorted(mine, key=lambda place: place.low)
     )
     return f"{name}, {', '.join(ends)} {unit}"
 
 
-def _plain(value: float) -> str:
+def _plain(value: float, unit: str) -> str:
+    if unit == "UTC":
+        return f"{datetime.fromtimestamp(value, UTC):%H:%M:%S}"
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"

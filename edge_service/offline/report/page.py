@@ -46,8 +46,9 @@ def write_png(figure: Figure, path: Path, dpi: int = _DPI) -> None:
 def rendered(
     template: str, filters: Mapping[str, Callable[..., object]] | None = None, **content: object
 ) -> str:
-    """HTML of a template of this folder; a name that it lacks is an error."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    """HTML, or text, of a template of this folder; a name that it lacks is an error."""
+    is_page = template.endswith(".html")
+    environment = Environment(autoescape=is_page, undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(filters or {})
     source = files(__package__).joinpath("templates", template).read_text("utf-8")
     return environment.from_string(source).render(**content)

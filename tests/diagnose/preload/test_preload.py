@@ -1,4 +1,4 @@
-"""Loss of preload in a diagnosis: known by the estimator, tied with friction, or not stated."""
+"""Loss of preload in a diagnosis, and what the running service says of the same minutes."""
 
 from functools import cache
 
@@ -17,15 +17,20 @@ from edge_service.diagnose.preload import (
 )
 from edge_service.diagnose.result import Diagnosis, ParameterValue, Verdict, learnable, withheld
 from edge_service.diagnose.session.session import Session
-from edge_service.messages.samples import Floats
+from edge_service.health.consistency import ConsistencyWatch
+from edge_service.messages.health import ConsistencyState
+from edge_service.messages.samples import Floats, SampleFrame
 from edge_service.models.effects.library.preload_loss import lost_percent
+from edge_service.models.effects.registry import effects
 from edge_service.models.machine import Machine
+from edge_service.nodes.stages import make_downsampler
 from tests.nodes.conftest import production
 
 from ..conftest import session_of
 from ..test_diagnosis import diagnosed
 
 RATE_HZ, SECONDS = 1000.0, 24
+THERE = PreloadReading(99.0, 95.0, 104.0, two_encoders=True)
 FRESH = {"fresh_drag_nm": 0.146, "fresh_percent": 6.85, "fresh_nut_m_per_n": 8.9e-9}
 
 
@@ -91,9 +96,26 @@ def test_a_known_loss_comes_first_and_no_warmth_is_named():
     assert "preload_loss" not in [each.name for each in learnable(found)]
 
 
-def test_a_healthy_commissioned_axis_agrees_with_its_model():
-    found = diagnose_session(recorded(np.zeros(SECONDS)), axis())
-    assert (found.verdict, found.effects) == (Verdict.NO_GAP, ())
+def watched(watch: ConsistencyWatch, rows: int, *there: str) -> SampleFrame:
+    """Production with some effects that a watch has seen as well."""
+    frame = production(axis(), axis().fresh_preload_percent or 0.0, rows, *there, seed=rows)
+    for block in make_downsampler(axis()).push(frame):
+        watch.add(block)
+    return frame
+
+
+SLOW = [pytest.param([name], marks=pytest.mark.slow) for name in effects()]
+
+
+@pytest.mark.parametrize("there", [[], ["load_offset"], *SLOW])
+def test_what_the_service_disagrees_with_is_a_gap(there):
+    watch = ConsistencyWatch(axis().transmission_ratio_m_per_rad)
+    watched(watch, 300_000)
+    found = diagnose_session(session_of(axis(), watched(watch, 60_000, *there)), axis())
+    disagrees = watch.shown().state is ConsistencyState.DISAGREES
+    assert not disagrees or found.verdict is not Verdict.NO_GAP
+    if not there:
+        assert (found.verdict, found.effects, disagrees) == (Verdict.NO_GAP, (), False)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +124,7 @@ def test_a_healthy_commissioned_axis_agrees_with_its_model():
         (PreloadReading(50.0, 40.0, 60.0, two_encoders=True), True, False),
         (PreloadReading(50.0, 40.0, 60.0, two_encoders=False), False, False),
         (PreloadReading(90.0, 80.0, 101.0, two_encoders=True), False, False),
-        (PreloadReading(99.0, 95.0, 104.0, two_encoders=True), False, True),
+        (THERE, False, True),
         (PreloadReading(99.0, 95.0, 104.0, two_encoders=False), False, False),
     ],
 )
@@ -133,16 +155,11 @@ def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Mac
     assert learnable(found) == ()
 
 
-@pytest.mark.parametrize("change_nm", [0.05, -0.4])  # N m: more friction; more than the screw has
-def test_what_no_loss_of_preload_does_is_none(machine: Machine, change_nm):
+@pytest.mark.parametrize(("change_nm", "reading"), [(0.05, None), (-0.4, None), (-0.073, THERE)])
+def test_what_no_loss_of_preload_does_is_none(machine: Machine, change_nm, reading):
+    """More friction; less by more than the screw has; less, while the preload is there."""
     found = drag_changed(machine, change_nm)
-    assert with_missing_drag(found, FRESH, None) is found
-
-
-def test_a_preload_that_is_there_is_not_suspected(machine: Machine):
-    found = drag_changed(machine, -0.073)
-    there = PreloadReading(99.0, 95.0, 104.0, two_encoders=True)
-    assert with_missing_drag(found, FRESH, there) is found
+    assert with_missing_drag(found, FRESH, reading) is found
 
 
 def test_without_a_fresh_preload_only_a_sentence_is_added(machine: Machine):

@@ -8,14 +8,11 @@ import pytest
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
 
-from ... import foreign_plant
-from ..conftest import DURATION_S, diagnosed
+from ..conftest import diagnosed, recorded
 
 
 def trace(path: Path, causes: tuple[str, ...], seed: int) -> str:
-    effects = tuple((name, 1.0) for name in causes)
-    case = foreign_plant.case(effects, "production", seed=seed, axis_seed=3, duration_s=DURATION_S)
-    return str(foreign_plant.simulate(case).write_csv(path))
+    return str(recorded(causes, seed, axis_seed=3).write_csv(path))
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """Recordings of one axis are one session, whatever ails it; others are refused, with the reason."""
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,27 +12,18 @@ from edge_service.diagnose.session.session import rigid_baseline
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
 
-from ...foreign_plant import DIAGNOSIS, case, simulate
+from ...foreign_plant import DIAGNOSIS
 from ..conftest import frame_of, recorded, runs
 
-AILING = (("warmup", 2.0), ("thermal_growth", 2.0), ("backlash", 2.0), ("timestamp_skew", 2.0))
+AILING = ("warmup", "thermal_growth", "backlash", "timestamp_skew")
 RATIO = 0.02 / (2.0 * np.pi)
 
 
-@cache
-def piece(number: int, effects: tuple[tuple[str, float], ...], **machine_changes: Any) -> Any:
+def piece(number: int, causes: tuple[str, ...], **machine_changes: Any) -> Any:
     """Fifteen seconds of production; the axis has run for five minutes more with each number."""
-    return simulate(
-        case(
-            effects,
-            "production",
-            seed=100 + number,
-            axis_seed=7,
-            duration_s=15.0,
-            elapsed_s=300.0 * number,
-            machine=replace(DIAGNOSIS, **machine_changes),
-        )
-    )
+    changed = replace(DIAGNOSIS, **machine_changes)
+    begun = {"axis_seed": 7, "duration_s": 15.0, "elapsed_s": 300.0 * number}
+    return recorded(causes, 100 + number, 2.0, machine=changed, **begun)
 
 
 def checked(machine: Machine, *frames: SampleFrame) -> DataCheck:
@@ -98,8 +88,7 @@ def test_the_zero_is_compared_where_the_lead_is_unknown(machine: Machine) -> Non
 
 
 def thinned(frame: SampleFrame, every: int) -> SampleFrame:
-    channels = {name: values[::every] for name, values in frame.channels.items()}
-    return SampleFrame(frame.time_s[::every], channels)
+    return SampleFrame(frame.time_s[::every], {n: v[::every] for n, v in frame.channels.items()})
 
 
 @pytest.mark.parametrize("every", [10, 40])

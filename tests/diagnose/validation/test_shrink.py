@@ -8,8 +8,7 @@ from edge_service.diagnose.validation.assessment import on_other_motion, resampl
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 
-from ... import foreign_plant
-from ..conftest import DURATION_S, frame_of, session_of
+from ..conftest import frame_of, recorded, session_of
 from ..test_diagnosis import diagnosed
 
 COUNT = 4000
@@ -59,9 +58,7 @@ def test_what_may_come_out_otherwise_widens_the_interval() -> None:
 def test_it_comes_true_on_another_recording(machine: Machine, cause: str) -> None:
     found, _ = diagnosed(machine, (cause,), seed=3)
     (named,) = found.effects
-    there = ((cause, 1.0),)
-    case = foreign_plant.case(there, "production", seed=93, axis_seed=3, duration_s=DURATION_S)
-    other = session_of(machine, frame_of(foreign_plant.simulate(case)))
+    other = session_of(machine, frame_of(recorded((cause,), 93, axis_seed=3)))
     effects = [active_effect(named.name, values) for values in named.entries]
     left = Session.of_runs(other.runs, other.baseline, effects).channels[named.channel].rms
     realised = 1.0 - left / other.channels[named.channel].rms
