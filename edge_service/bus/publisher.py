@@ -32,6 +32,7 @@ class Publisher(Generic[T]):
         axis: str | None,
         boot_epoch: int,
         near: Callable[[str], list[Subscriber[T]]],
+        is_router: bool,
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
@@ -57,6 +58,7 @@ class Publisher(Generic[T]):
             if topic.cached
             else session.declare_publisher(key, **sending)
         )
+        self._asks = is_router and not topic.cached  # a client learns too late that it is heard
         self._last: tuple[Header, T] | None = None
         self._queryable = (
             session.declare_queryable(
@@ -70,12 +72,12 @@ class Publisher(Generic[T]):
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
         """Put with the next header; returns the header that went out."""
-        sequence = next(self._numbers)
-        header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
+        number, at_ns = next(self._numbers), max(source_time_ns, 0)
+        header = Header(number, self.boot_epoch, at_ns, time.monotonic_ns())
         self._last = header, payload
         for each in self._near(self._key):
             each.take(self._key, (self._axis or "", header, payload))
-        if self._topic.cached or self._publisher.matching_status.matching:
+        if not self._asks or self._publisher.matching_status.matching:
             self._publisher.put(self._topic.encode(self._axis, header, payload))
         return header
 

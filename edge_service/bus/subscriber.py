@@ -149,18 +149,15 @@ class Subscriber(Generic[T]):
         """Axis, header and payload; or why they must not be read."""
         told = arrival.payload
         try:
-            if isinstance(told, bytes):
-                told = self.topic.decode(told)
-            else:
-                self.topic.check(told[2])
+            told = self.topic.decode(told) if isinstance(told, bytes) else told
+            self.topic.check(told[2])
         except CodecError:
             return Refusal.MALFORMED
-        axis, header, _ = told
-        if axis != axis_of(arrival.key):
+        if told[0] != axis_of(arrival.key):
             return Refusal.MISPLACED
         patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
         sender = self._senders.setdefault(arrival.key, Sender(patience_s))
-        refusal = sender.judge(header, arrival.arrival_s)
+        refusal = sender.judge(told[1], arrival.arrival_s)
         return told if refusal is None else refusal
 
     def close(self) -> None:

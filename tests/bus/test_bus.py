@@ -49,6 +49,17 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     np.testing.assert_array_equal(frame.channels[TORQUE], FRAME.channels[TORQUE])
 
 
+async def test_the_first_payload_of_a_client_arrives() -> None:
+    router = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", read_only=False))
+    near = router.subscribe(KEYS.all_axes(RAW), RAW)
+    client = await Bus.open(BusSettings(router.endpoint, "client"))
+    client.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, 0)
+    async with asyncio.timeout(5.0):
+        assert (await anext(aiter(near)))[1].sequence == 0
+    await client.close()
+    await router.close()
+
+
 async def test_nothing_is_encoded_while_nobody_else_listens(
     router: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
