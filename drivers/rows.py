@@ -15,9 +15,9 @@ GREATEST_LAG_S = 1.0
 """Further behind real time than this, a driver lets the missed time go instead of bursting."""
 LARGEST_FRAME = 4096
 """Rows of a frame, where the recorded clock stands still."""
-LOOK_AHEAD_S = 0.0045
-"""So long after a multiple of its length a frame ends: the direction of motion at the end of an
-interval is a difference over 4 ms to either side, and so no interval waits for another frame.
+LOOK_AHEAD_S = 0.0125
+"""So long after a multiple of its length a frame ends: at 1 kHz an interval looks at 12 rows behind
+it, for the direction of motion and for samples that no drive can make; none waits for a frame more.
 """
 Values = Mapping[str, tuple[float, Quality]]
 """Channel -> value in SI units and its quality."""

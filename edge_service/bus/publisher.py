@@ -1,6 +1,7 @@
 """Publishing payloads of one key, and answering for the last of them."""
 
 import time
+from collections.abc import Callable
 from itertools import count
 from typing import Any, Generic
 
@@ -8,6 +9,7 @@ import zenoh
 from zenoh import ext
 
 from ..messages.codec import JSON_ENCODING, Header, T, Topic
+from .subscriber import Subscriber
 
 _HEARTBEAT_S = 10.0
 """Period in which the number of the last payload is told, by which a reader learns what it missed.
@@ -17,7 +19,10 @@ Told once, it would be lost with the router that was to pass it on.
 
 
 class Publisher(Generic[T]):
-    """Numbers, stamps and puts payloads; never waits for a reader."""
+    """Numbers, stamps and puts payloads; never waits for a reader.
+
+    Those in the same session, which `near` finds, get a payload as it is; others its encoding.
+    """
 
     def __init__(
         self,
@@ -26,15 +31,18 @@ class Publisher(Generic[T]):
         topic: Topic[T],
         axis: str | None,
         boot_epoch: int,
+        near: Callable[[str], list[Subscriber[T]]],
+        is_router: bool,
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
         self._encoding = zenoh.Encoding(topic.encoding)
-        self._key, self._topic, self._axis = key, topic, axis
+        self._key, self._topic, self._axis, self._near = key, topic, axis, near
         sending: dict[str, Any] = {
             "encoding": self._encoding,
             "congestion_control": zenoh.CongestionControl.DROP,
             "priority": zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
             "express": urgent,
+            "allowed_destination": zenoh.Locality.REMOTE,
         }
         self._publisher: Any = (
             ext.declare_advanced_publisher(
@@ -50,7 +58,8 @@ class Publisher(Generic[T]):
             if topic.cached
             else session.declare_publisher(key, **sending)
         )
-        self._last: bytes | None = None
+        self._asks = is_router and not topic.cached  # a client learns too late that it is heard
+        self._last: tuple[Header, T] | None = None
         self._queryable = (
             session.declare_queryable(
                 key, zenoh.handlers.Callback(self._answer, indirect=False), complete=True
@@ -62,17 +71,21 @@ class Publisher(Generic[T]):
         self._numbers = count()
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
-        """Encode with the next header and put; returns the header that went out."""
-        sequence = next(self._numbers)
-        header = Header(sequence, self.boot_epoch, max(source_time_ns, 0), time.monotonic_ns())
-        self._last = self._topic.encode(self._axis, header, payload)
-        self._publisher.put(self._last)
+        """Put with the next header; returns the header that went out."""
+        number, at_ns = next(self._numbers), max(source_time_ns, 0)
+        header = Header(number, self.boot_epoch, at_ns, time.monotonic_ns())
+        self._last = header, payload
+        for each in self._near(self._key):
+            each.take(self._key, (self._axis or "", header, payload))
+        if not self._asks or self._publisher.matching_status.matching:
+            self._publisher.put(self._topic.encode(self._axis, header, payload))
         return header
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             if self._last is not None:
-                query.reply(self._key, self._last, encoding=self._encoding)
+                last = self._topic.encode(self._axis, *self._last)
+                query.reply(self._key, last, encoding=self._encoding)
 
     def close(self) -> None:
         """Undeclare; called once by the bus."""

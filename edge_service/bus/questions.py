@@ -64,31 +64,3 @@ class Answering:
             self._queryable.undeclare()
             for query in tuple(self._open):
                 self._reply(query, None)
-
-
-async def ask(
-    session: zenoh.Session, key: str, question: bytes | None, timeout_s: float
-) -> bytes | None:
-    """The first answer to a question; None if nobody is there, or answers in time."""
-    loop = asyncio.get_running_loop()
-    answered: asyncio.Future[bytes | None] = loop.create_future()
-
-    def end(answer: bytes | None) -> None:
-        if not answered.done():
-            answered.set_result(answer)
-
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            loop.call_soon_threadsafe(end, reply.ok.payload.to_bytes())
-
-    def on_end() -> None:
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(end, None)
-
-    session.get(
-        key,
-        zenoh.handlers.Callback(on_reply, on_end, indirect=False),
-        payload=question,
-        timeout=timeout_s,
-    )
-    return await answered

@@ -4,7 +4,7 @@ from collections import Counter, OrderedDict, deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 from threading import Lock
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..messages.codec import Header
 from ..messages.keys import axis_of
@@ -80,10 +80,10 @@ class Sender:
 
 
 class Arrival(NamedTuple):
-    """Bytes that came on a key at a time of the steady clock, s."""
+    """Bytes, or what they would hold, that came on a key at a time of the steady clock, s."""
 
     key: str
-    payload: bytes
+    payload: bytes | tuple[str, Header, Any]
     arrival_s: float
 
 

@@ -4,6 +4,7 @@ import socket
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import replace
+from functools import cache
 from typing import Any, Self
 
 import zenoh
@@ -14,12 +15,12 @@ from ..messages.addresses import split_endpoint
 from ..messages.codec import T, Topic
 from ..threads import Threads
 from .publisher import Publisher
-from .questions import Answer, Answering, ask
+from .questions import MOST_OPEN, Answer, Answering
 from .settings import BusConfigurationError, BusSettings, zenoh_config
 from .subscriber import Subscriber
 
 _EPHEMERAL_TRIES = 5
-_OPENERS = Threads("bus", 8)
+_OPENERS, _ASKING = Threads("bus", 8), Threads("questions", MOST_OPEN)
 
 
 class BusUnavailableError(BadInputError):
@@ -30,11 +31,12 @@ class Bus:
     """A session with its publishers and subscribers; close it to undeclare them all."""
 
     def __init__(self, session: zenoh.Session, settings: BusSettings) -> None:
-        self._session = session
+        self._session, self._is_router = session, settings.role == "router"
         self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
         self._subscribers: list[Subscriber[Any]] = []
         self._publishers: dict[str, Publisher[Any]] = {}
+        self._near = cache(self._subscribed)
         self._tokens: list[zenoh.LivelinessToken] = []
         self._answering: list[Answering] = []
 
@@ -64,7 +66,9 @@ class Bus:
     def publisher(self, key: str, topic: Topic[T], axis: str | None) -> Publisher[T]:
         """The publisher of a key; it answers queries for its last payload if the topic keeps it."""
         if key not in self._publishers:
-            self._publishers[key] = Publisher(self._session, key, topic, axis, self._boot_epoch)
+            self._publishers[key] = Publisher(
+                self._session, key, topic, axis, self._boot_epoch, self._near, self._is_router
+            )
         return self._publishers[key]
 
     def forget(self, prefix: str) -> None:
@@ -83,7 +87,11 @@ class Bus:
         """Subscribe, to `keys` alone if given; a key has a ring of `depth`: the oldest goes."""
         subscriber = Subscriber(self._session, key_expr, topic, depth, keys)
         self._subscribers.append(subscriber)
+        self._near.cache_clear()
         return subscriber
+
+    def _subscribed(self, key: str) -> list[Subscriber[Any]]:
+        return [each for each in self._subscribers if each.key_expr.includes(key)]
 
     def refused(self) -> Counter[tuple[str, str]]:
         """Payloads that the subscribers of this process refused, by topic and reason.
@@ -104,7 +112,12 @@ class Bus:
 
     async def ask(self, key: str, question: bytes | None, timeout_s: float) -> bytes | None:
         """The first answer to a question; None if nobody is there, or answers in time."""
-        return await ask(self._session, key, question, timeout_s)
+
+        def first() -> bytes | None:
+            replies = self._session.get(key, payload=question, timeout=timeout_s)
+            return next((each.ok.payload.to_bytes() for each in replies if each.ok), None)
+
+        return await _ASKING.run(first)
 
     def declare_alive(self, key: str) -> None:
         """Show presence on `key` until the session closes or dies."""

@@ -7,9 +7,8 @@ came before, and of the axis that its key names. Everything else is refused, and
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Collection
-from functools import lru_cache
-from typing import Generic
+from collections.abc import AsyncIterator, Callable, Collection
+from typing import Any, Generic
 
 import zenoh
 
@@ -25,9 +24,6 @@ _EARLY_S = 0.01
 """Time by which something may come before the end of a rest, or else is read after it, s."""
 _MOST_RESTING = 16
 """Payloads of a key that wait for the end of a rest, at most."""
-_SHARED_BYTES = 20_000
-"""Longest payload that is decoded once for all who read it in a process."""
-_decoded = lru_cache(256)(lambda topic, payload: topic.decode(payload))
 
 
 class Subscriber(Generic[T]):
@@ -42,7 +38,7 @@ class Subscriber(Generic[T]):
         keys: Collection[str] | None = None,
     ) -> None:
         self.refusals = Refusals()
-        self.topic = topic
+        self.topic, self.key_expr = topic, zenoh.KeyExpr(key_expr)
         self._keys = keys
         self._received = 0
         self._rings = KeyRings(depth, topic.most_hz)
@@ -50,7 +46,6 @@ class Subscriber(Generic[T]):
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._wake = asyncio.Event()
-        self._waiting = False
         self._closed = False
         self._rests: dict[str, float] = {}
         self._end_of_rest: asyncio.TimerHandle | None = None
@@ -80,19 +75,26 @@ class Subscriber(Generic[T]):
         """Payloads wait, and may still be read."""
         return not self._closed and bool(self._rings)
 
+    def take(self, key: str, told: tuple[str, Header, T]) -> None:
+        """Take axis, header and payload of a publisher in the same session, in its thread."""
+        if not self._closed:
+            self._take(key, 0, lambda: told)
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Runs in a thread of Zenoh, or in that of the publisher: takes the bytes, nothing else."""
-        key, now_s = str(sample.key_expr), time.monotonic()
+        """Runs in a thread of Zenoh: takes the bytes, nothing else."""
+        self._take(str(sample.key_expr), len(sample.payload), sample.payload.to_bytes)
+
+    def _take(self, key: str, size: int, content: Callable[[], Any]) -> None:
+        now_s = time.monotonic()
         self._received += 1
-        refusal = self._refusal(key, len(sample.payload), now_s)
+        refusal = self._refusal(key, size, now_s)
         if refusal is not None:
             self.refusals.add(refusal)
             return
-        waiting = self._rings.put(Arrival(key, sample.payload.to_bytes(), now_s))
+        waiting = self._rings.put(Arrival(key, content(), now_s))
         if now_s < self._rests.get(axis_of(key), 0.0) and waiting < _MOST_RESTING:
             return
-        if self._waiting and not self._loop.is_closed():
-            self._waiting = False
+        if not (self._wake.is_set() or self._loop.is_closed()):
             if threading.get_ident() == self._thread:
                 self._wake.set()
             else:
@@ -139,25 +141,24 @@ class Subscriber(Generic[T]):
                     await asyncio.sleep(0)
             if self._closed:
                 return
-            self._wake.clear()
-            self._waiting = True  # before the last look: the other thread appends, then asks
+            self._wake.clear()  # before the last look: the other thread appends, then asks
             if not self._rings:
                 await self._wake.wait()
-            self._waiting = False
 
     def _heard(self, arrival: Arrival) -> tuple[str, Header, T] | Refusal:
         """Axis, header and payload; or why they must not be read."""
+        told = arrival.payload
         try:
-            decode = _decoded if len(arrival.payload) <= _SHARED_BYTES else type(self.topic).decode
-            axis, header, value = decode(self.topic, arrival.payload)
+            told = self.topic.decode(told) if isinstance(told, bytes) else told
+            self.topic.check(told[2])
         except CodecError:
             return Refusal.MALFORMED
-        if axis != axis_of(arrival.key):
+        if told[0] != axis_of(arrival.key):
             return Refusal.MISPLACED
         patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
         sender = self._senders.setdefault(arrival.key, Sender(patience_s))
-        refusal = sender.judge(header, arrival.arrival_s)
-        return (axis, header, value) if refusal is None else refusal
+        refusal = sender.judge(told[1], arrival.arrival_s)
+        return told if refusal is None else refusal
 
     def close(self) -> None:
         """Undeclare; what is in the ring can still be read, then the iteration ends."""

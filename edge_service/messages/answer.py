@@ -1,6 +1,5 @@
 """Answers about one axis at one moment: as HTTP gives them, and as outputs show them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import Field
@@ -97,8 +96,11 @@ class AxisAnswer:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons of the condition and of the estimate, `code: sentence`; empty if all is well."""
-        return reasons_together(self.health.reasons, self.estimate.reasons)
+        """Reasons of the condition and of the estimate, `code: sentence`; a code stands once."""
+        present = self.estimate.reasons
+        codes = {reason.partition(":")[0] for reason in present}
+        held = [each for each in self.health.reasons if each.partition(":")[0] not in codes]
+        return tuple(dict.fromkeys((*held, *present)))
 
     @property
     def advice(self) -> Advice | None:
@@ -126,13 +128,6 @@ class AxisAnswer:
             measured_time_ns=self.measured_ns,
             age_s=age_s,
         )
-
-
-def reasons_together(earlier: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:
-    """Reasons of both, without the earlier ones whose code is among the present ones."""
-    codes = {reason.partition(":")[0] for reason in present}
-    held = [reason for reason in earlier if reason.partition(":")[0] not in codes]
-    return tuple(dict.fromkeys((*held, *present)))
 
 
 def of_fresh(estimate: PreloadEstimate, fresh_percent: float | None) -> Interval | None:

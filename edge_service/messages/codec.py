@@ -68,6 +68,9 @@ class Topic(ABC, Generic[T]):
     def decode(self, payload: bytes) -> tuple[str, Header, T]:
         """Axis (empty if none), header and payload. Raises CodecError."""
 
+    def check(self, payload: T) -> None:
+        """Raise CodecError where the bytes of a payload could not be decoded."""
+
     @abstractmethod
     def description(self) -> dict[str, Any]:
         """JSON schema of the payload, or the columns of a binary block."""

@@ -17,6 +17,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -57,7 +58,7 @@ class BlockTopic(Topic[T]):
     """Units of the columns that every block of the type has."""
 
     @abstractmethod
-    def to_columns(self, payload: T) -> tuple[Mapping[str, Floats], Mapping[str, str]]:
+    def to_columns(self, payload: T) -> tuple[dict[str, Floats], Mapping[str, str]]:
         """Columns (n,) of a payload by name, and the units of those that have one."""
 
     @abstractmethod
@@ -91,7 +92,9 @@ class BlockTopic(Topic[T]):
         axis, header = self.taken(members)
         table = body.reshape(len(units), rows).astype(np.float64)
         table.flags.writeable = False
-        return axis, header, self.from_columns(dict(zip(units, table, strict=True)), units)
+        value = self.from_columns(dict(zip(units, table, strict=True)), units)
+        self.check(value)
+        return axis, header, value
 
     def description(self) -> dict[str, Any]:
         return {
@@ -122,12 +125,9 @@ def _units_of(text: str) -> dict[str, str]:
     return units
 
 
-def _time_of(columns: dict[str, Floats], least: int) -> Floats:
-    """Times of at least so many rows, taken out of the columns. Raises CodecError."""
-    time_s = columns.pop(TIME, np.empty(0))
-    if len(time_s) < least or not (np.abs(time_s) <= LONGEST_S).all():
+def _check_time(time_s: Floats) -> None:
+    if not len(time_s) or not (np.abs(time_s) <= LONGEST_S).all():
         raise CodecError("a block without rows, or at an impossible time")
-    return time_s
 
 
 class SampleTopic(BlockTopic[SampleFrame]):
@@ -142,7 +142,7 @@ class SampleTopic(BlockTopic[SampleFrame]):
         return columns, units | {TIME: "s"}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> SampleFrame:
-        time_s, quality = _time_of(columns, 1), {}
+        time_s, quality = columns.pop(TIME, np.empty(0)), {}
         for name in [name for name in columns if name.endswith(_QUALITY)]:
             codes = columns.pop(name)
             if not ((codes >= 0.0) & (codes <= 255.0)).all():
@@ -153,6 +153,9 @@ class SampleTopic(BlockTopic[SampleFrame]):
         except ValueError as error:
             raise CodecError(f"a block of samples: {error}") from None
 
+    def check(self, payload: SampleFrame) -> None:
+        _check_time(payload.time_s)
+
 
 class WaveformTopic(BlockTopic[Waveform]):
     """A piece of a fast sensor's signal: columns `time_s` and the sensor."""
@@ -162,16 +165,24 @@ class WaveformTopic(BlockTopic[Waveform]):
         return columns, {TIME: "s", payload.sensor: payload.unit}
 
     def from_columns(self, columns: dict[str, Floats], units: Mapping[str, str]) -> Waveform:
-        time_s = _time_of(columns, 2)
-        if len(columns) != 1:
-            raise CodecError("a waveform without one sensor")
+        time_s = columns.pop(TIME, np.empty(0))
+        _check_time(time_s)
+        if len(columns) != 1 or len(time_s) < 2:
+            raise CodecError("a waveform without one sensor, or without two rows")
         ((sensor, values),) = columns.items()
         period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
-        if not PERIOD_S[0] <= period_s <= PERIOD_S[1]:
-            raise CodecError("a waveform with an impossible period")
-        if (np.abs(values) > WILDEST).any():
-            raise CodecError("a waveform with values that no sensor has")
         return Waveform(sensor, units[sensor], float(time_s[0]), period_s, values)
+
+    def check(self, payload: Waveform) -> None:
+        _check_time(payload.time_s)
+        if not PERIOD_S[0] <= payload.period_s <= PERIOD_S[1]:
+            raise CodecError("a waveform with an impossible period")
+        if (np.abs(payload.values) > WILDEST).any():
+            raise CodecError("a waveform with values that no sensor has")
+
+
+_NUMBERS = (*FEATURE_FIELDS, *(f"{phase}.{field}" for phase in PHASES for field in PHASE_FIELDS))
+_numbers_of = attrgetter(*_NUMBERS)
 
 
 class FeatureTopic(BlockTopic[FeatureBlock]):
@@ -181,18 +192,21 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
     """
 
     units = {
-        name: next((unit for end, unit in _UNITS.items() if name.endswith(f"_{end}")), "")
-        for name in (
-            *FEATURE_FIELDS,
-            *(f"{phase}_{field}" for phase in PHASES for field in PHASE_FIELDS),
+        name.replace(".", "_"): next(
+            (u for end, u in _UNITS.items() if name.endswith(f"_{end}")), ""
         )
+        for name in _NUMBERS
     }
 
+    def check(self, payload: FeatureBlock) -> None:
+        numbers = (*_numbers_of(payload), *(each.value for each in payload.vibration))
+        if any(abs(number) > FURTHEST for number in numbers):
+            raise CodecError("an interval with numbers that nobody can measure")
+        if not (0.0 < payload.duration_s <= LONGEST_S and abs(payload.time_s) <= LONGEST_S):
+            raise CodecError("an interval at an impossible time")
+
     def to_columns(self, payload: FeatureBlock) -> tuple[dict[str, Floats], Mapping[str, str]]:
-        row = {name: getattr(payload, name) for name in FEATURE_FIELDS}
-        for phase in PHASES:
-            part = getattr(payload, phase)
-            row |= {f"{phase}_{field}": getattr(part, field) for field in PHASE_FIELDS}
+        row = dict(zip(self.units, _numbers_of(payload), strict=True))
         row |= {each.name: each.value for each in payload.vibration}
         columns = dict(zip(row, np.array([*row.values()], np.float64)[:, np.newaxis], strict=True))
         return columns, {**self.units, **{each.name: each.unit for each in payload.vibration}}
@@ -206,10 +220,6 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
             for name, value in zip(columns, values, strict=True)
             if name in self.units or "." in name
         }
-        if any(abs(number) > FURTHEST for number in row.values()):
-            raise CodecError("an interval with numbers that nobody can measure")
-        if not (0.0 < row["duration_s"] <= LONGEST_S and abs(row[TIME]) <= LONGEST_S):
-            raise CodecError("an interval at an impossible time")
         for name, most in _MOST_COUNT.items():
             if not (0.0 <= row[name] <= most and row[name].is_integer()):
                 raise CodecError(f"{name}: a count that is none")

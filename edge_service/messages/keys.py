@@ -28,8 +28,7 @@ check_part = _check(
 )
 """Of what stands between two slashes of a key."""
 check_component = _check(
-    r"[a-z][a-z0-9_-]{0,40}",
-    "is no part: use a letter, then a-z, digits, _ and -",
+    r"[a-z][a-z0-9_-]{0,40}", "is no part: use a letter, then a-z, digits, _ and -"
 )
 """Of a part of the service, such as an output."""
 check_column = _check(r"[^\x00-\x1f\x7f/\\]{1,100}", "is no name of a channel")

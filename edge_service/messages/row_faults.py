@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from .samples import Booleans, Floats
 
@@ -24,15 +23,6 @@ MOVED_ANGLE_RAD, MOVED_TABLE_M, MOVED_SETPOINT_M = 0.02, 20e-6, 100e-6
 
 LIMIT_SHARE = 0.995
 """A torque that stays this close to its limit stands there because the drive cuts it off."""
-
-
-def run_starts(values: Floats) -> npt.NDArray[np.int64]:
-    """First rows of the runs of one repeated value in a series (n,), n > 0.
-
-    >>> run_starts(np.array([3.0, 3.0, 5.0, 3.0, 3.0])).tolist()
-    [0, 2, 3]
-    """
-    return np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

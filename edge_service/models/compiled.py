@@ -18,11 +18,11 @@ _ROOM_BYTES = 50_000_000
 def compiled(function: _Function) -> _Function:
     """Compile `function` with numba, on its first call for each set of argument types.
 
-    Division by zero gives inf or nan, as in numpy. The plain Python function stays at hand as
-    `.py_func`. Without a safe folder for machine code each process compiles anew.
+    Division by zero gives inf or nan, as in numpy. `.py_func` is the plain Python function. Kernels
+    of the models let other threads work. Without a safe folder each process compiles anew.
     """
-    kept = bool(cast(Any, numba.config).CACHE_DIR)
-    return cast(_Function, numba.njit(error_model="numpy", nogil=True, cache=kept)(function))
+    kept, long = bool(cast(Any, numba.config).CACHE_DIR), ".models." in function.__module__
+    return cast(_Function, numba.njit(error_model="numpy", nogil=long, cache=kept)(function))
 
 
 def inlined(function: _Function) -> _Function:

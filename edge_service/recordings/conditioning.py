@@ -21,7 +21,6 @@ from ..messages.row_faults import (
     STUCK_S,
     WILDEST,
     clock_parts,
-    run_starts,
 )
 from ..messages.samples import (
     ANGLE,
@@ -182,7 +181,7 @@ def stuck_rows(time_s: Floats, channels: Mapping[str, Floats]) -> dict[str, Bool
         values = channels[name]
         found[name] = stuck = np.zeros(len(values), dtype=bool)
         greatest = LIMIT_SHARE * float(np.nanmax(np.abs(values), initial=0.0))
-        starts = run_starts(values)
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(values) != 0.0) + 1))  # of runs
         ends = np.append(starts[1:], len(values)) - 1
         long = (ends - starts >= LEAST_REPEATS) & (time_s[ends] - time_s[starts] >= STUCK_S)
         for start, end in zip(starts[long].tolist(), ends[long].tolist(), strict=True):

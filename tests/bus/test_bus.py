@@ -3,13 +3,14 @@
 import asyncio
 import time
 from collections.abc import AsyncIterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import zenoh
 
 from edge_service.bus.session import Bus, BusConfigurationError, BusSettings, BusUnavailableError
-from edge_service.bus.settings import MOST_AT_ONCE
+from edge_service.bus.settings import MOST_AT_ONCE, zenoh_config
 from edge_service.messages.codec import Header
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.keys import MachineKeys
@@ -25,20 +26,6 @@ async def client(router: Bus) -> AsyncIterator[Bus]:
     bus = await Bus.open(BusSettings(router.endpoint, "client"))
     yield bus
     await bus.close()
-
-
-def encode(header: Header) -> bytes:
-    return RAW.encode("X", header, FRAME)
-
-
-async def answered(ask: object, expected: bytes) -> None:
-    """Wait, bounded, until a query is answered: declarations travel asynchronously."""
-    async with asyncio.timeout(5.0):
-        while True:
-            replies = await asyncio.to_thread(ask)  # type: ignore[arg-type]
-            if expected in replies:
-                return
-            await asyncio.sleep(0)
 
 
 async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, client: Bus) -> None:
@@ -60,6 +47,27 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     assert axis == "X"
     assert header in headers
     np.testing.assert_array_equal(frame.channels[TORQUE], FRAME.channels[TORQUE])
+
+
+async def test_the_first_payload_of_a_client_arrives() -> None:
+    router = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router", read_only=False))
+    near = router.subscribe(KEYS.all_axes(RAW), RAW)
+    client = await Bus.open(BusSettings(router.endpoint, "client"))
+    client.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, 0)
+    async with asyncio.timeout(5.0):
+        assert (await anext(aiter(near)))[1].sequence == 0
+    await client.close()
+    await router.close()
+
+
+async def test_nothing_is_encoded_while_nobody_else_listens(
+    router: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(RAW), "encode", None)
+    subscriber = router.subscribe(KEYS.key("X", RAW), RAW)
+    router.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, 0)
+    subscriber.close()
+    assert [frame async for _, _, frame in subscriber] == [FRAME]
 
 
 async def test_events_that_come_together_all_cross_a_link(router: Bus, client: Bus) -> None:
@@ -96,7 +104,7 @@ async def test_holes_and_foreign_bytes_are_counted(router: Bus) -> None:
     subscriber = router.subscribe(KEYS.all_axes(RAW), RAW)
     raw = router._session.declare_publisher(KEYS.key("X", RAW))
     for sequence in (0, 1, 5):
-        raw.put(encode(Header(sequence, 1, 0, 0)))
+        raw.put(RAW.encode("X", Header(sequence, 1, 0, 0), FRAME))
     raw.put(b"no block")
     subscriber.close()
     assert len([item async for item in subscriber]) == 3
@@ -105,13 +113,7 @@ async def test_holes_and_foreign_bytes_are_counted(router: Bus) -> None:
 
 
 async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) -> None:
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", '"client"'),
-        ("connect/endpoints", f'["{router.endpoint}"]'),
-        ("scouting/multicast/enabled", "false"),
-    ):
-        config.insert_json5(key, value)
+    config = zenoh_config(BusSettings(router.endpoint, "client"))
     stalled = await asyncio.to_thread(zenoh.open, config)
     subscriber = stalled.declare_subscriber(
         KEYS.key("X", RAW), zenoh.handlers.FifoChannel(1)
@@ -135,14 +137,15 @@ async def test_the_last_payload_answers_a_query(router: Bus, client: Bus) -> Non
     publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
     publisher.publish(FRAME, 5)
     publisher.publish(FRAME, 6)
-    expected = encode(Header(1, publisher.boot_epoch, 6, 0))
 
-    def ask() -> list[bytes]:
+    def ask() -> list[Header]:
         replies = client._session.get(KEYS.key("X", RAW))
         headers = [RAW.decode(r.ok.payload.to_bytes())[1] for r in replies if r.ok]
-        return [encode(Header(h.sequence, h.boot_epoch, h.source_time_ns, 0)) for h in headers]
+        return [replace(each, monotonic_time_ns=0) for each in headers]
 
-    await answered(ask, expected)
+    async with asyncio.timeout(5.0):  # declarations travel asynchronously
+        while Header(1, publisher.boot_epoch, 6, 0) not in await asyncio.to_thread(ask):
+            await asyncio.sleep(0)
 
 
 @pytest.mark.parametrize(

@@ -129,10 +129,7 @@ async def until(probe: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any
 
 
 async def once(
-    client: httpx.AsyncClient,
-    path: str,
-    probe: Callable[[Any], Any],
-    patience_s: float = PATIENCE_S,
+    client: Any, path: str, probe: Callable[[Any], Any], patience_s: float = PATIENCE_S
 ) -> Any:
     """Result of a probe on the first answer of the interface that holds it."""
 

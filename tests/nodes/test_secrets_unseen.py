@@ -8,9 +8,11 @@ from pathlib import Path
 
 import httpx
 import pytest
+import zenoh
 from click.testing import CliRunner
 
 from drivers.base import driver_names
+from edge_service.bus.settings import BusSettings, zenoh_config
 from edge_service.cli.entry import cli
 from edge_service.config import load_config
 from edge_service.outputs.notify import NotifyOutput
@@ -104,10 +106,8 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
     path.write_text(text)
     path.chmod(0o600)
     async with served(load_config(path), NODES) as (service, client):
-        subscriber = service.bus._session.declare_subscriber(
-            "**", lambda sample: heard.append(sample.payload.to_bytes())
-        )
-
+        foreign = zenoh.open(zenoh_config(BusSettings(service.bus.endpoint, "client")))
+        foreign.declare_subscriber("**", lambda sample: heard.append(sample.payload.to_bytes()))
         lost = ("acquire: opc.tcp", *(["acquire: 127.0.0.1"] if HAS_MQTT else []))
 
         async def sent() -> bool:
@@ -123,7 +123,7 @@ async def test_no_secret_is_in_a_log_an_answer_or_on_the_bus(
         answer = await client.post("/api/v1/outputs/notify", json={"action": "requeue"})
         assert answer.status_code == 204
         await until(lambda: receiver.taken)
-        subscriber.undeclare()
+        foreign.close()
     await receiver.stop()
     assert heard
     shown = told | {"log": caplog.text, "bus": b"\n".join(heard).decode("latin-1")}

@@ -97,7 +97,7 @@ async def test_a_restart_reads_nothing_again_and_goes_on_where_it_was(watch: Wat
     await driver.close()
     after = await watch.read(watch.driver())
     assert len(torques(before)) + len(torques(after)) == 1000
-    assert len(torques(before)) == 305
+    assert len(torques(before)) == 313
     assert await watch.read(watch.driver()) == []
 
 

@@ -64,8 +64,8 @@ def paced(time: FakeTime, **config: object) -> SimulatedDriver:
 async def test_frames_hold_every_channel_at_the_rate_without_a_hole() -> None:
     frames = await opened_frames(driver(frame_s=0.02), 50)
     assert all(set(frame.channels) == set(CHANNELS) for frame in frames)
-    assert [len(frame) for frame in frames] == [25, *[20] * 49]
-    assert np.array_equal(np.concatenate([f.time_s for f in frames]), np.arange(1005) / 1000.0)
+    assert [len(frame) for frame in frames] == [33, *[20] * 49]
+    assert np.array_equal(np.concatenate([f.time_s for f in frames]), np.arange(1013) / 1000.0)
 
 
 async def test_frame_length_does_not_change_the_samples() -> None:
@@ -85,9 +85,9 @@ async def test_pacing_follows_a_fixed_start_without_drift(speed: float) -> None:
     frames = source.frames()
     for number in range(1, 101):
         (frame,) = await take(frames, 1)
-        due_s = 100.0 + (number * 0.02 + 0.005) / speed
+        due_s = 100.0 + (number * 0.02 + 0.013) / speed
         assert time.now_s == pytest.approx(due_s, abs=1e-9)
-        assert frame.time_s[-1] == pytest.approx(number * 0.02 + 0.004)
+        assert frame.time_s[-1] == pytest.approx(number * 0.02 + 0.012)
         time.now_s += 0.004 / speed
 
 
@@ -99,12 +99,12 @@ async def test_a_short_delay_is_caught_up_and_a_long_one_is_let_go() -> None:
     await take(frames, 1)
     time.now_s += 0.5
     await take(frames, 30)
-    assert time.now_s == pytest.approx(100.0 + 31 * 0.02 + 0.005)
+    assert time.now_s == pytest.approx(100.0 + 31 * 0.02 + 0.013)
     time.now_s += 3600.0
     late_s = time.now_s
     caught_up = await take(frames, 50)
     assert time.now_s == pytest.approx(late_s + 49 * 0.02)
-    assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 + 0.004)
+    assert caught_up[-1].time_s[-1] == pytest.approx(81 * 0.02 + 0.012)
 
 
 async def truths(source: SimulatedDriver, count: int) -> list[float]:
@@ -117,14 +117,14 @@ async def truths(source: SimulatedDriver, count: int) -> list[float]:
 async def test_truth_follows_the_scenario_and_its_wear_clock() -> None:
     source = driver(scenario="gradual", life_s=1.0, hold_s=0.5, frame_s=0.1)
     assert source.readings == {}
-    end_s = 0.1 * np.arange(1, 21) + 0.004
+    end_s = 0.1 * np.arange(1, 21) + 0.012
     assert await truths(source, 20) == pytest.approx(np.interp(end_s, [0.5, 1.5], [10.0, 0.0]))
     await source.close()
     assert source.readings == {}
 
 
 async def test_a_repeated_scenario_starts_anew_with_its_hold() -> None:
-    source = driver(scenario="sudden", life_s=1.0, hold_s=0.51, frame_s=0.25, repeat=True)
+    source = driver(scenario="sudden", life_s=1.0, hold_s=0.52, frame_s=0.25, repeat=True)
     assert await truths(source, 12) == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0] * 2
 
 
