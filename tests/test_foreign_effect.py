@@ -41,8 +41,8 @@ def foreign(path: Path) -> Path:
 
 @pytest.mark.usefixtures("foreign")
 def test_it_is_simulated_as_its_signatures_say() -> None:
-    round_trip.test_torque_differs_as_its_signature_says(NAME)
-    round_trip.test_transmission_differs_as_its_signature_says(NAME)
+    round_trip.test_torque_differs_as_its_signature_says(NAME, {})
+    round_trip.test_transmission_differs_as_its_signature_says(NAME, {})
 
 
 def test_it_is_named_as_the_cause(foreign: Path) -> None:
