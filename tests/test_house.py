@@ -142,26 +142,26 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 
 MOST_LINES = {
-    "bus": 813,
+    "bus": 812,
     "checks": 3490,
     "cli": 1335,
     "config": 583,
     "diagnose": 4971,
-    "downsample": 1216,
+    "downsample": 1215,
     "drivers": 3676,
     "estimate": 5181,
     "fingerprint": 2769,
     "health": 4528,
     "http_api": 2416,
-    "messages": 2027,
+    "messages": 2024,
     "models": 5671,
     "nodes": 2899,
-    "offline": 5657,
+    "offline": 5645,
     "outputs": 1784,
-    "recordings": 3270,
+    "recordings": 3265,
     "regression": 1005,
-    "beside the rooms": 765,
-    "tests": 45000,
+    "beside the rooms": 760,
+    "tests": 44993,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366
