@@ -146,7 +146,7 @@ MOST_LINES = {
     "checks": 3490,
     "cli": 1335,
     "config": 583,
-    "diagnose": 4971,
+    "diagnose": 4970,
     "downsample": 1215,
     "drivers": 3676,
     "estimate": 5181,

@@ -241,13 +241,12 @@ class Diagnosis(Frozen):
     ) -> "Diagnosis":
         """Diagnosis with other effects, another verdict and further caveats."""
         partly = self.partly and any(each.is_known for each in effects)
-        changes = {
-            "effects": tuple(effects),
-            "verdict": Verdict.UNKNOWN if self.partly and not partly else verdict,
-            "partly": partly,
-            "caveats": (*self.caveats, *caveats),
-        }
-        return self.model_copy(update=changes)
+        unclaimed = self.gap.keys() - {each.channel for each in effects}
+        is_open = any(self.gap[name].matters for name in unclaimed)
+        if self.partly and not partly and not is_open:
+            verdict = Verdict.UNKNOWN
+        changes = {"effects": tuple(effects), "verdict": verdict, "partly": partly}
+        return self.model_copy(update=changes | {"caveats": (*self.caveats, *caveats)})
 
 
 def withheld(found: Diagnosis) -> tuple[str, ...]:
