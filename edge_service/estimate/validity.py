@@ -63,15 +63,11 @@ class Validity:
         self._high, self._worst = high, worst
         self._now = _State()
 
-    @property
-    def informative_s(self) -> float:
-        """Informative motion so far, s."""
-        return self._now.informative_s
-
-    @property
-    def time_s(self) -> float:
-        """End of the last interval on the axis' clock, s; 0 before the first."""
-        return 0.0 if self._now.time_s is None else self._now.time_s
+    def told(self, method: str, status: EstimateStatus) -> dict[str, Any]:
+        """Fields that an estimate of any method has; its time is 0 before the first interval."""
+        now = self._now
+        seen = {"time_s": now.time_s or 0.0, "data_used_s": now.informative_s}
+        return {**seen, "method": method, "status": status}
 
     @property
     def widening(self) -> float:

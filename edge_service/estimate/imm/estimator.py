@@ -142,12 +142,7 @@ class ImmPreloadEstimator:
     def estimate(self) -> PreloadEstimate:
         """Estimate after the last interval."""
         status, reasons = self.validity.status()
-        common: dict[str, Any] = {
-            "time_s": self.validity.time_s,
-            "status": status,
-            "method": self._method,
-            "data_used_s": self.validity.informative_s,
-        }
+        common = self.validity.told(self._method, status)
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(**common, reasons=reasons)
         if self._machine.effects:

@@ -161,12 +161,7 @@ class MixturePreloadEstimator:
         if status is EstimateStatus.INSUFFICIENT_EXCITATION and why:
             reasons = (why, *(each for each in reasons if not each.startswith("no_motion:")))
             status = EstimateStatus.UNESTIMATED if unread else status
-        common: dict[str, Any] = {
-            "time_s": self._validity.time_s,
-            "status": status,
-            "method": "mixture",
-            "data_used_s": self._validity.informative_s,
-        }
+        common = self._validity.told("mixture", status)
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(**common, reasons=reasons)
         if self._known is not None and self._known.left:

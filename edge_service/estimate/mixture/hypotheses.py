@@ -32,7 +32,7 @@ _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
 _WORN_PER_DAY = 0.03
-_OTHER_LOAD, _OTHER_NUT = 0.05, 0.1
+_OTHER_LOAD, _OTHER_NUT = 0.05, 0.25
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
@@ -142,13 +142,17 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
 
 @compiled
 def _end_initialisation(bank: Bank, process: Process) -> None:
-    """End the initialisation: accept the likeliest, let the next go on beside it."""
+    """End the initialisation: accept the likeliest, let the others that are likely go on beside it.
+
+    Whether there is another load shows once the axis accelerates, which may be later.
+    """
     best = leader_of(bank)
     second, weight = best, -math.inf
     for k in range(bank.alive.shape[0]):
         if bank.alive[k] and k != best and bank.log_weight[k] > weight:
             second, weight = k, bank.log_weight[k]
-    _succeed(bank, process, best, math.inf, second, weight)
+    least = bank.log_weight[best] - 2.0 * process.assumed.margin
+    _succeed(bank, process, best, least, second, weight)
     bank.moments[state.LEARNING] = 0.0
 
 
@@ -167,7 +171,7 @@ def _succeed(
     _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
     copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
     for k in state.CHALLENGERS:
-        if k == slot or bank.log_weight[k] < least:
+        if k in (slot, other) or bank.log_weight[k] < least:
             bank.alive[k] = 0
     bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
     bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
@@ -271,8 +275,8 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     """Renew the hypotheses after an unobserved stop, in place.
 
     Friction is another day's, the screw has grown anew and may have worn; another load may be on
-    the table, and even another nut may be in. As at the start, these stand for themselves until
-    the likeliest is accepted.
+    the table, and the longer the stop the likelier another nut is in. As at the start, these
+    stand for themselves until the likeliest is accepted.
     """
     bank.cost[:] = bank.force[:] = bank.force_n[:] = 0.0
     if bank.moments[state.LEARNING] > 0.0:
@@ -280,10 +284,11 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
             _age(bank, k, start, stopped_s)
         return
     base = accepted(bank)
-    copy_to(bank, state.STEADY, base, math.log(1.0 - _OTHER_LOAD - _OTHER_NUT))
+    other_nut = -_OTHER_NUT * math.expm1(-max(stopped_s, 1.0) / DAY_S)
+    copy_to(bank, state.STEADY, base, math.log(1.0 - _OTHER_LOAD - other_nut))
     _age(bank, state.STEADY, start, stopped_s)
     bank.alive[state.STEADY + 1 :] = 0
-    copy_to(bank, NUT_SLOT, state.STEADY, math.log(_OTHER_NUT))
+    copy_to(bank, NUT_SLOT, state.STEADY, math.log(other_nut))
     sigma = math.sqrt(start.covariance[state.PRELOAD, state.PRELOAD])
     _renew(bank, NUT_SLOT, state.PRELOAD, start.mean[state.PRELOAD], sigma)
     if len(start.mean) > state.TORQUE_STATES:

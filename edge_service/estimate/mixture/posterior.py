@@ -250,10 +250,8 @@ def _quantile(
     low, high = min(np.min(mean - 8.0 * sigma), most - 1.0), most
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if _below(middle, weight, mean, sigma, most) < probability:
-            low = middle
-        else:
-            high = middle
+        is_low = _below(middle, weight, mean, sigma, most) < probability
+        low, high = (middle, high) if is_low else (low, middle)
     return math.exp(0.5 * (low + high))
 
 

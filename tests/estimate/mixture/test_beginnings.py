@@ -17,13 +17,7 @@ from ...bench.estimator.plants.foreign import commissioned_machine, recorded
 from .production import AXIS, FRESH, held, machine, misled, numbers, run
 from .spoiled import answers_to
 
-LEARNT_S = 20.0
-
-
-def blocks_with(effect: str, percent: float = FRESH) -> list[FeatureBlock]:
-    """40 s of production with an effect from the first sample on."""
-    frames = AXIS.frames("production", np.full(40_000, percent), 7, (effect,))
-    return downsampled(frames, AXIS.nominal())
+LEARNT_S, SHORT = 20.0, 400
 
 
 def assert_held(said: Sequence[PreloadEstimate], percent: float) -> None:
@@ -44,28 +38,26 @@ NOT_FOLLOWED = (
 
 @pytest.mark.parametrize("effect", FOLLOWED)
 def test_what_is_there_from_the_first_sample_is_no_loss(effect: str) -> None:
-    assert_held(run(blocks_with(effect)), FRESH)
+    assert_held(run(production(FRESH, 7, (effect,))[:SHORT]), FRESH)
 
 
 @pytest.mark.parametrize("effect", NOT_FOLLOWED)
 def test_what_the_model_does_not_know_is_not_taken_for_a_loss(effect: str) -> None:
     """Either no number, or one whose interval holds the truth."""
-    answers = numbers(run(blocks_with(effect)))
+    answers = numbers(run(production(FRESH, 7, (effect,))[:SHORT]))
     assert misled(answers[answers[:, 0] > LEARNT_S], FRESH) < 0.05
 
 
 @pytest.mark.parametrize("share", [0.5, 0.25])
 def test_preload_that_was_lost_before_the_first_sample_is_reported(share: float) -> None:
     percent = share * FRESH
-    frames = AXIS.frames("production", np.full(40_000, percent), 7)
-    said = run(downsampled(frames, AXIS.nominal()))
+    said = run(production(percent, 7))
     assert_held(said, percent)
     assert said[-1].fault_probability["preload_loss"] > 0.9
 
 
 def test_a_healthy_axis_has_none_of_it() -> None:
-    frames = AXIS.frames("production", np.full(40_000, FRESH), 7)
-    last = run(downsampled(frames, AXIS.nominal()))[-1]
+    last = run(production(FRESH, 7))[-1]
     for fault in ("looseness", "payload", "lubrication"):
         assert last.fault_probability[fault] < 0.05
 
