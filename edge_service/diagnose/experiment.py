@@ -128,16 +128,14 @@ def separations(
             if any(np.any(gap) for gap in added.values()):
                 break
         problem = SelectionProblem(session, machine, _aimed(design, added, floor), noise, {})
-        alone = problem.fit(())
-        fits: dict[str | None, Fit] = {None: alone}
+        fits: dict[str | None, Fit] = {None: problem.fit(())}
         for rival in (each for each in names if each != name):
             fits[rival] = problem.stepwise(problem.design.of_effects({rival}))
         count = design.first[design.nuisances]
         for other, fit in fits.items():
             ratios = tuple(fit.rms[channel] / floor[channel] for channel in floor)
             strain = float(fit.coefficients[:count] ** 2 @ problem.design.precision[:count])
-            evidence = _evidence(ratios, strain)
-            found.append(Separation(name, other, evidence, ratios, strain))
+            found.append(Separation(name, other, _evidence(ratios, strain), ratios, strain))
     return found
 
 

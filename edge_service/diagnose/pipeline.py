@@ -124,8 +124,7 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
         healthy = gap[name].floor ** 2 + (gap[name].tolerance or 0.0) ** 2
         whole = chance_of_misfit(gap[name].before ** 2, healthy, LEAST_EFFECTIVE)
         first[name], then[name] = min(known["p_value"], whole), known["p_value_after"]
-    misfit = Misfit.of_channels(first, then)
-    changes = {"gap": gap, "where": tuple(places), "misfit": misfit}
+    changes = {"gap": gap, "where": tuple(places), "misfit": Misfit.of_channels(first, then)}
     return rest.model_copy(update=changes | {"effects": (*named, *rest.effects)})
 
 

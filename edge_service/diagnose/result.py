@@ -260,5 +260,4 @@ def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
     if found.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
         return ()
     kept_out = withheld(found)
-    known = [each for each in found.effects if each.is_known and each.name not in kept_out]
-    return tuple(each for each in known if each.entries)
+    return tuple(e for e in found.effects if e.is_known and e.entries and e.name not in kept_out)

@@ -99,7 +99,8 @@ def one_sided(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     elif kind == "offset":
         plan.drive["torque_offset"] -= size
     else:
-        plan.drive["asymmetry"] += size / plan.machine.coulomb_nm
+        most = 0.9 * plan.machine.preload_drag_nm  # with more, less drag one way is another level
+        plan.drive["asymmetry"] += float(np.clip(size, -most, most)) / plan.machine.coulomb_nm
     return {"kind": kind, "nm": size}
 
 
@@ -229,10 +230,8 @@ def poor_efficiency(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
 
 
 def churned_grease(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
-    plan.drive["churn"], plan.drive["churn_power"] = (
-        rng.uniform(0.15, 0.4) * strength,
-        rng.uniform(1.7, 2.3),
-    )
+    plan.drive["churn"] = rng.uniform(0.15, 0.4) * strength
+    plan.drive["churn_power"] = rng.uniform(1.7, 2.3)
     return {"nm_at_100_rad_s": plan.drive["churn"], "power": plan.drive["churn_power"]}
 
 

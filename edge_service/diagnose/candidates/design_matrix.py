@@ -215,8 +215,7 @@ def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
         if not inside.any():
             return
         yield ForcePulse(time_s[0] + 0.1 * first, time_s[0] + 0.1 * last, against)
-        mean = float(remaining[against][inside].mean())
-        taken = mean * (direction[inside] if against else 1.0)
+        taken = remaining[against][inside].mean() * (direction[inside] if against else 1.0)
         remaining[False][inside] -= taken
         remaining[True][inside] -= taken * direction[inside]
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...messages.samples import TORQUE, Floats
 from ...models.effects.baseline import Motion
 from ...models.effects.effect import Effect, Kind, Parameter, Role, Term
-from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve
+from ...models.effects.empirical import Covered, EmpiricalForm, MotionCurve, heat
 from ...models.effects.registry import disturbance, effects, effects_where, error_of, get_effect
 from ...regression.run import is_below
 from ..residual.vibration import hidden_vibration
@@ -49,6 +49,8 @@ _NULL_TORQUES: dict[str, tuple[MotionCurve, ...]] = {  # each beside no entry of
         lambda motion, _: motion.direction * np.abs(motion.acceleration_rad_s2),
     ),
 }
+_WEAK_AFTER_S = (3.0, 30.0)
+"""Times in which a motor's own torque heats what weakens it."""
 _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 """Kinds of effects that two encoders show; the torque shows the others."""
 
@@ -251,12 +253,19 @@ def null_shapes(session: Session, names: Collection[str]) -> Iterator[EmpiricalS
     if TORQUE_GAP in session.channels:
         for curves in (curves for name, curves in _NULL_TORQUES.items() if name not in names):
             yield EmpiricalShape(UNKNOWN, EmpiricalForm("level", curves))
+        for tau_s in _WEAK_AFTER_S:
+            yield EmpiricalShape(UNKNOWN, EmpiricalForm("weak", (_weakening(tau_s),)))
     if TRANSMISSION_GAP in session.channels:
         slope = EmpiricalForm("slope", transmission=(lambda motion, _: motion.position_m,))
         yield EmpiricalShape(UNKNOWN, slope)
         for order in _NULL_WAVES:
             waves = wave(order, 0.0), wave(order, 0.5 * np.pi)
             yield EmpiricalShape(UNKNOWN, EmpiricalForm("wave", transmission=waves))
+
+
+def _weakening(tau_s: float) -> MotionCurve:
+    """Torque that a motor lacks by the heat of what it gave."""
+    return lambda m, _: m.model_torque_nm * heat(m, tau_s, m.model_torque_nm**2)
 
 
 def regressors_of(effect: Effect, ranges: "Ranges") -> Iterator[EntryRegressor]:

@@ -147,10 +147,8 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
     can hold what it lacks. And friction of a healthy axis wanders: where heat seems to be a cause,
     a level that is off, and drifts by less than anybody acts on, may be no more than that.
     """
-    ranked = sorted(sets, key=lambda each: -each.fit.score)
-    best = ranked[0]
-    scored = []
-    for each in ranked:
+    best, scored = max(sets, key=lambda each: each.fit.score), []
+    for each in sets:
         gains = set() < each.material < best.material and _leaves_as_little(each, best, noise)
         scored.append((each, each.fit.score + (math.log(_SIMPLER) if gains else 0.0)))
     scored.sort(key=lambda pair: -pair[1])

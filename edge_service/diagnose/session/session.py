@@ -196,18 +196,16 @@ def _rows(gap: Floats, kept: Sequence[tuple[Run, Booleans]]) -> Rows:
 
 
 _STIFFENING = 300.0
-_KNOWN_MASS = 0.1  # tolerance up to which the table's mass tells a spring
 
 
 def rigid_baseline(machine: Machine) -> Baseline:
     """Baseline as the machine file means it: the learned spring winds up, and nothing else.
 
-    What commissioning learned is a stretch per acceleration, a spring where the mass is known.
+    What commissioning learned is a stretch per acceleration, a spring where the mass is stated.
     """
     baseline, springs = Baseline.of_machine(machine), Counter[Constant]()
-    mass = machine.model.table_mass_kg
-    is_known = mass is not None and mass.tolerance <= _KNOWN_MASS
-    for each in learned_effects(machine) if is_known else ():
+    is_stated = machine.model.table_mass_kg is not None
+    for each in learned_effects(machine) if is_stated else ():
         changes = (c for c in each.effect.contributions(each.values) if isinstance(c, Change))
         springs.update({change.quantity: change.value for change in changes})
     sloped = springs[Constant.COMPLIANCE_SLOPE] * baseline.position_m

@@ -313,20 +313,23 @@ class Assessment:
         contributions = Contributions.of_effects(posterior, named)
         attributed = attributions(posterior, contributions)
         confidence = confidences(posterior, contributions)
-        validation = CrossValidation.of_estimates(contributions.estimates)
-        effects = []
+        noise, estimates = posterior.problem.noise, contributions.estimates
+        validation, effects = CrossValidation.of_estimates(estimates), []
         for name, attribution in attributed.items():
-            estimates, channel = contributions.estimates, contributions.channel_of[name]
+            channel = contributions.channel_of[name]
             trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
             trust = trust * attribution.trust * (AT_BOUND if estimates.is_at_bound(name) else 1.0)
+            shown = sorted(estimates.shown(*estimates.of_effect(name)))
             # the least of all channels that it shows in: it must be right in each of them
-            shown = {confidence[each] for each in estimates.shown(*estimates.of_effect(name))}
-            shrink = validation.shrink(name, channel)
-            tolerated = posterior.problem.noise.tolerance[channel]
+            trust *= min((confidence[each] for each in shown), default=1.0)
+            shrink, tolerated = validation.shrink(name, channel), noise.tolerance[channel]
             before = rms(contributions.left[channel] + contributions.by_effect[name][channel])
             helps = shrink.estimate * before >= tolerated >= -shrink.low * before
             if shrink.low < 0.0 and not helps and name != FORCE:
                 trust *= CONTRADICTED
+            ratios = ((each, 1.0 - validation.shrink(name, each).estimate) for each in shown)
+            if sum(noise.effective[each] * math.log(left) for each, left in ratios) > 0.0:
+                trust = 0.0  # all channels together are less likely with it
             if name == FORCE:
                 gap = posterior.problem.session.channels[TORQUE_GAP].gap
                 left = float(np.sum((gap - posterior.force_nm) ** 2)) / float(np.sum(gap**2))
@@ -336,17 +339,14 @@ class Assessment:
                 NamedEffect(
                     name=name,
                     channel=channel,
-                    probability=min(posterior.probability[name], SUREST)
-                    * trust
-                    * min(shown, default=1.0),
+                    probability=min(posterior.probability[name], SUREST) * trust,
                     tied=posterior.classes[name],
                     shrink=shrink,
                     parameters=estimates.parameters(name),
                     entries=estimates.entries(name),
                 )
             )
-        found = tuple(effects)
-        return cls(posterior, contributions, validation, attributed, confidence, found)
+        return cls(posterior, contributions, validation, attributed, confidence, tuple(effects))
 
     @property
     def misattributed(self) -> set[str]:

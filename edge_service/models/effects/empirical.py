@@ -43,15 +43,15 @@ class Covered:
         return tuple(share * self.duration_s for share in (0.1, 0.3, 1.0))
 
 
-def heat(motion: Motion, time_constant_s: float) -> Floats:
-    """First-order warmth of an axis that its own motion heats, 1 at the mean when warm, (n,)."""
+def heat(motion: Motion, time_constant_s: float, source: Floats | None = None) -> Floats:
+    """First-order warmth by the motion, or a source in it, 1 at the mean when warm, (n,)."""
     from scipy.signal import lfilter  # 45 MB that a service without a diagnosis does without
 
-    speed = np.abs(motion.speed_rad_s)
+    source = np.abs(motion.speed_rad_s) if source is None else source
     period_s = float(motion.time_s[1] - motion.time_s[0])
     keep = float(np.exp(-period_s / time_constant_s))
-    mean = max(float(speed.mean()), 1e-9)
-    return np.asarray(lfilter([(1.0 - keep) / mean], [1.0, -keep], speed))
+    mean = max(float(source.mean()), 1e-9)
+    return np.asarray(lfilter([(1.0 - keep) / mean], [1.0, -keep], source))
 
 
 def delayed_friction(reach_m: float, share: float) -> MotionCurve:
