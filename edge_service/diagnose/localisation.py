@@ -42,18 +42,12 @@ _NEIGHBOURS, _ROUNDS, _MOST_INTERVALS = 5, 30, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Rows sorted into cells of a variable.
+    """Rows sorted into cells of a variable."""
 
-    Attributes:
-        bins: cell of each row, (n,).
-        sign: 1, or the direction where the gap turns with it, (n,).
-        half: which half of the stretches of time a row belongs to, (n,).
-    """
-
-    bins: Integers
+    bins: Integers  # cell of each row, (n,)
     count: int
-    sign: Floats
-    half: Booleans
+    sign: Floats  # 1, or the direction where the gap turns with it, (n,)
+    half: Booleans  # which half of the stretches of time a row belongs to, (n,)
 
     def explained(self, gap: Floats) -> float:
         """Share of the energy of either half that the cell means of the other explain."""
@@ -78,17 +72,13 @@ class _Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """Variable that a gap seems to follow.
-
-    Attributes:
-        p_value: chance that a gap without regard to the variable seems to follow it as well.
-    """
+    """Variable that a gap seems to follow."""
 
     channel: str
     variable: str
     rows: Rows
     share: float
-    p_value: float
+    p_value: float  # chance that a gap without regard to the variable seems to follow it as well
 
     @classmethod
     def tried(cls, channel: str, name: str, rows: Rows) -> "_Found | None":

@@ -117,6 +117,7 @@ def render(
     """The page as HTML; nothing in it is loaded from elsewhere."""
     claimed = sorted({each.channel for each in found.effects})
     telling = [name for name, gap in found.gap.items() if name in claimed or gap.matters]
+    telling = telling or sorted(found.gap)[: found.has_changed]
     shown = [name for name in claimed if found.gap[name].replayed]
     accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
     with mpl.rc_context(STYLE):

@@ -13,10 +13,6 @@ from ...bench.real_machines import written
 from ..conftest import diagnosed, recorded
 
 
-def gap_of(before: float, after: float) -> ChannelGap:
-    return ChannelGap(before=before, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
-
-
 def noisy(
     machine_file: Path, folder: Path, noise_nm: float, causes: tuple[str, ...] = ()
 ) -> dict[str, Any]:
@@ -58,8 +54,8 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
     ],
 )
 def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
-    gap = {"torque_nm": gap_of(0.2, after)}
-    found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
+    gap = ChannelGap(before=0.2, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
+    found = caveats_of({"torque_nm": gap}, {"torque_nm": after}, 1.0, verdict)
     assert bool(found) == stated
     if stated:
         left = "0.199 N m beyond" if verdict is Verdict.NO_GAP else "0.0466 N m beyond"
