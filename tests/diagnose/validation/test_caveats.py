@@ -1,5 +1,6 @@
 """Bounds of a verdict are stated: noise that hides faults, and a remainder beside the causes."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,15 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
     assert "a fault of that size would go unnoticed" in line
     assert "This recording cannot answer" in found["page"]
     assert line[1:] in found["page"]
+
+
+@pytest.mark.slow
+def test_a_gap_beyond_the_noise_is_not_hidden_by_it(machine_file: Path, tmp_path: Path) -> None:
+    crude = tmp_path / "crude.toml"
+    crude.write_text(re.sub("(viscous.*) = .*", r"\1 = 0.1", machine_file.read_text()))
+    found = noisy(crude, tmp_path, 2.0)
+    assert any("unnoticed" in each for each in found["caveats"])
+    assert "This recording cannot answer" not in found["page"]
 
 
 @pytest.mark.slow
