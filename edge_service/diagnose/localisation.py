@@ -8,6 +8,7 @@ from scipy import ndimage, stats
 
 from ..messages.samples import Booleans, Floats, Integers
 from .result import Place
+from .session.recordings import STILL_RAD_S
 from .session.session import Rows
 
 UNITS = {
@@ -139,7 +140,10 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     tried = []
     for channel, rows in channels.items():
         if rows.rms > _OVER_FLOOR * (floors or {}).get(channel, 0.0):
-            tried += [_Found.tried(channel, name, rows) for name in UNITS]
+            # where the axis happens to stand, many rows are alike: that is no place of the gap
+            moving = np.abs(rows.variables["motor_speed_rad_s"]) > STILL_RAD_S
+            moved = rows.at(moving) if moving.any() else rows
+            tried += [_Found.tried(channel, name, moved) for name in UNITS]
     found = [each for each in tried if each is not None]
     chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
     known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]
