@@ -81,7 +81,7 @@ def _torque(runs: Sequence[Run]) -> list[str]:
         return []
     return [
         f"{TORQUE} looks {wrongly(middle)}{usual_mistake(abs(middle), TORQUE)}: expected N m at "
-        "the motor shaft; a unit, the inertia or the machine file is wrong"
+        "the motor shaft; a unit, the inertia or the file is wrong, or rows are filled in"
     ]
 
 

@@ -37,20 +37,14 @@ ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """Separation of two effects by a motion.
-
-    Attributes:
-        rival: None stands for a healthy axis.
-        evidence: expected logarithm of the evidence for `effect` where it is there.
-        ratios: what the rival leaves of each channel, over what a healthy axis leaves.
-        strain: squared distance of the parameters, in their tolerances, that the rival needs.
-    """
+    """Separation of two effects by a motion."""
 
     effect: str
-    rival: str | None
-    evidence: float
+    rival: str | None  # None stands for a healthy axis
+    evidence: float  # expected logarithm of the evidence for `effect` where it is there
+    # what the rival leaves of each channel, over what a healthy axis leaves
     ratios: tuple[float, ...]
-    strain: float
+    strain: float  # squared distance of the parameters, in their tolerances, that the rival needs
 
 
 def rehearsed(
@@ -172,17 +166,12 @@ def _evidence(ratios: Sequence[float], strain: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Motion and how well it separates what is tied.
-
-    Attributes:
-        given_s: duration to ask for; None where the motion has its own.
-        evidence: of the pair that it separates least.
-    """
+    """Motion and how well it separates what is tied."""
 
     motion: str
     duration_s: float
-    given_s: float | None
-    evidence: float
+    given_s: float | None  # duration to ask for; None where the motion has its own
+    evidence: float  # of the pair that it separates least
     separations: tuple[Separation, ...]
 
     @property

@@ -8,6 +8,7 @@ from scipy import ndimage, stats
 
 from ..messages.samples import Booleans, Floats, Integers
 from .result import Place
+from .session.recordings import STILL_RAD_S
 from .session.session import Rows
 
 UNITS = {
@@ -42,18 +43,12 @@ _NEIGHBOURS, _ROUNDS, _MOST_INTERVALS = 5, 30, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Rows sorted into cells of a variable.
+    """Rows sorted into cells of a variable."""
 
-    Attributes:
-        bins: cell of each row, (n,).
-        sign: 1, or the direction where the gap turns with it, (n,).
-        half: which half of the stretches of time a row belongs to, (n,).
-    """
-
-    bins: Integers
+    bins: Integers  # cell of each row, (n,)
     count: int
-    sign: Floats
-    half: Booleans
+    sign: Floats  # 1, or the direction where the gap turns with it, (n,)
+    half: Booleans  # which half of the stretches of time a row belongs to, (n,)
 
     def explained(self, gap: Floats) -> float:
         """Share of the energy of either half that the cell means of the other explain."""
@@ -78,17 +73,13 @@ class _Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """Variable that a gap seems to follow.
-
-    Attributes:
-        p_value: chance that a gap without regard to the variable seems to follow it as well.
-    """
+    """Variable that a gap seems to follow."""
 
     channel: str
     variable: str
     rows: Rows
     share: float
-    p_value: float
+    p_value: float  # chance that a gap without regard to the variable seems to follow it as well
 
     @classmethod
     def tried(cls, channel: str, name: str, rows: Rows) -> "_Found | None":
@@ -149,7 +140,10 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     tried = []
     for channel, rows in channels.items():
         if rows.rms > _OVER_FLOOR * (floors or {}).get(channel, 0.0):
-            tried += [_Found.tried(channel, name, rows) for name in UNITS]
+            # where the axis happens to stand, many rows are alike: that is no place of the gap
+            moving = np.abs(rows.variables["motor_speed_rad_s"]) > STILL_RAD_S
+            moved = rows.at(moving) if moving.any() else rows
+            tried += [_Found.tried(channel, name, moved) for name in UNITS]
     found = [each for each in tried if each is not None]
     chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
     known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]

@@ -203,7 +203,8 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         waterfall=contributions.waterfall(),
         caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict), *off),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
-        is_blind=blind,
+        # noise of the torque is no greater than the torque; a gap may be
+        is_blind=blind and gap[TORQUE_GAP].before <= torque_rms_nm,
         series=Series(left, replayed.series, replayed.effects.get(next(iter(known), ""))),
     )
 

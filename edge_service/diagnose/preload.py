@@ -68,16 +68,12 @@ def fresh_screw(machine: Machine) -> Mapping[str, float] | None:
 
 @dataclass(frozen=True, slots=True)
 class PreloadReading:
-    """Preload that the estimator reads in the recordings, in percent of fresh (95 %).
-
-    Attributes:
-        two_encoders: the stretch was a witness, beside the torque.
-    """
+    """Preload that the estimator reads in the recordings, in percent of fresh (95 %)."""
 
     value: float
     low: float
     high: float
-    two_encoders: bool
+    two_encoders: bool  # the stretch was a witness, beside the torque
 
     @property
     def lost(self) -> ParameterValue:

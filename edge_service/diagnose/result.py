@@ -49,42 +49,30 @@ class ParameterValue(Frozen):
 
 
 class Place(Frozen):
-    """Interval of a variable in which a gap lives.
-
-    Attributes:
-        share: of the gap's energy that a function of the variable explains.
-        energy: of the gap's energy that lies in the interval.
-        machine_coordinate: the interval as a controller shows it.
-    """
+    """Interval of a variable in which a gap lives."""
 
     channel: str
     variable: str
     low: float = Field(alias="from")
     high: float = Field(alias="to")
     unit: str
-    share: float
-    energy: float = Field(alias="energy_share")
-    machine_coordinate: str = ""
+    share: float  # of the gap's energy that a function of the variable explains
+    energy: float = Field(alias="energy_share")  # of the gap's energy that lies in the interval
+    machine_coordinate: str = ""  # the interval as a controller shows it
 
 
 class NamedEffect(Frozen):
-    """Named cause of the gap.
-
-    Attributes:
-        tied: itself and what this data cannot tell from it.
-        shrink: expected on other motion.
-        replay: in the simulated axis on held-out motion; None where nothing was simulated.
-        parameters: of its strongest entry.
-        entries: values of the effect, one set for each time that it is there.
-    """
+    """Named cause of the gap."""
 
     name: str
     channel: str
     probability: float
-    tied: tuple[str, ...] = Field(alias="class")
-    shrink: Shrink
+    tied: tuple[str, ...] = Field(alias="class")  # itself and what this data cannot tell from it
+    shrink: Shrink  # expected on other motion
+    # in the simulated axis on held-out motion; None where nothing was simulated
     replay: Shrink | None = None
-    parameters: dict[str, ParameterValue]
+    parameters: dict[str, ParameterValue]  # of its strongest entry
+    # values of the effect, one set for each time that it is there
     entries: tuple[dict[str, float], ...]
 
     @property
@@ -104,19 +92,13 @@ class ReplayedGap(Frozen):
 
 
 class ChannelGap(Frozen):
-    """Root mean squares of one channel, in `unit`.
-
-    Attributes:
-        noise_floor: what no model could explain.
-        floor_source: `recording`, or `reference` where healthy recordings tell it.
-        tolerance: what nobody needs to know the cause of, beyond the floor.
-    """
+    """Root mean squares of one channel, in `unit`."""
 
     before: float
     after: float
-    noise_floor: float | None
-    floor_source: str | None = None
-    tolerance: float | None = None
+    noise_floor: float | None  # what no model could explain
+    floor_source: str | None = None  # `recording`, or `reference` where healthy recordings tell it
+    tolerance: float | None = None  # what nobody needs to know the cause of, beyond the floor
     unit: str
     replayed: ReplayedGap | None = None
 
@@ -151,6 +133,17 @@ class Misfit(Frozen):
         """Misfit of some channels."""
         each = {n: {"p_value": p, "p_value_after": then[n]} for n, p in first.items()}
         return cls(p_value=min(first.values()), p_value_after=min(then.values()), per_channel=each)
+
+
+class Change(Frozen):
+    """Change against healthy recordings, their standard deviation, the chance of one as great.
+
+    Of the spread as a share of itself, of the others of the healthy friction.
+    """
+
+    change: float
+    scatter: float
+    p_value: float
 
 
 class Unexplained(Frozen):
@@ -188,15 +181,11 @@ class ReplayedSeries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Series by channel behind the pictures of a diagnosis.
+    """Series by channel behind the pictures of a diagnosis."""
 
-    Attributes:
-        left: residual of the named effects, (n,).
-        loss: how far a loss of preload that was known before shrinks the gap in the plant.
-    """
-
-    left: Mapping[str, Floats] = field(default_factory=dict)
+    left: Mapping[str, Floats] = field(default_factory=dict)  # residual of the named effects, (n,)
     replayed: Mapping[str, ReplayedSeries] = field(default_factory=dict)
+    # how far a loss of preload that was known before shrinks the gap in the plant
     loss: Shrink | None = None
 
 
@@ -209,6 +198,7 @@ class Diagnosis(Frozen):
         not_judged: effects that the recording cannot show, and why.
         withheld: named effects that are a fault, or may be one: no model is to learn them.
         caveats: what bounds the verdict, one line each.
+        against_healthy: changes of friction, load, spread and course over the stroke.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
         partly: what is left beside the known causes has a cause that is not known.
         augmented: effects that the augmented machine file has learned.
@@ -222,6 +212,7 @@ class Diagnosis(Frozen):
     where: tuple[Place, ...] = ()
     effects: tuple[NamedEffect, ...] = ()
     unexplained: Unexplained = Unexplained(share=None, nearest=None)
+    against_healthy: dict[str, Change] = {}
     next_motion: str | None = None
     waterfall: dict[str, tuple[WaterfallStep, ...]] = {}
     not_judged: tuple[str, ...] = ()
@@ -235,6 +226,12 @@ class Diagnosis(Frozen):
     reference: tuple[str, ...] = ()
     is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
     series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)
+
+    @property
+    def has_changed(self) -> bool:
+        """Flag of a torque that only the healthy recordings, place by place, tell from theirs."""
+        is_open = bool(self.effects) or any(each.matters for each in self.gap.values())
+        return self.verdict is Verdict.UNKNOWN and bool(self.against_healthy) and not is_open
 
     def with_effects(
         self, effects: Sequence[NamedEffect], verdict: Verdict, *caveats: str

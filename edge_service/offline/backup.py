@@ -40,19 +40,13 @@ class BackupError(BadInputError):
 
 
 class Manifest(Frozen):
-    """Description of a backup.
-
-    Attributes:
-        version: of the service that made it.
-        made: time, UTC, ISO 8601.
-        config: name of the configuration file.
-        files: name in the archive, `config/...` or `state/...` -> SHA-256 in hexadecimal.
-    """
+    """Description of a backup."""
 
     format: Literal["backup/3"] = SCHEMA
-    version: str
-    made: str
-    config: str
+    version: str  # of the service that made it
+    made: str  # time, UTC, ISO 8601
+    config: str  # name of the configuration file
+    # name in the archive, `config/...` or `state/...` -> SHA-256 in hexadecimal
     files: dict[str, str]
 
 

@@ -59,7 +59,8 @@ class Real(Strict):
 
     file: str
     every_s: float | None = Field(None, description="time of a row, where the file has none")
-    condition: str | None = Field(None, description="Cranfield's at 20 kgf, with `parts`")
+    condition: str | None = Field(None, description="Cranfield's, with `load_kgf` and `parts`")
+    load_kgf: int = 20
     parts: list[int] = [0]
 
 

@@ -107,13 +107,13 @@ class Store:
 
     def _cranfield(self, recipe: Real) -> list[Path]:
         needs(DATA / "cranfield")
-        condition = str(recipe.condition)
+        condition, load = str(recipe.condition), str(recipe.load_kgf)
 
         def make(path: Path) -> None:
             path.mkdir()
-            recordings(path, condition, "20")
+            recordings(path, condition, load)
 
-        folder = self._kept(f"cranfield {condition}", "sequences", make)
+        folder = self._kept(f"cranfield {condition} {load}", "sequences", make)
         paths = sorted(folder.iterdir(), key=lambda each: int(each.stem.removeprefix(condition)))
         return [paths[part] for part in recipe.parts]
 

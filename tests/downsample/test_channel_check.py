@@ -227,15 +227,11 @@ def test_an_encoder_is_believed_after_a_second_of_agreement_and_its_level_is_new
     assert faults_of(after) == set()
 
 
-def shifted(by_m: float) -> Callable[[Floats, Floats], Floats]:
-    return lambda _, table_m: table_m + by_m
-
-
 @pytest.mark.parametrize("axis", KINDS)
 @pytest.mark.parametrize("by_m", [0.5e-3, -0.1])
 def test_a_leap_is_reported_at_once_and_the_new_level_too(axis: Axis, by_m: float) -> None:
     start_s = 0.93
-    _, broken = damaged(axis, start_s, 99.0, shifted(by_m))
+    _, broken = damaged(axis, start_s, 99.0, lambda _, table_m: table_m + by_m)
     blocks = blocks_of(axis, broken)
     assert Fault.TABLE_DISAGREES in between(blocks, start_s, start_s + 0.1)[0].fault
     trial = [b for b in blocks if Fault.TABLE_DOUBTED in b.fault and b.moving_fraction > 0.5]

@@ -53,19 +53,13 @@ class HiddenCase:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Axis that records hidden effects.
+    """Axis that records hidden effects."""
 
-    Attributes:
-        machine_toml: its machine file, which knows of none of them.
-        known: names of effects that it can have, and the library too.
-        odd: of those that the library lacks.
-        recorded: recording of the axis of a case, on a motion, with a seed of its own.
-    """
-
-    machine_toml: str
-    known: Sequence[str]
-    odd: Sequence[str]
+    machine_toml: str  # its machine file, which knows of none of them
+    known: Sequence[str]  # names of effects that it can have, and the library too
+    odd: Sequence[str]  # of those that the library lacks
     motions: Sequence[str]
+    # recording of the axis of a case, on a motion, with a seed of its own
     recorded: Callable[[HiddenCase, str, int], SampleFrame]
 
 

@@ -32,16 +32,13 @@ _CLEAR = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedCase:
-    """A case with its answer.
-
-    Attributes:
-        realised: effect -> how far it shrinks the gap of another recording of the same axis.
-        again: channel -> gap of that other recording, before and with augmented.toml.
-    """
+    """A case with its answer."""
 
     case: HiddenCase
     found: Diagnosis
+    # effect -> how far it shrinks the gap of another recording of the same axis
     realised: dict[str, float]
+    # channel -> gap of that other recording, before and with augmented.toml
     again: dict[str, tuple[float, float]]
 
     @property

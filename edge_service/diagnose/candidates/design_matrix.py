@@ -65,25 +65,17 @@ def healthy_priors(machine: Machine, period_s: float, coulomb_nm: float) -> Sequ
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignMatrix:
-    """Candidate regressors and their columns.
+    """Candidate regressors and their columns."""
 
-    Attributes:
-        regressors: the nuisances first, then the candidates of the library and the others.
-        nuisances: number of leading regressors that stand for what a healthy axis may have.
-        mean, precision: prior of the coefficient of each column, (p,); precision 0 knows nothing.
-        first: first column of each regressor, (n_regressors + 1,).
-        columns, equations: by channel, (n, p); a matrix restricted to some rows has no columns.
-        alternatives: number of regressors that share name and form with each regressor.
-    """
-
+    # the nuisances first, then the candidates of the library and the others
     regressors: tuple[CandidateRegressor, ...]
-    nuisances: int
-    mean: Floats
-    precision: Floats
-    first: Integers
-    columns: Mapping[str, Columns]
-    equations: Mapping[str, NormalEquations]
-    alternatives: tuple[int, ...]
+    nuisances: int  # leading regressors that stand for what a healthy axis may have
+    mean: Floats  # prior of the coefficient of each column, (p,)
+    precision: Floats  # of the same, (p,); 0 knows nothing
+    first: Integers  # first column of each regressor, (n_regressors + 1,)
+    columns: Mapping[str, Columns]  # by channel, (n, p); none where restricted to some rows
+    equations: Mapping[str, NormalEquations]  # by channel
+    alternatives: tuple[int, ...]  # regressors that share name and form with each regressor
 
     @classmethod
     def of_session(

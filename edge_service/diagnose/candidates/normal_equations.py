@@ -16,19 +16,12 @@ _RIDGE = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Sums over the rows of one channel.
+    """Sums over the rows of one channel."""
 
-    Attributes:
-        gram: products of the columns, (p, p); of many sets of columns (s, p, p).
-        cross: products of the columns with the gap, (p,) or (s, p).
-        square: sum of squares of the gap.
-        rows: number of rows.
-    """
-
-    gram: Floats
-    cross: Floats
-    square: float
-    rows: int
+    gram: Floats  # products of the columns, (p, p); of many sets of columns (s, p, p)
+    cross: Floats  # products of the columns with the gap, (p,) or (s, p)
+    square: float  # sum of squares of the gap
+    rows: int  # number of rows
 
     @classmethod
     def of(cls, columns: Columns, gap: Floats, rows: Integers | None = None) -> Self:

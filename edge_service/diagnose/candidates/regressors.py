@@ -57,17 +57,12 @@ _BETWEEN = {Kind.LOST_MOTION, Kind.TRAVEL, Kind.MEASUREMENT}
 
 @dataclass(frozen=True, slots=True)
 class EntryRegressor:
-    """Entry of the library at one shape.
-
-    Attributes:
-        form: name of the amount; empty where the effect has none, and its shape is its strength.
-        shape: the values of its shapes.
-        at: complete values of each column: at unit amount, for a harmonic at phases 0 and pi/2.
-    """
+    """Entry of the library at one shape."""
 
     effect: Effect
-    form: str
-    shape: tuple[tuple[str, float], ...]
+    form: str  # name of the amount; empty where the effect has none, and its shape is its strength
+    shape: tuple[tuple[str, float], ...]  # the values of its shapes
+    # complete values of each column: at unit amount, for a harmonic at phases 0 and pi/2
     at: tuple[Mapping[str, float], ...]
 
     @property
@@ -280,22 +275,16 @@ def regressors_of(effect: Effect, ranges: "Ranges") -> Iterator[EntryRegressor]:
 
 @dataclass(frozen=True, slots=True)
 class Ranges:
-    """Ranges that a recording covers.
-
-    Attributes:
-        strongest_nm: greatest torque, less what noise may add to it.
-        often_nm: torque that is exceeded in a quarter of the motion.
-        coldest_c, warmest_c: of the housing; NaN where no temperature was recorded.
-    """
+    """Ranges that a recording covers."""
 
     fastest_rad_s: float
     duration_s: float
     low_m: float
     high_m: float
-    strongest_nm: float
-    often_nm: float
-    coldest_c: float
-    warmest_c: float
+    strongest_nm: float  # greatest torque, less what noise may add to it
+    often_nm: float  # torque that is exceeded in a quarter of the motion
+    coldest_c: float  # of the housing; NaN where no temperature was recorded
+    warmest_c: float  # the same
     lead_m: float
 
     @property

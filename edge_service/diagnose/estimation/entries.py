@@ -36,21 +36,14 @@ _FINE_REACH = 1.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedLeastSquares:
-    """Rows of all channels with their weights, and the nuisances beside whatever is fitted.
-
-    Attributes:
-        weights: one over the noise, by channel.
-        fixed: columns of the nuisances, by channel, (n, q).
-        mean, precision: prior of their coefficients, (q,).
-        observations: number of independent ones among the rows of all channels.
-    """
+    """Rows of all channels with their weights, and the nuisances beside whatever is fitted."""
 
     session: Session
-    weights: Mapping[str, float]
-    fixed: Mapping[str, Floats]
-    mean: Floats
-    precision: Floats
-    observations: float
+    weights: Mapping[str, float]  # one over the noise, by channel
+    fixed: Mapping[str, Floats]  # columns of the nuisances, by channel, (n, q)
+    mean: Floats  # prior of their coefficients, (q,)
+    precision: Floats  # of the same, (q,)
+    observations: float  # number of independent ones among the rows of all channels
 
     @classmethod
     def of_fit(cls, problem: SelectionProblem, best: Fit) -> Self:
@@ -84,15 +77,11 @@ class WeightedLeastSquares:
 
 
 class Solution(NamedTuple):
-    """Coefficients of the nuisances and the entries, (p,), and their covariance, (p, p).
-
-    Attributes:
-        square: weighted square that is left.
-    """
+    """Coefficients of the nuisances and the entries, (p,), and their covariance, (p, p)."""
 
     beta: Floats
     covariance: Floats
-    square: float
+    square: float  # weighted square that is left
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,20 +30,15 @@ Slopes = Mapping[str, Mapping[str, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """Coefficients of entries; a parameter's nuisance part belongs to its effect.
+    """Coefficients of entries; a parameter's nuisance part belongs to its effect."""
 
-    Attributes:
-        healthy: parameter effect, in the order of the columns -> its healthy mean and spread.
-        traces: effect and form -> the negative of what is there beside the entries, and its spread.
-        beta: of the nuisances and the entries, (p,).
-        square: weighted square that the fit leaves.
-    """
-
+    # parameter effect, in the order of the columns -> its healthy mean and spread
     healthy: Mapping[str, tuple[float, float]]
+    # effect and form -> the negative of what is there beside the entries, and its spread
     traces: Mapping[tuple[str, str], tuple[float, float]]
     fitted: Entries
-    beta: Floats
-    square: float
+    beta: Floats  # of the nuisances and the entries, (p,)
+    square: float  # weighted square that the fit leaves
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,21 +147,16 @@ class Estimates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contributions:
-    """Entries of the named effects and their parts of the gap.
-
-    Attributes:
-        named: effects that were to be fitted; of one without an entry nothing is known.
-        by_effect: effect -> channel -> its contribution to the gap, (n,).
-        left: what all of them leave of the gap, by channel, (n,).
-        channel_of: effect -> the channel of whose gap it makes the greater part.
-    """
+    """Entries of the named effects and their parts of the gap."""
 
     session: Session
+    # effects that were to be fitted; of one without an entry nothing is known
     named: frozenset[str]
     estimates: Estimates
+    # effect -> channel -> its contribution to the gap, (n,)
     by_effect: Mapping[str, Mapping[str, Floats]]
-    left: Mapping[str, Floats]
-    channel_of: Mapping[str, str]
+    left: Mapping[str, Floats]  # what all of them leave of the gap, by channel, (n,)
+    channel_of: Mapping[str, str]  # effect -> the channel of whose gap it makes the greater part
 
     @classmethod
     def of_effects(cls, posterior: Posterior, named: frozenset[str]) -> "Contributions":

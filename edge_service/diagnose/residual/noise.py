@@ -66,18 +66,13 @@ where nothing that they say helps."""
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise that a fit cannot explain, by channel.
+    """Noise that a fit cannot explain, by channel."""
 
-    Attributes:
-        floor: root mean square that a healthy axis leaves.
-        tolerance: root mean square that nobody needs to know the cause of.
-        effective: independent observations among the rows; bounded, for the library approximates.
-        discrepancy: root mean square below which one fit is no better than another.
-    """
-
-    floor: Mapping[str, float]
-    tolerance: Mapping[str, float]
+    floor: Mapping[str, float]  # root mean square that a healthy axis leaves
+    tolerance: Mapping[str, float]  # root mean square that nobody needs to know the cause of
+    # independent observations among the rows; bounded, for the library approximates
     effective: Mapping[str, float]
+    # root mean square below which one fit is no better than another
     discrepancy: Mapping[str, float]
 
     @classmethod
@@ -246,17 +241,12 @@ def paces(speed_rad_s: Floats, acceleration_rad_s2: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothFunctions:
-    """Basis of smooth functions, spread over some rows, to be evaluated at any others.
+    """Basis of smooth functions, spread over some rows, to be evaluated at any others."""
 
-    Attributes:
-        spans: coordinate -> range in the rows that they were made for; beyond it they stay level.
-        orders: of the waves over the angle, (even, turned).
-        scale: of each column, (p,): its root mean square where they were made, or less.
-    """
-
+    # coordinate -> range in the rows that they were made for; beyond it they stay level
     spans: Mapping[str, tuple[float, float]]
-    orders: tuple[tuple[int, ...], tuple[int, ...]]
-    scale: Floats
+    orders: tuple[tuple[int, ...], tuple[int, ...]]  # of the waves over the angle, (even, turned)
+    scale: Floats  # of each column, (p,): its root mean square where they were made, or less
     low_pass: Filter
 
     @classmethod

@@ -39,19 +39,13 @@ _AS_STRONG = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vibration:
-    """Line or band of the spectrum of one channel.
-
-    Attributes:
-        p_value: chance of one as prominent in noise.
-        part: of the gap, (n,).
-        size: its amplitude at the rows of the channel, in its unit, (n,).
-    """
+    """Line or band of the spectrum of one channel."""
 
     channel: str
     frequency_hz: float
-    p_value: float
-    part: Floats
-    size: Floats
+    p_value: float  # chance of one as prominent in noise
+    part: Floats  # of the gap, (n,)
+    size: Floats  # its amplitude at the rows of the channel, in its unit, (n,)
 
     @property
     def is_there(self) -> Booleans:

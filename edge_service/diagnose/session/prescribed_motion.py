@@ -43,17 +43,12 @@ _INVERSIONS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrescribedMotionAxis:
-    """Axis of a machine file, as stiff as its model takes it for.
-
-    Attributes:
-        screw_nm: drag of the screw.
-        known: effects of the machine file.
-    """
+    """Axis of a machine file, as stiff as its model takes it for."""
 
     plant: Plant
     baseline: Baseline
-    screw_nm: float
-    known: tuple[ActiveEffect, ...]
+    screw_nm: float  # drag of the screw
+    known: tuple[ActiveEffect, ...]  # effects of the machine file
 
     @classmethod
     def of_machine(cls, machine: Machine, baseline: Baseline) -> "PrescribedMotionAxis":

@@ -20,18 +20,12 @@ from .assessment import CrossValidation, resampled
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """Replay of a session.
+    """Replay of a session."""
 
-    Attributes:
-        gap, series: by channel.
-        effects: how far each effect shrinks what the others leave of its channel.
-        problem: why there is no replay; empty where there is one.
-    """
-
-    gap: Mapping[str, ReplayedGap]
-    series: Mapping[str, ReplayedSeries]
-    effects: Mapping[str, Shrink]
-    problem: str = ""
+    gap: Mapping[str, ReplayedGap]  # by channel
+    series: Mapping[str, ReplayedSeries]  # by channel
+    effects: Mapping[str, Shrink]  # how far each shrinks what the others leave of its channel
+    problem: str = ""  # why there is no replay; empty where there is one
 
 
 def replay(

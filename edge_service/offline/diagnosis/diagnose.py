@@ -89,9 +89,8 @@ def diagnose(
                 f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})"
             )
         compared, unshown = (runs, []) if healthy is None else healthy.shown(runs)
-        session = session_of(machine, compared)
-        if healthy is not None:
-            session = healthy.beside(session)
+        whole = session_of(machine, compared)
+        session = whole if healthy is None else healthy.beside(whole)
         doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
         reading, mismatches = preload_reading(machine, traces)
         may_lose = fault() in library
@@ -117,6 +116,7 @@ def diagnose(
             "reference": tuple(path.name for path in reference),
         }
         found = found.model_copy(update=stated)
+        found = found if healthy is None else healthy.told(found, whole)
         try:
             augmented = augmented_toml(text, learnable(found))
         except ValueError as error:

@@ -42,6 +42,7 @@ LABELS = {
 _POINTS = 4000
 _DPI = 130
 _CLOCK_FROM_S = 1e9  # a clock that counts from 1970 passed it in 2001
+_ROTARY_M_PER_RAD = 0.0573  # of an axis whose degrees are read as mm
 _WINDOW_S = 4.0
 _PAUSE_S = 0.05
 _LEAST_STEP = 0.005  # of the whole gap: no more than a line's width
@@ -117,6 +118,7 @@ def render(
     """The page as HTML; nothing in it is loaded from elsewhere."""
     claimed = sorted({each.channel for each in found.effects})
     telling = [name for name, gap in found.gap.items() if name in claimed or gap.matters]
+    telling = telling or sorted(found.gap)[: found.has_changed]
     shown = [name for name in claimed if found.gap[name].replayed]
     accepted = bool(found.effects) and found.verdict is not Verdict.UNKNOWN
     with mpl.rc_context(STYLE):
@@ -217,6 +219,8 @@ def places(found: Sequence[Place], m_per_rad: float) -> list[str]:
     ...          for low, high in ((-5.0, 1.5), (20.0, 50.0))]
     >>> places(spans, 0.005)
     ['Torque: 71 % of the difference follows the table speed, -1500 to 450, 6000 to 15000 mm/min.']
+    >>> places(spans[:1], 0.36 / 6.2832)
+    ['Torque: 71 % of the difference follows the table speed, -17189 to 5157 °/min.']
     """
     spans: dict[tuple[str, str], list[Place]] = {}
     for each in found:
@@ -240,6 +244,9 @@ def _over(variable: str, mine: Sequence[Place], m_per_rad: float) -> str:
         "motor_acceleration_rad_s2": ("table acceleration, m/s²", m_per_rad),
         "table_position_m": ("table position, mm", 1e3),
     }.get(variable, (LABELS[variable], 1.0))
+    if round(m_per_rad, 4) == _ROTARY_M_PER_RAD:
+        factor *= 1e3 if "m/s²" in label else 1.0
+        label = label.replace("mm", "°").replace("m/s²", "°/s²")
     if variable == "time_s" and mine[0].low > _CLOCK_FROM_S:
         label = "time of day, UTC"
     name, _, unit = label.partition(", ")

@@ -2,12 +2,11 @@
 
 import io
 from collections.abc import Callable, Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ...atomic import replaced_bytes, write_whole
@@ -48,10 +47,10 @@ def rendered(
 ) -> str:
     """HTML, or text, of a template of this folder; a name that it lacks is an error."""
     is_page = template.endswith(".html")
-    environment = Environment(autoescape=is_page, undefined=StrictUndefined, trim_blocks=True)
+    loader, strict = PackageLoader(__package__), StrictUndefined
+    environment = Environment(loader=loader, autoescape=is_page, undefined=strict, trim_blocks=True)
     environment.filters.update(filters or {})
-    source = files(__package__).joinpath("templates", template).read_text("utf-8")
-    return environment.from_string(source).render(**content)
+    return environment.get_template(template).render(**content)
 
 
 def write_study(out: Path, name: str, title: str, verdict: str, text: str, figure: Figure) -> None:

@@ -32,17 +32,12 @@ class Aim:
 
     def met(self, ours: Score) -> bool:
         """Return whether every limit is kept; what could not be measured is not."""
-        kept = [
-            _within(getattr(ours, name), getattr(self, name))
-            for name in ("mae", "false_drop", "detection_s", "interval_score")
-        ]
+        names = ("mae", "false_drop", "detection_s", "interval_score")
+        limits = {name: getattr(self, name) for name in names}
+        kept = [x is None or getattr(ours, name) <= x for name, x in limits.items()]
         kept.append(self.misleading is None or ours.misleading <= self.misleading)
         kept.append(self.coverage is None or ours.coverage >= self.coverage)
         return all(kept)
-
-
-def _within(value: float, limit: float | None) -> bool:
-    return limit is None or value <= limit
 
 
 def _aims() -> dict[str, Aim]:

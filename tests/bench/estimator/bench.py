@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from ..life.bench import life_table, live, shapes
+from ..life.bench import QUICK_SHAPES, life_table, live
+from ..life.cases import SHAPES
 from ..table import Progress, Table, in_processes
 from .dates import LAWS, ask_healthy, ask_of_a_law, dates_table
 from .healthy.false_conditions import healthy_table, shifts
@@ -67,7 +68,7 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
     for axis in axes:
         yield Task("notch", f"tested by shaking {axis}", partial(tested, axis, quick))
         for plant in ("foreign", "own"):
-            for shape in shapes(quick):
+            for shape in QUICK_SHAPES if quick else SHAPES:
                 name = f"life {plant} {axis}: {shape}"
                 yield Task("life", name, partial(live, plant, shape, axis, quick))
         for plant in PLANTS:

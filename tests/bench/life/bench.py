@@ -14,7 +14,7 @@ from edge_service.nodes.estimated_axis import LONGEST_STOP_S
 
 from ..estimator.scores import Recorded, Score, Track, follow, pooled
 from ..table import Table, listed, mean_of
-from .cases import SHAPES, Life, draw_life
+from .cases import Life, draw_life
 from .plants import ForeignLife, OwnLife, plant_of
 from .scores import LifeScore, life_score
 
@@ -79,10 +79,6 @@ def drawn_life(axis: OwnLife | ForeignLife, shape: str, axis_seed: int, quick: b
     """Sessions of one axis; fewer and shorter if `quick`."""
     count, session_s = (QUICK_SESSIONS, QUICK_SESSION_S) if quick else (SESSIONS, SESSION_S)
     return draw_life(shape, axis_seed, axis.fresh_percent, count, session_s)
-
-
-def shapes(quick: bool) -> Sequence[str]:
-    return QUICK_SHAPES if quick else tuple(SHAPES)
 
 
 def life_table(parts: Sequence[LifePart]) -> Table:

@@ -1,6 +1,5 @@
 """Sessions of a life on either plant: what an estimator gets of them, and the truth."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -61,7 +60,8 @@ class OwnLife:
         frames = self._axis.frames(
             "production", percent, session.seed, effects, session.nut, added_mass_kg=added
         )
-        blocks = downsampled(_later(frames, session.clock_s), self._axis.nominal())
+        later = (SampleFrame(x.time_s + session.clock_s, x.channels) for x in frames)
+        blocks = downsampled(later, self._axis.nominal())
         return Recorded(blocks, time_s + session.clock_s, percent)
 
     def effects(self, session: Session) -> tuple[str, ...]:
@@ -87,7 +87,3 @@ class OwnLife:
 
 def plant_of(name: str, axis_seed: int) -> OwnLife | ForeignLife:
     return OwnLife(axis_seed) if name == OwnLife.name else ForeignLife(axis_seed)
-
-
-def _later(frames: Iterator[SampleFrame], clock_s: float) -> Iterator[SampleFrame]:
-    return (SampleFrame(frame.time_s + clock_s, frame.channels) for frame in frames)

@@ -85,15 +85,16 @@ def rows_of(gap_over: str, low: float, high: float) -> Rows:
     random = np.random.default_rng(4)
     time_s = np.arange(ROWS) * 0.01
     direction = np.where(random.random(ROWS) < 0.5, -1.0, 1.0)
+    moving = time_s % 10.0 > 2.0  # between, it stands where the gap has another reason
     variables = {
-        "motor_speed_rad_s": direction * random.uniform(0.0, 100.0, ROWS),
-        "table_position_m": random.uniform(0.0, 0.8, ROWS),
+        "motor_speed_rad_s": moving * direction * random.uniform(0.0, 100.0, ROWS),
+        "table_position_m": np.where(moving, random.uniform(0.0, 0.8, ROWS), 0.7),
         "motor_angle_rad": random.uniform(0.0, 2.0 * np.pi, ROWS),
         "time_s": time_s,
         "direction": direction,
     }
     inside = (variables[gap_over] >= low) & (variables[gap_over] <= high)
-    gap = 0.1 * direction * inside + 0.005 * random.standard_normal(ROWS)
+    gap = np.where(moving, 0.1 * direction * inside, 0.3) + 0.005 * random.standard_normal(ROWS)
     return Rows(gap, variables, (time_s / 5.0).astype(np.int64))
 
 

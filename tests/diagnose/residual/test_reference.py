@@ -3,12 +3,18 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from edge_service.cli.entry import main
 from edge_service.config import load_machine
+from edge_service.diagnose.residual.reference import FEW, changes_by_place
+from edge_service.diagnose.session.session import Session
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame
+from edge_service.models.machine import Machine
 
-from ..conftest import diagnosed, recorded
+from ..conftest import diagnosed, recorded, session_of
 
 
 def trace(path: Path, causes: tuple[str, ...], seed: int) -> str:
@@ -65,6 +71,7 @@ def test_what_changed_since_is_named(
 def test_one_recording_is_enough(crude: str, tmp_path: Path, healthy: list[str]) -> None:
     found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), reference=healthy[:1])
     assert found["verdict"] == "no_gap"
+    assert FEW in found["remarks"]
 
 
 def test_a_reference_that_is_none_is_refused_in_a_line(
@@ -92,3 +99,27 @@ def test_torque_is_judged_by_the_model_where_the_references_have_none(
     bare.write_text("".join(",".join(r[:without] + r[without + 1 :]) + "\n" for r in rows))
     found = diagnosed(str(machine_file), tmp_path, healthy[1], reference=[str(bare)])
     assert "torque_nm" in found["gap"]
+
+
+def moved(machine: Machine, random: np.random.Generator, bump_nm: float) -> Session:
+    """Moves there and back with dry friction that no two recordings share by 2 %."""
+    time_s = np.arange(0.0, 30.0, 0.02)
+    place_m = np.abs(0.05 * time_s % 0.4 - 0.2)
+    level_nm = 0.2 + 0.004 * random.standard_normal()
+    friction_nm = level_nm + bump_nm * np.cos(10.0 * np.pi * place_m)
+    torque_nm = friction_nm * np.sign(np.gradient(place_m)) + random.normal(0.0, 0.01, len(time_s))
+    angle_rad = place_m / machine.transmission_ratio_m_per_rad
+    return session_of(machine, SampleFrame(time_s, {ANGLE: angle_rad, TORQUE: torque_nm}))
+
+
+@pytest.mark.slow
+def test_a_course_of_the_same_mean_is_a_change_and_scatter_is_none(machine: Machine) -> None:
+    random = np.random.default_rng(4)
+    chances = []
+    for bump_nm in (0.0, 0.01) * 100:
+        healthy = [moved(machine, random, 0.0) for _ in range(3)]
+        changes = changes_by_place(moved(machine, random, bump_nm), healthy).values()
+        chances.append(stats.combine_pvalues([each.p_value for each in changes]).pvalue)
+    false, right = np.mean(np.reshape(chances, (-1, 2)) < 0.05, axis=0)
+    assert 0.01 <= false <= 0.1
+    assert right >= 0.99

@@ -1,5 +1,6 @@
 """Bounds of a verdict are stated: noise that hides faults, and a remainder beside the causes."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,6 @@ from edge_service.diagnose.result import ChannelGap, Verdict
 
 from ...bench.real_machines import written
 from ..conftest import diagnosed, recorded
-
-
-def gap_of(before: float, after: float) -> ChannelGap:
-    return ChannelGap(before=before, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
 
 
 def noisy(
@@ -41,6 +38,15 @@ def test_noise_as_large_as_the_torque_is_no_all_clear(machine_file: Path, tmp_pa
 
 
 @pytest.mark.slow
+def test_a_gap_beyond_the_noise_is_not_hidden_by_it(machine_file: Path, tmp_path: Path) -> None:
+    crude = tmp_path / "crude.toml"
+    crude.write_text(re.sub("(viscous.*) = .*", r"\1 = 0.1", machine_file.read_text()))
+    found = noisy(crude, tmp_path, 2.0)
+    assert any("unnoticed" in each for each in found["caveats"])
+    assert "This recording cannot answer" not in found["page"]
+
+
+@pytest.mark.slow
 def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
     found = noisy(machine_file, tmp_path, 1e-3)
     assert found["verdict"] == "no_gap"
@@ -58,8 +64,8 @@ def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> Non
     ],
 )
 def test_a_remainder_that_matters_is_reported(verdict: Verdict, after: float, stated: bool) -> None:
-    gap = {"torque_nm": gap_of(0.2, after)}
-    found = caveats_of(gap, {"torque_nm": after}, 1.0, verdict)
+    gap = ChannelGap(before=0.2, after=after, noise_floor=0.018, tolerance=0.014, unit="N m")
+    found = caveats_of({"torque_nm": gap}, {"torque_nm": after}, 1.0, verdict)
     assert bool(found) == stated
     if stated:
         left = "0.199 N m beyond" if verdict is Verdict.NO_GAP else "0.0466 N m beyond"

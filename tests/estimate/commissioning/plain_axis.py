@@ -11,36 +11,27 @@ from edge_service.models.machine import Machine
 
 @dataclass(frozen=True)
 class PlainAxis:
-    """Parameters of the axis, its motion and its sampling.
-
-    Attributes:
-        screw_nm: the fresh screw's own drag, beside which are guides and bearings.
-        hanging_nm: torque that holds the table, whichever way it moves.
-        chain_nm: by which that torque grows from one end of the stroke to the other.
-        quantum_nm: step of the torque channel; 0 for none.
-        late_s: by which the torque channel lags.
-        one_encoder: whether the table has none.
-    """
+    """Parameters of the axis, its motion and its sampling."""
 
     lead_m: float = 0.02
     table_kg: float = 20.0
     rotor_kg_m2: float = 1.3e-3
     viscous_nm_s: float = 5e-3
-    screw_nm: float = 0.146
+    screw_nm: float = 0.146  # the fresh screw's own drag, beside which are guides and bearings
     bearing_nm: float = 0.05
     guide_n: float = 60.0
-    hanging_nm: float = 0.0
-    chain_nm: float = 0.0
+    hanging_nm: float = 0.0  # torque that holds the table, whichever way it moves
+    chain_nm: float = 0.0  # by which that torque grows from one end of the stroke to the other
     stiffness_n_per_m: float = 3e7
     nut_n_per_m: float = 1e8
     stroke_m: float = 0.8
     top_rad_s: float = 150.0
     acceleration_rad_s2: float = 400.0
     rate_hz: float = 1000.0
-    quantum_nm: float = 0.0
+    quantum_nm: float = 0.0  # step of the torque channel; 0 for none
     encoder_rad: float = 1e-6
-    late_s: float = 0.0
-    one_encoder: bool = False
+    late_s: float = 0.0  # by which the torque channel lags
+    one_encoder: bool = False  # whether the table has none
 
     @property
     def ratio_m(self) -> float:

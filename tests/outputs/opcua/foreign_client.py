@@ -18,13 +18,11 @@ def say(what):
     sys.stdout.flush()
 
 
-def told(value):
-    return value.Text if isinstance(value, ua.LocalizedText) else value
-
-
 async def with_status(node):
     read = await node.read_data_value(raise_on_bad_status=False)
-    return told(read.Value.Value), read.StatusCode.name
+    value = read.Value.Value
+    text = value.Text if isinstance(value, ua.LocalizedText) else value
+    return text, read.StatusCode.name
 
 
 async def below(node, depth=8):
