@@ -161,7 +161,7 @@ MOST_LINES = {
     "recordings": 3265,
     "regression": 1005,
     "beside the rooms": 760,
-    "tests": 44991,
+    "tests": 44988,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

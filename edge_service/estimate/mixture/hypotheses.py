@@ -147,12 +147,11 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
     Whether there is another load shows once the axis accelerates, which may be later.
     """
     best = leader_of(bank)
-    second, weight = best, -math.inf
-    for k in range(bank.alive.shape[0]):
-        if bank.alive[k] and k != best and bank.log_weight[k] > weight:
-            second, weight = k, bank.log_weight[k]
+    others = np.where(bank.alive > 0, bank.log_weight, -np.inf)
+    others[best] = -np.inf
+    second = int(np.argmax(others))
     least = bank.log_weight[best] - 2.0 * process.assumed.margin
-    _succeed(bank, process, best, least, second, weight)
+    _succeed(bank, process, best, least, second, others[second])
     bank.moments[state.LEARNING] = 0.0
 
 
@@ -230,9 +229,7 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
     if x.shape[0] > state.TORQUE_STATES:
         x[state.LOOSENESS] += process.loosened_m_per_n[slot]
         x[state.COUPLING] += process.loosened_m_per_n[slot]
-    for i in range(x.shape[0]):
-        for j in range(x.shape[0]):
-            p[i, j] += process.jumps[slot, i, j]
+    p += process.jumps[slot]
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:

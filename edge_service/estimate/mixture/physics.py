@@ -4,8 +4,8 @@ With s the direction, x the table position, a and v acceleration and speed of th
 preload p = exp(PRELOAD)::
 
     torque    (1 + scale) (J a + R^2 M a + D (1 + viscous) v + A |v| + offset + s wander
-              + s (k p m(x) (1 + nut) + B (1 + bearing) + R G (1 + guide) + St(v))
-              + J (w1 - w0) / T)
+              + s (k p (1 + nut) + k p0 (m(x) - 1) + B (1 + bearing) + R G (1 + guide)
+                   + St(v)) + J (w1 - w0) / T)
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
               + (c0 + c1 (x - x0) - cn) F + loose (F + H) + coupling (F + H + s drag / R)
               + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s (c0 + c1 (x - x0)) G reversal
@@ -37,6 +37,8 @@ _TOLD = 2.0
 """Standard deviations of the torque from which on an inertia torque is told from noise. Less tells
 nothing of a mass: friction that varies accelerates an axis without a torque, and so do time stamps
 that jitter."""
+UNEVEN_LOST = 0.5
+"""Assumption: of the friction's unevenness along the stroke, what goes with the preload (sigma)."""
 _decay = inlined(stribeck_decay)
 
 
@@ -86,8 +88,8 @@ def expected_torque(
     ratio, s = model.ratio_m_per_rad, r.direction
     drag = model.drag_per_percent_nm * math.exp(x[state.PRELOAD])
     slope[:] = 0.0
-    slope[state.PRELOAD] = s * drag * factor * (1.0 + x[state.NUT_FRICTION])
-    slope[state.NUT_FRICTION] = s * drag * factor
+    slope[state.PRELOAD] = s * drag * (1.0 + x[state.NUT_FRICTION])
+    slope[state.NUT_FRICTION] = s * drag
     slope[state.BEARING_FRICTION] = s * model.bearing_nm
     slope[state.GUIDE_FRICTION] = s * ratio * model.guide_n
     slope[state.VISCOUS] = model.viscous_nm_s * r.speed_rad_s
@@ -100,7 +102,8 @@ def expected_torque(
     value = model.inertia_kg_m2 * r.acceleration_rad_s2
     value += s * (slow_nm + model.bearing_nm + ratio * model.guide_n)
     value += model.viscous_nm_s * r.speed_rad_s + model.asymmetry_nm_s * abs(r.speed_rad_s)
-    value += slope[state.PRELOAD]
+    uneven_nm = model.drag_per_percent_nm * model.fresh_percent * (factor - 1.0)
+    value += slope[state.PRELOAD] + s * uneven_nm
     for i in range(state.BEARING_FRICTION, state.SPEED_ERROR_END + 1):
         value += slope[i] * x[i]
     for i in range(state.TORQUE_SCALE):
@@ -229,7 +232,9 @@ def innovate(
         e[0] = r.torque_nm - expected_torque(
             model, at, r, noise.factor, noise.slow_nm, innovation.slopes[0]
         )
-        s[0, 0] = noise.torque_var + axial * ratio * ratio
+        lost_percent = model.fresh_percent - math.exp(at[state.PRELOAD])
+        uneven_nm = UNEVEN_LOST * model.drag_per_percent_nm * lost_percent * (noise.factor - 1.0)
+        s[0, 0] = noise.torque_var + axial * ratio * ratio + uneven_nm * uneven_nm
         s[1, 1], s[0, 1], e[1] = 1.0, 0.0, 0.0
         if two:
             stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])

@@ -132,8 +132,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         values[_FAULT + 4] = _above(bank, rows, weight, of, limit)
     if bank.mean.shape[1] == state.TORQUE_STATES and limits.assumed.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
-    for i in range(_LEVEL, _SIZE):
-        values[i] = min(max(values[i], 0.0), 1.0)
+    values[_LEVEL:] = np.clip(values[_LEVEL:], 0.0, 1.0)
     return values
 
 

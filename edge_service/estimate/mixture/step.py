@@ -191,7 +191,6 @@ def _pass_on(x: Floats, p: Floats, edge_rad2_s2: float, follows: bool) -> None:
     x[last] = 0.0
     for j in range(x.shape[0]):
         p[first, j] = p[last, j] if follows else 0.0
-    for j in range(x.shape[0]):
         p[j, first] = p[j, last] if follows else 0.0
     p[first, first] = p[last, last] if follows else edge_rad2_s2
     p[last, :], p[:, last] = 0.0, 0.0

@@ -107,7 +107,7 @@ class Truth:
         """Torque of a phase, N m."""
         turn = 2.0 * math.pi * r.table_m / STROKE_M
         local = 1.0 if math.isnan(turn) else 1.0 + 0.05 * math.cos(turn) + 0.02 * math.sin(turn)
-        dry = PER_PERCENT_NM * self.percent * local * (1.0 + self.nut)
+        dry = PER_PERCENT_NM * (self.percent * (1.0 + self.nut) + FRESH * (local - 1.0))
         dry += BEARING_NM * (1.0 + self.bearing) + RATIO * GUIDE_N * (1.0 + self.guide)
         dry += 0.05 * math.exp(-abs(r.speed_rad_s) / 2.0)
         inertia = 1.5e-3 + RATIO**2 * self.payload_kg

@@ -7,6 +7,7 @@ import numpy as np
 from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.model import Start
 from edge_service.estimate.mixture.physics import (
+    UNEVEN_LOST,
     expected_stretch,
     expected_torque,
     stribeck,
@@ -25,17 +26,11 @@ TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
 
 def motion_of(
-    model: AxisModel,
-    process: Process,
-    r: Reading,
-    elapsed_s: float,
-    x: Floats,
-    p: Floats | None = None,
+    model: AxisModel, process: Process, r: Reading, elapsed_s: float, x: Floats, p: Floats | None
 ) -> tuple[Floats, Floats]:
     """F and Q between two phases of a steady preload, from the state before and its covariance.
 
-    Without one the state is exact.
-    What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
+    Without one the state is exact. What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
     """
     size = len(x)
     f, q = np.eye(size), np.zeros((size, size))
@@ -96,6 +91,8 @@ def noise_of(
     """Covariance of what one phase errs by, (m, m): sensors, slow motion, axial friction, play."""
     speed = abs(r.speed_rad_s)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
+    lost_nm = model.drag_per_percent_nm * (model.fresh_percent - math.exp(x[state.PRELOAD]))
+    torque += (UNEVEN_LOST * lost_nm * (stroke_factor(model, r.table_m) - 1.0)) ** 2
     noise = np.diag([torque + (0.3 * stribeck(model, r)) ** 2, 0.0])
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     noise[1, 1] = stretch + (process.loose_m * math.exp(-math.exp(x[state.PRELOAD]) / 0.3)) ** 2

@@ -64,7 +64,7 @@ def errors(one_encoder: bool) -> Errors:
         x = start.mean + normal(rng, bank.covariance[state.STEADY])
         for _ in range(PHASES):
             r, elapsed_s = idle(rng, one_encoder), float(rng.uniform(0.1, 1.0))
-            f, q = motion_of(model, process, r, elapsed_s, x)
+            f, q = motion_of(model, process, r, elapsed_s, x, None)
             x = f @ x + normal(rng, q)
             r = r._replace(stretch_m=np.nan if one_encoder else 0.0)
             values, _, compliance = expected(model, x, r)
