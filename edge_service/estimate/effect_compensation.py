@@ -124,6 +124,7 @@ def _baseline(machine: Machine) -> Baseline:
     t = commissioned.transmission
     away_m = baseline.position_m - t.reference_m
     stretch_s2 = t.stretch_per_acceleration_s2 + t.stretch_slope_s2_per_m * away_m
+    stretch_s2 += t.stretch_bow_s2_per_m2 * away_m**2
     return replace(baseline, compliance_m_per_n=np.maximum(stretch_s2 / mass.value, 0.0))
 
 

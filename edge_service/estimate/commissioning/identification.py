@@ -14,6 +14,7 @@ from ...messages.features import FeatureBlock
 from ...messages.samples import Floats
 from ...models.commissioned import CommissionedConfig, TransmissionConfig
 from ...models.machine import Machine, Quantity
+from ...models.screw.stroke_profile import preload_share
 from ...models.steady_limits import CRUISE_RAD_S2, SLOWEST_RAD_S, SteadyLimits, steady_limits
 from ..effect_compensation import EffectCompensation
 from .checks import (
@@ -106,10 +107,7 @@ def _nut_compliance_share(
         return np.zeros_like(table_m)
     mass_kg, sigma_kg = table_mass(machine, torque, None)
     share, _ = nut_share(machine, stretch_s2 / mass_kg, sigma_kg / mass_kg)
-    factor = np.ones_like(table_m)
-    for k, (cosine, sine) in enumerate(stroke_map, start=1):
-        phase = 2.0 * np.pi * k * table_m / (machine.axis.stroke_m or 1.0)
-        factor += cosine * np.cos(phase) + sine * np.sin(phase)
+    factor = preload_share(stroke_map, table_m / (machine.axis.stroke_m or 1.0))
     return np.asarray(share * (np.maximum(factor, 0.1) ** (-1.0 / 3.0) - 1.0))
 
 
@@ -129,6 +127,7 @@ def _transmission(
         reference_m=stretch.reference_m,
         stretch_per_acceleration_s2=stretch.per_acceleration_s2,
         stretch_slope_s2_per_m=stretch.slope_per_m * stretch.per_acceleration_s2,
+        stretch_bow_s2_per_m2=stretch.bow_per_m2 * stretch.per_acceleration_s2,
         stretch_sigma_s2=stretch.sigma_s2,
         nut_share=share,
         nut_share_sigma=sigma,

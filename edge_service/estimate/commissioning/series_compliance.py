@@ -17,8 +17,10 @@ WIND_UP_SIGMA_M = 2e-7
 """Standard deviations of the maps from one end of the stroke to the other."""
 _NONE = 1e-12
 """Prior of a parameter that is held at zero."""
-_LOADS = 4
-"""Parameters of the fit before those of `_Beside`: the loads, and the change of the slope."""
+BOW_SIGMA = 0.3
+"""Of the compliance at the ends of the stroke: a screw that both ends hold is stiffer there."""
+_LOADS = 5
+"""Parameters of the fit before those of `_Beside`: loads, change of the slope, bow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,7 @@ class SeriesCompliance:
     reference_m: float
     per_acceleration_s2: float
     slope_per_m: float
+    bow_per_m2: float
     sigma_s2: float
     slope_sigma: float
     reversal_m: float
@@ -86,7 +89,7 @@ def fit_series_compliance(
         return None
     seen = _seen(phases.at(~missing), machine)
     beside = _beside(seen)
-    slope, fit = _series_fit(seen, beside, nut_softness)
+    slope, bow, fit = _series_fit(seen, beside, nut_softness)
     if fit.value[0] < 3.0 * fit.sigma[0]:
         return None
     lead, wind_up = (fit.value[each].cumsum() for each in beside.maps)
@@ -94,11 +97,12 @@ def fit_series_compliance(
         reference_m=seen.reference_m,
         per_acceleration_s2=float(fit.value[0]),
         slope_per_m=slope,
+        bow_per_m2=bow,
         sigma_s2=float(fit.sigma[0]),
-        slope_sigma=float(fit.sigma[3]),
+        slope_sigma=float(fit.sigma[3] / fit.value[0]),
         reversal_m=float(fit.value[1]),
         per_speed_s=float(fit.value[2]) if seen.sloped else 0.0,
-        skew_s=float(fit.value[4]) + (0.0 if seen.sloped else float(fit.value[2])),
+        skew_s=float(fit.value[5]) + (0.0 if seen.sloped else float(fit.value[2])),
         lead_map_m=lead,
         wind_up_map_m=wind_up,
         map_sigma_m=_map_sigma_m(beside, fit),
@@ -162,32 +166,33 @@ def _beside(seen: _Seen) -> _Beside:
 
 def _series_fit(
     seen: _Seen, beside: _Beside, nut_softness: Callable[[Floats, float], Floats]
-) -> tuple[float, RegressionFit]:
+) -> tuple[float, float, RegressionFit]:
     """Fit of all forces through one compliance that changes along the screw (eqs. 5.3.1, 5.3.9).
 
-        stretch = (1 + slope away + nut softness) loads @ value + beside @ rest,
+        stretch = (1 + slope away + bow away^2 + nut softness) loads @ value + beside @ rest,
 
-    by Gauss-Newton on the slope; the softness is that of the nut where its preload differs from
-    the mean. The maps are as uneven as those of their steps say that the axis has made.
+    by Gauss-Newton on the slope, and on the bow with its prior; the softness is that of the nut
+    where its preload differs from the mean. The maps are as uneven as those of their steps say that
+    the axis has made.
 
     Returns:
-        slope, 1/m, and the fit on [loads, change of the slope, beside].
+        slope, 1/m, bow, 1/m^2, and the fit on [loads, change of the slope, bow, beside].
     """
-    slope, value, loads = 0.0, np.zeros(3), seen.loads
+    slope, bow, value, loads, share = 0.0, 0.0, np.zeros(3), seen.loads, np.eye(3)[0]
     away_m, table_m = seen.away_m, seen.phases.table_m
     free = np.inf if seen.sloped else _NONE
-    sigma = np.concatenate([[np.inf, np.inf, free, free], beside.sigma])
+    sigma = np.concatenate([[np.inf, np.inf, free, free, free], beside.sigma])
     for _ in range(8):
         through = loads * (1.0 + slope * away_m + nut_softness(table_m, float(value[0])))[:, None]
-        bend = (loads @ value * away_m)[:, None] if value.any() else away_m[:, None] * loads[:, :1]
-        columns = np.column_stack([through, bend, beside.columns])
+        whole = loads @ share
+        columns = np.column_stack([through, whole * away_m, whole * away_m**2, beside.columns])
         fit = robust_regression(columns, seen.stretch_m, seen.phases, sigma)
-        change = float(fit.value[3])
-        slope += change if value.any() else change / float(fit.value[0])
-        value = fit.value[:3]
+        value, share = fit.value[:3], fit.value[:3] / fit.value[0]
+        slope, bow = slope + float(fit.value[3] / value[0]), float(fit.value[4] / value[0])
+        sigma[4] = 4.0 * BOW_SIGMA * abs(value[0]) / seen.stroke_m**2 if seen.sloped else _NONE
         for each in beside.maps:
             sigma[each][1:] = _step_sigma(fit, each, beside.visited)
-    return slope, fit
+    return slope, bow, fit
 
 
 def _step_sigma(fit: RegressionFit, steps: slice, visited: Floats) -> float:

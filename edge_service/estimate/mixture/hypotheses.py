@@ -135,9 +135,7 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
     bank.force[slot] = bank.force[source]
     bank.force_n[slot] = bank.force_n[source]
     bank.cost[slot] = bank.cost[source]
-    bank.alive[slot] = 1
-    bank.age_s[slot] = 0.0
-    bank.directions[slot] = 0
+    bank.alive[slot], bank.age_s[slot], bank.directions[slot] = 1, 0.0, 0
 
 
 @compiled

@@ -50,6 +50,7 @@ def axis_model(machine: Machine) -> AxisModel:
         asymmetry_nm_s=commissioned.viscous_asymmetry_nm_s_per_rad,
         compliance_m_per_n=compliance,
         compliance_slope_per_n=t.stretch_slope_s2_per_m / mass_kg if t else 0.0,
+        compliance_bow_per_n_m=t.stretch_bow_s2_per_m2 / mass_kg if t else 0.0,
         reference_m=t.reference_m if t else 0.0,
         stribeck_nm=commissioned.stribeck_excess_nm,
         stribeck_speed_rad_s=commissioned.stribeck_speed_rad_s,

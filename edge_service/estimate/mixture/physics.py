@@ -138,6 +138,7 @@ def expected_stretch(
     y -= model.hanging_deflection
     nut_m = 3.0 * model.fresh_preload_n
     series = model.compliance_m_per_n + model.compliance_slope_per_n * away
+    series += model.compliance_bow_per_n_m * away * away
     rest = max(series - x[state.NUT_COMPLIANCE], 1e-12)
     compliance = rest + x[state.LOOSENESS] + x[state.COUPLING]
     compliance += nut_m * x[state.NUT_COMPLIANCE] * by_force

@@ -78,6 +78,7 @@ class AxisModel(NamedTuple):
     asymmetry_nm_s: float
     compliance_m_per_n: float  # at the reference position, fresh
     compliance_slope_per_n: float
+    compliance_bow_per_n_m: float
     reference_m: float
     stribeck_nm: float
     stribeck_speed_rad_s: float
@@ -207,18 +208,11 @@ class Bank(NamedTuple):
 
 def empty_bank(size: int) -> Bank:
     """Bank of states (size,) in which no hypothesis lives."""
-    return Bank(
-        np.zeros((HYPOTHESES, size)),
-        np.zeros((HYPOTHESES, size, size)),
-        np.full(HYPOTHESES, -np.inf),
-        np.zeros(HYPOTHESES, dtype=np.int64),
-        np.zeros(HYPOTHESES),
-        np.zeros(HYPOTHESES, dtype=np.int64),
-        np.zeros(HYPOTHESES),
-        np.zeros(HYPOTHESES),
-        np.zeros(HYPOTHESES),
-        np.zeros(MOMENTS),
-    )
+    mean, covariance = np.zeros((HYPOTHESES, size)), np.zeros((HYPOTHESES, size, size))
+    alive, directions = np.zeros((2, HYPOTHESES), dtype=np.int64)
+    age_s, force, force_n, cost = np.zeros((4, HYPOTHESES))
+    weight, moments = np.full(HYPOTHESES, -np.inf), np.zeros(MOMENTS)
+    return Bank(mean, covariance, weight, alive, age_s, directions, force, force_n, cost, moments)
 
 
 _LAYOUT = {

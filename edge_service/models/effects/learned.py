@@ -96,7 +96,9 @@ def _compliance(machine: Machine, learned: TransmissionConfig) -> Iterator[Contr
     """Spring under the table's inertia and dry friction, and, by other shares, its viscous one."""
     mass_kg, viscous = table_mass(machine), machine.model.viscous_nm_s_per_rad.value
     slope = learned.stretch_slope_s2_per_m / mass_kg
-    level = learned.stretch_per_acceleration_s2 / mass_kg - slope * learned.reference_m
+    mean_bow_s2 = learned.stretch_bow_s2_per_m2 * (machine.axis.stroke_m or 0.0) ** 2 / 12.0
+    level = (learned.stretch_per_acceleration_s2 + mean_bow_s2) / mass_kg
+    level -= slope * learned.reference_m
     yield Change(Constant.COMPLIANCE, level)
     yield Change(Constant.COMPLIANCE_SLOPE, slope)
     if viscous > 0.0:

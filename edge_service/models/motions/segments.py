@@ -83,9 +83,8 @@ class Move:
         duration = self.duration_s
         since_start = np.clip(time_s, 0.0, duration)
         late = since_start > 0.5 * duration
-        travel, speed, acceleration = self._first_half(
-            np.where(late, duration - since_start, since_start)
-        )
+        mirrored_s = np.where(late, duration - since_start, since_start)
+        travel, speed, acceleration = self._first_half(mirrored_s)
         travel = np.where(late, abs(self.distance_m) - travel, travel)
         acceleration = np.where(late, -acceleration, acceleration)
         sign = math.copysign(1.0, self.distance_m)
@@ -96,12 +95,8 @@ class Move:
         jerk_s, hold_s, _cruise_s = self.phases_s
         travel, speed, acceleration = (np.zeros_like(time_s) for _ in range(3))
         start, x, v, a = 0.0, 0.0, 0.0, 0.0
-        for jerk, length in (
-            (self.jerk_m_s3, jerk_s),
-            (0.0, hold_s),
-            (-self.jerk_m_s3, jerk_s),
-            (0.0, math.inf),
-        ):
+        up = self.jerk_m_s3
+        for jerk, length in ((up, jerk_s), (0.0, hold_s), (-up, jerk_s), (0.0, math.inf)):
             inside = time_s >= start
             t = time_s[inside] - start
             travel[inside] = x + t * (v + t * (a / 2.0 + t * jerk / 6.0))

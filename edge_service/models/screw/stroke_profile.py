@@ -1,6 +1,6 @@
 """Preload and series stiffness along the stroke of a commissioned axis."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,7 +98,7 @@ def stroke_profile(machine: Machine, places: int = PLACES) -> StrokeProfile | No
     return StrokeProfile(position_m, fresh, share, *series)
 
 
-def preload_share(harmonics: tuple[tuple[float, float], ...], place: Floats) -> Floats:
+def preload_share(harmonics: Iterable[Sequence[float]] | Floats, place: Floats) -> Floats:
     """Preload over its mean: 1 plus the harmonics of the stroke; `place` is from 0 to 1."""
     share = np.ones_like(place)
     for order, (cosine, sine) in enumerate(harmonics, start=1):
@@ -114,8 +114,9 @@ def _series(
     mass = machine.model.table_mass_kg
     if known is None or mass is None:
         return np.full_like(position_m, np.nan), 0.0, 0.0, 0.0
-    at_reference = known.stretch_per_acceleration_s2
-    stretch = at_reference + known.stretch_slope_s2_per_m * (position_m - known.reference_m)
+    at_reference, away_m = known.stretch_per_acceleration_s2, position_m - known.reference_m
+    stretch = at_reference + known.stretch_slope_s2_per_m * away_m
+    stretch += known.stretch_bow_s2_per_m2 * away_m**2
     compliance = np.maximum(stretch, 0.1 * at_reference) / mass.value
     tolerance = float(np.hypot(known.stretch_sigma_s2 / at_reference, mass.tolerance))
     nut = at_reference / mass.value

@@ -37,6 +37,7 @@ class OwnAxis:
     seed: int = 0
     effects: tuple[str, ...] = ()  # of the true axis beside `FRICTION`
     one_encoder: bool = False  # whether the table has none
+    arrangement: str = "fixed-free"
 
     @property
     def fresh_percent(self) -> float:
@@ -62,7 +63,7 @@ class OwnAxis:
         """
         limits = motion_limits(_default())
         active = [parse_effect(text) for text in (*FRICTION, *self.effects, *effects)]
-        settings = FeedDriveSettings.of_machine(true_machine(self.seed), RATE_HZ, active)
+        settings = FeedDriveSettings.of_machine(true_machine(self), RATE_HZ, active)
         drive = FeedDrive(settings, limits.low_m, float(percent[0]), seed)
         segments = MOTIONS[motion](limits, np.random.default_rng((seed, 1)))
         setpoints = Setpoints(_paused(segments, pauses), limits.low_m, RATE_HZ)
@@ -140,11 +141,11 @@ def _nut_stiffness(machine: Machine) -> float:
 
 
 @cache
-def true_machine(seed: int) -> Machine:
-    machine, random = _default(), np.random.default_rng((seed, 3))
+def true_machine(axis: OwnAxis) -> Machine:
+    machine, random = _default(), np.random.default_rng((axis.seed, 3))
 
     def drawn(value: float, share: float) -> Quantity:
-        off = float(np.clip(random.standard_normal(), -2.0, 2.0)) if seed else 0.0
+        off = float(np.clip(random.standard_normal(), -2.0, 2.0)) if axis.seed else 0.0
         return Quantity(value=value * (1.0 + share * off))
 
     model = machine.model
@@ -159,7 +160,8 @@ def true_machine(seed: int) -> Machine:
         "table_mass_kg": drawn(20.0, 0.005),
         "nut_stiffness_n_per_m": drawn(_nut_stiffness(machine), 0.05),
     }
-    return machine.model_copy(update={"model": model.model_copy(update=truth)})
+    held = machine.axis.model_copy(update={"bearing_arrangement": axis.arrangement})
+    return machine.model_copy(update={"axis": held, "model": model.model_copy(update=truth)})
 
 
 @cache

@@ -10,7 +10,7 @@ from edge_service.estimate.commissioning.identification import commissioned
 from edge_service.estimate.commissioning.phases import CommissioningError
 from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
-from edge_service.models.machine import Machine, Quantity
+from edge_service.models.machine import Quantity
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance
 
@@ -29,11 +29,6 @@ def recordings() -> tuple[list[FeatureBlock], list[FeatureBlock]]:
         downsampled(AXIS.frames("production", percent[:60_000], 11), NOMINAL),
         downsampled(AXIS.frames("friction", percent, 12), NOMINAL),
     )
-
-
-@cache
-def learned() -> Machine:
-    return commissioned(recordings(), NOMINAL)
 
 
 def rigid(
@@ -104,7 +99,7 @@ def test_friction_that_all_moves_have_alike_is_no_change_of_the_inertia() -> Non
 @pytest.mark.smoke
 def test_the_plant_is_recovered() -> None:
     """With Stribeck friction and cogging, which the balance has only in part: to half a percent."""
-    truth, machine = true_machine(AXIS.seed), learned()
+    truth, machine = true_machine(AXIS), AXIS.commissioned()
     taught, model = machine.commissioned, machine.model
     assert taught is not None
     assert model.inertia_kg_m2.value == pytest.approx(truth.model.inertia_kg_m2.value, rel=5e-3)
@@ -117,15 +112,17 @@ def test_the_plant_is_recovered() -> None:
     assert model.guide_force_n.value == pytest.approx(truth.model.guide_force_n.value, rel=0.02)
 
 
-def test_the_series_stiffness_is_recovered_along_the_stroke() -> None:
-    taught, truth = learned().commissioned, true_machine(AXIS.seed)
+@pytest.mark.parametrize("axis", [AXIS, OwnAxis(2, arrangement="fixed-fixed")])
+def test_the_series_stiffness_is_recovered_along_the_stroke(axis: OwnAxis) -> None:
+    taught, truth = axis.commissioned().commissioned, true_machine(axis)
     assert taught is not None and taught.transmission is not None
     transmission, plant, table = taught.transmission, plant_of(truth), truth.model.table_mass_kg
     assert table is not None
     here = transmission.reference_m
-    for away in (-0.2, 0.0, 0.2):
+    for away in (-0.3, 0.0, 0.3):
         stretch_s2 = transmission.stretch_per_acceleration_s2
         stretch_s2 += away * transmission.stretch_slope_s2_per_m
+        stretch_s2 += away**2 * transmission.stretch_bow_s2_per_m2
         compliance = axial_compliance(plant, here + away, AXIS.fresh_percent)
         assert stretch_s2 == pytest.approx(table.value * compliance, rel=5e-3)
     guide_n = truth.model.guide_force_n.value
@@ -134,7 +131,7 @@ def test_the_series_stiffness_is_recovered_along_the_stroke() -> None:
 
 def test_the_order_of_recordings_means_nothing() -> None:
     numbers = []
-    for machine in (learned(), commissioned(recordings()[::-1], NOMINAL)):
+    for machine in (AXIS.commissioned(), commissioned(recordings()[::-1], NOMINAL)):
         taught = machine.commissioned
         assert taught is not None and taught.transmission is not None
         stretch_s2 = taught.transmission.stretch_per_acceleration_s2

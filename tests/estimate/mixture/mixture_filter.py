@@ -30,7 +30,7 @@ def motion_of(
 ) -> tuple[Floats, Floats]:
     """F and Q between two phases of a steady preload, from the state before and its covariance.
 
-    Without one the state is exact. What returns to zero with a time constant has F = exp(-t / T) and Q = sigma^2 (1 - F^2).
+    Without one the state is exact. What returns to zero has F = exp(-t / T), Q = sigma^2 (1 - F^2).
     """
     size = len(x)
     f, q = np.eye(size), np.zeros((size, size))
