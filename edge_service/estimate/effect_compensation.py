@@ -134,9 +134,8 @@ def _motion(baseline: Baseline, phase: Phase, direction: float, time_s: float) -
     t = np.linspace(-half_s, half_s, _POINTS)
     mean_square = half_s**2 * (_POINTS + 1) / (3.0 * (_POINTS - 1))
     turned = phase.speed_rad_s * t + 0.5 * phase.acceleration_rad_s2 * (t**2 - mean_square)
-    turned = np.concatenate(
-        [turned[:1] - direction * _APPROACH_M / baseline.ratio_m_per_rad, turned]
-    )
+    approach_rad = direction * _APPROACH_M / baseline.ratio_m_per_rad
+    turned = np.concatenate([turned[:1] - approach_rad, turned])
     speed = phase.speed_rad_s + phase.acceleration_rad_s2 * np.concatenate([t[:1], t])
     speed = direction * np.maximum(direction * speed, 1e-9)
     known = np.isfinite(phase.table_m)

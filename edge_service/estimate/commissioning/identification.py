@@ -64,10 +64,9 @@ def commissioned(
     guide_n = min(reversal_n, other_nm / ratio)
     by_mass = 0.0 if transmission is None else mass[1] / mass[0]
     guide_sigma = max(torque.coulomb_sigma / ratio, max(by_mass, 0.02) * guide_n)
+    inertia_sigma = math.hypot(torque.inertia_sigma, doubt_kg_m2)
     model: dict[str, Quantity | None] = {
-        "inertia_kg_m2": _measured(
-            torque.inertia_kg_m2, math.hypot(torque.inertia_sigma, doubt_kg_m2)
-        ),
+        "inertia_kg_m2": _measured(torque.inertia_kg_m2, inertia_sigma),
         "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
         "guide_force_n": _measured(guide_n, guide_sigma),
         "bearing_drag_nm": _measured(max(other_nm - ratio * guide_n, 0.0), torque.coulomb_sigma),

@@ -121,9 +121,8 @@ class MixturePreloadEstimator:
         reading = self._reading(interval, phase)
         if not plausible(reading):
             return math.nan
-        last_s, elapsed_s = self._last.last_s, interval.duration_s
-        if last_s is not None:
-            elapsed_s = interval.time_s - last_s
+        last_s = self._last.last_s
+        elapsed_s = interval.duration_s if last_s is None else interval.time_s - last_s
         if elapsed_s > SESSION_S:
             continue_after_stop(self._bank, self._start, elapsed_s)
             elapsed_s = interval.duration_s
@@ -284,6 +283,5 @@ def plausible(reading: Reading) -> bool:
     """An axis can move as a phase says."""
     motion = (reading.torque_nm, reading.acceleration_rad_s2, reading.speed_rad_s)
     is_far = abs(reading.table_m) > FURTHEST_M  # NaN, without a linear encoder, is not
-    return not is_far and all(
-        abs(value) <= most for value, most in zip(motion, WILDEST, strict=True)
-    )
+    within = all(abs(value) <= most for value, most in zip(motion, WILDEST, strict=True))
+    return within and not is_far

@@ -254,11 +254,9 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
             bank.covariance[slot, state.PRELOAD, state.PRELOAD] = sigma**2
             if load:
                 _renew(bank, slot, state.TORQUE_SCALE, 0.0, 0.0)
-            bank.log_weight[slot] = math.log(load_share * level_share)
-            bank.alive[slot] = 1
-    copy_to(
-        bank, state.WEARING, state.STEADY, bank.log_weight[state.STEADY] + math.log(settings.hazard)
-    )
+            bank.log_weight[slot], bank.alive[slot] = math.log(load_share * level_share), 1
+    wearing = bank.log_weight[state.STEADY] + math.log(settings.hazard)
+    copy_to(bank, state.WEARING, state.STEADY, wearing)
     if settings.used > 0.0:
         copy_to(bank, state.BEFORE, state.STEADY, math.log(settings.used))
         bank.covariance[state.BEFORE, state.PRELOAD, state.PRELOAD] = settings.used_sigma**2

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.constants import g as gravity_m_s2
 
 from ...messages.samples import Floats
 from ...models.machine import Machine
@@ -15,6 +16,10 @@ FRICTIONS = tuple(range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1))
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 SHORT_PHASE_S = 0.1
+HANGS = 0.1
+"""Share of the table's weight from which on a standing force is gravity."""
+UPRIGHT, UPRIGHT_SIGMA = 0.8, 0.5
+"""Share of another load's weight that acts along such an axis, an assumption with its spread."""
 
 
 def axis_model(machine: Machine) -> AxisModel:
@@ -80,12 +85,11 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     """State and covariance before the first phase."""
     commissioned = machine.commissioned
     assert commissioned is not None
-    t = commissioned.transmission
+    t, drifts = commissioned.transmission, settings.together > 0.0
     size = state.STRETCH_STATES if t else state.TORQUE_STATES
     mean, sigma = np.zeros(size), np.zeros(size)
     mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.used_sigma
     mean[state.TORQUE_OFFSET] = commissioned.torque_offset_nm
-    drifts = settings.together > 0.0
     sigma[state.WEAR_RATE] = settings.wear_rate
     sigma[state.TORQUE_OFFSET] = 0.03 * commissioned.coulomb_nm * drifts
     mean[state.TORQUE_SCALE] = sigma[state.TORQUE_SCALE] = settings.torque_scale * drifts
@@ -112,20 +116,24 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     covariance = np.diag(sigma**2)
     spread = settings.start_share**2
     covariance += spread * _frictions(size, settings.together, settings.apart)
-    load = np.zeros((size, size))
-    load[state.PAYLOAD, state.PAYLOAD] = (settings.load * model.table_mass_kg) ** 2
-    load[state.GUIDE_FRICTION, state.GUIDE_FRICTION] = 0.1**2
-    load[state.TORQUE_OFFSET, state.TORQUE_OFFSET] = (0.1 * commissioned.coulomb_nm) ** 2
-    return Start(mean, covariance, load)
+    load, hung = np.zeros((2, size))
+    load[state.GUIDE_FRICTION], load[state.TORQUE_OFFSET] = 0.1, 0.1 * commissioned.coulomb_nm
+    weight_n = gravity_m_s2 * model.table_mass_kg
+    if t and abs(model.hanging_n) > HANGS * weight_n:
+        hung_n = math.copysign(settings.load * weight_n, model.hanging_n)
+        hung[state.TORQUE_OFFSET] = model.ratio_m_per_rad * hung_n
+        hung[state.ENCODER_OFFSET] = model.compliance_m_per_n * hung_n
+    along = UPRIGHT * hung
+    along[state.PAYLOAD] = settings.load * model.table_mass_kg
+    apart = np.diag(load**2) + UPRIGHT_SIGMA**2 * np.outer(hung, hung)
+    return Start(mean, covariance, apart + np.outer(along, along))
 
 
 def _frictions(size: int, together: float, apart: float) -> Floats:
     """Covariance (n, n) of the frictions that move alike and apart."""
     covariance = np.zeros((size, size))
     block = slice(FRICTIONS[0], FRICTIONS[-1] + 1)
-    covariance[block, block] = together**2
-    for i in FRICTIONS:
-        covariance[i, i] += apart**2
+    covariance[block, block] = together**2 + apart**2 * np.eye(len(FRICTIONS))
     return covariance
 
 
@@ -163,8 +171,7 @@ def process_of(
 def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
     """Variance per second that each element of the state gains, (n,)."""
     walk = np.zeros(size)
-    for i in FRICTIONS:
-        walk[i] = 2.0 * settings.apart**2 / settings.friction_s
+    walk[list(FRICTIONS)] = 2.0 * settings.apart**2 / settings.friction_s
     if settings.together > 0.0:
         walk[state.TORQUE_SCALE] = settings.torque_scale**2 / settings.motor_s
         walk[state.TORQUE_OFFSET] = (5e-4 * coulomb_nm) ** 2

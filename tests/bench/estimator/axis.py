@@ -38,6 +38,7 @@ class OwnAxis:
     effects: tuple[str, ...] = ()  # of the true axis beside `FRICTION`
     one_encoder: bool = False  # whether the table has none
     arrangement: str = "fixed-free"
+    hanging_n: float = 0.0  # weight less counterweight, along x
 
     @property
     def fresh_percent(self) -> float:
@@ -68,6 +69,8 @@ class OwnAxis:
         segments = MOTIONS[motion](limits, np.random.default_rng((seed, 1)))
         setpoints = Setpoints(_paused(segments, pauses), limits.low_m, RATE_HZ)
         hidden = (*HIDDEN, *TABLE) if self.one_encoder else HIDDEN
+        force_n = loads.get(samples.EXTERNAL_FORCE, np.zeros(len(percent)))
+        loads = {**loads, samples.EXTERNAL_FORCE: force_n + self.hanging_n}
         factor = np.broadcast_to(lubricant, percent.shape)
         for first in range(0, len(percent), FRAME_ROWS):
             rows = slice(first, first + FRAME_ROWS)
@@ -165,10 +168,15 @@ def true_machine(axis: OwnAxis) -> Machine:
 
 
 @cache
-def _commissioned(axis: OwnAxis) -> Machine:
-    nominal = axis.nominal()
-    recordings = []
+def healthy(axis: OwnAxis) -> list[list[FeatureBlock]]:
+    """Production and a friction test of the healthy, cold axis."""
+    recordings, nominal = [], axis.nominal()
     for number, (motion, duration_s) in enumerate((("production", 60.0), ("friction", 132.0))):
         percent = np.full(round(duration_s * RATE_HZ), axis.fresh_percent)
         recordings.append(downsampled(axis.frames(motion, percent, 11 + number), nominal))
-    return commissioned(recordings, nominal)
+    return recordings
+
+
+@cache
+def _commissioned(axis: OwnAxis) -> Machine:
+    return commissioned(healthy(axis), axis.nominal())

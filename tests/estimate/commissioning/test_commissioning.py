@@ -1,7 +1,5 @@
 """Commissioning recovers what the plant is made of, and refuses what cannot tell it."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -14,21 +12,11 @@ from edge_service.models.machine import Quantity
 from edge_service.models.plant.from_machine import plant_of
 from edge_service.models.plant.two_mass import axial_compliance
 
-from ...bench.estimator.axis import OwnAxis, downsampled, true_machine
+from ...bench.estimator.axis import OwnAxis, downsampled, healthy, true_machine
 
 AXIS = OwnAxis(1)
 NOMINAL = AXIS.nominal()
 INERTIA, VISCOUS, COULOMB = 1.5e-3, 5e-3, 0.35
-
-
-@cache
-def recordings() -> tuple[list[FeatureBlock], list[FeatureBlock]]:
-    """Production and a friction test of the healthy, cold axis."""
-    percent = np.full(132_000, AXIS.fresh_percent)
-    return (
-        downsampled(AXIS.frames("production", percent[:60_000], 11), NOMINAL),
-        downsampled(AXIS.frames("friction", percent, 12), NOMINAL),
-    )
 
 
 def rigid(
@@ -131,7 +119,7 @@ def test_the_series_stiffness_is_recovered_along_the_stroke(axis: OwnAxis) -> No
 
 def test_the_order_of_recordings_means_nothing() -> None:
     numbers = []
-    for machine in (AXIS.commissioned(), commissioned(recordings()[::-1], NOMINAL)):
+    for machine in (AXIS.commissioned(), commissioned(healthy(AXIS)[::-1], NOMINAL)):
         taught = machine.commissioned
         assert taught is not None and taught.transmission is not None
         stretch_s2 = taught.transmission.stretch_per_acceleration_s2

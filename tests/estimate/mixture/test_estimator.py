@@ -23,10 +23,7 @@ from .production import AXIS, machine, production, run
 
 
 def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
-    two, one = (
-        MixturePreloadEstimator(machine()),
-        MixturePreloadEstimator(machine(one_encoder=True)),
-    )
+    two, one = (MixturePreloadEstimator(machine(one_encoder=each)) for each in (False, True))
     run(production("healthy")[:100], two)
     run(production("healthy", one_encoder=True)[:100], one)
     before = one.snapshot()
@@ -38,12 +35,8 @@ def test_a_snapshot_of_another_axis_is_refused_and_changes_nothing() -> None:
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda document: document["bank"]["arrays"].update(
-            mean=document["bank"]["arrays"]["force"]
-        ),
-        lambda document: document["bank"]["arrays"].update(
-            covariance=not_finite(document, "covariance")
-        ),
+        lambda d: d["bank"]["arrays"].update(mean=d["bank"]["arrays"]["force"]),
+        lambda d: d["bank"]["arrays"].update(covariance=not_finite(d, "covariance")),
         lambda document: document["bank"]["layout"].update(PRELOAD=1),
         lambda document: document.update(schema="mixture-preload/3"),
         lambda document: document.pop("bank"),

@@ -9,7 +9,7 @@ from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.offline.reproduce.simulation import ThesisCase, run_case
 
-from ...bench.estimator.axis import downsampled
+from ...bench.estimator.axis import OwnAxis, downsampled
 from ...bench.estimator.plants.thesis import thesis_blocks, thesis_estimator, thesis_machine
 from .mixture_axis import COMPLIANCE
 from .production import AXIS, FRESH, held, machine, misled, numbers, production, run
@@ -82,6 +82,15 @@ def test_a_load_and_a_lubricant_that_change_in_motion_are_no_loss() -> None:
     assert misled(answers, FRESH) == 0.0
     late = answers[answers[:, 0] > 60.0]
     assert held(late, FRESH) > 0.94
+
+
+def test_another_load_on_an_axis_under_gravity_is_no_lasting_force() -> None:
+    axis, load_kg = OwnAxis(1, hanging_n=-196.0), np.where(np.arange(45_000) < 25_000, 0.0, 8.0)
+    loads = {"external_force_n": -9.81 * load_kg, "added_mass_kg": load_kg}
+    moved = axis.produced(np.full(45_000, FRESH), 5, (), 1.0, [(23.0, 4.0)], **loads)
+    answers = numbers(run(moved.blocks, MixturePreloadEstimator(axis.commissioned()))[-100:])
+    assert len(answers) > 90
+    assert held(answers, FRESH) == 1.0
 
 
 def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
