@@ -228,6 +228,10 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         x[state.LOOSENESS] += process.loosened_m_per_n[slot]
         x[state.COUPLING] += process.loosened_m_per_n[slot]
     p += process.jumps[slot]
+    if slot == state.LUBRICATION:  # or all friction is as commissioned again
+        for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+            for j in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
+                p[i, j] += x[i] * x[j]
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
