@@ -211,6 +211,10 @@ def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Boolean
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""
 PIECE_S = 60.0
+_DIGITS, _COPIED = 6, 0.1
+"""Decimals of rad, N m, mm; of its rows in motion, a recording with more in another is a copy."""
+_SEAM_S = 2.0
+"""A recording that ends so long, and its own rests, before the next on one clock goes on in it."""
 PAUSE_S = 1.0
 """Between recordings whose own clocks do not tell how far apart they were made."""
 
@@ -219,9 +223,9 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
     """Runs in the order of one clock, whatever the order of the recordings.
 
     Recordings whose clocks overlap (each may begin at 0) follow one another, the coldest first:
-    an axis warms up in a session.
+    an axis warms up in a session. A copy of another is left out; a part joins the one before it.
     """
-    recordings = sorted(by_recording(thinned(runs)).values(), key=_span_s)
+    recordings = _counted_once(thinned(runs))
     spans = itertools.pairwise(map(_span_s, recordings))
     if all(before[1] < after[0] for before, after in spans):
         return [run for each in recordings for run in each]
@@ -232,6 +236,27 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
             motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
             placed.append(replace(run, motion=motion))
     return placed
+
+
+def _counted_once(runs: Iterable[Run]) -> list[list[Run]]:
+    found, known = list[list[Run]](), np.empty(0, np.complex128)
+    for each in sorted(by_recording(runs).values(), key=_span_s):
+        both = []
+        for run in each:
+            torque_nm, stretch_m = np.nan_to_num(run.motion.torque_nm), run.transmission_m
+            other = torque_nm if stretch_m is None else torque_nm + 1e3 * stretch_m
+            both.append((run.motion.angle_rad + 1j * other)[run.moving])
+        rows = np.round(np.concatenate(both), _DIGITS)
+        if np.isin(rows, known).sum() > _COPIED * len(rows):
+            continue
+        known, before = np.append(known, rows), found[-1] if found else each
+        rests_s = [_span_s([b])[0] - _span_s([a])[1] for a, b in itertools.pairwise(before)]
+        apart_s = _span_s(each)[0] - _span_s(before)[1]
+        if 0.0 < apart_s < max(rests_s, default=0.0) + _SEAM_S:
+            before += [replace(run, recording=before[0].recording) for run in each]
+        else:
+            found.append(each)
+    return found
 
 
 def thinned(runs: Iterable[Run]) -> list[Run]:
@@ -260,14 +285,8 @@ def _span_s(runs: Sequence[Run]) -> tuple[float, float]:
 def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
     """Temperature, then whatever else distinguishes recordings without regard to their order."""
     warmth = [float(run.temperature_c.mean()) for run in runs if run.temperature_c is not None]
-    motion = runs[0].motion
-    return (
-        min(warmth, default=0.0),
-        float(motion.time_s[0]),
-        float(sum(run.duration_s for run in runs)),
-        float(motion.angle_rad[0]),
-        float(np.square(motion.angle_rad).mean()),
-    )
+    angle_rad = runs[0].motion.angle_rad
+    return min(warmth, default=0.0), *_span_s(runs), float(angle_rad[0]), float(angle_rad.mean())
 
 
 def _pieces(run: Run) -> Iterator[Run]:

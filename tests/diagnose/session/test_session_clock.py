@@ -103,3 +103,15 @@ def test_friction_that_falls_with_the_temperature_is_foretold_at_another_one(
     later = trace(tmp_path, 9, LATER_C)
     learned = torque_gap(tmp_path / "out" / "augmented.toml", later, capsys)
     assert learned < 0.3 * torque_gap(machine_file, later, capsys)
+
+
+def test_a_part_that_goes_on_from_another_joins_it_and_a_copy_is_left_out(machine: Machine) -> None:
+    whole, other = frame(0.0, 60.0, 21.0), frame(500.0, 60.0, 22.0)
+    first, last = (
+        SampleFrame(whole.time_s[rows], {n: v[rows] for n, v in whole.channels.items()})
+        for rows in (slice(0, 9000), slice(9000, None))
+    )
+    for files, counted in (([whole] * 3, {0}), ([first, last], {0}), ([whole, other], {0, 1})):
+        runs = runs_of(files, rigid_baseline(machine))
+        assert {run.recording for run in runs} == counted
+        assert sum(run.duration_s for run in runs) == pytest.approx(60.0 * len(counted), abs=0.5)
