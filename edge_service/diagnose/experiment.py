@@ -29,8 +29,6 @@ _FLOOR_OF_NOISE = 2.0
 _PRELOAD_PERCENT = 7.0
 _NOTHING = 1e-9
 _LEAST_RUN_S, _SETTLE_S = 0.3, 0.4
-_LONGEST_HEALTHY_S = 300.0
-"""Of all runs of a healthy session, about; moving ones first, evenly spread."""
 ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 """Durations at which motions without end are tried."""
 
@@ -67,9 +65,7 @@ def rehearsed(
 def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
     """Simulate a healthy axis along the motion of recordings, of which it has the channels."""
     baseline, made = rigid_baseline(machine), list[Run]()
-    simulated_s = sum(min(run.duration_s, LONGEST_S) for run in runs)
-    every = max(math.ceil(simulated_s / _LONGEST_HEALTHY_S), 1)
-    for run in sorted(runs, key=lambda each: not each.moving.any())[::every]:
+    for run in runs:
         position = run.setpoint_m
         if position is None:
             position = machine.transmission_ratio_m_per_rad * run.motion.angle_rad
@@ -226,7 +222,5 @@ def propose(
         found.append(Proposal(motion, duration_s, given_s, least, tuple(pairs)))
         if found[-1].decides:
             break
-
-    # by the pair that is told apart least, then by all of them
     found.sort(key=lambda each: -sum(pair.evidence for pair in each.separations))
     return sorted(found, key=lambda each: (not each.decides, -round(each.evidence)))

@@ -107,7 +107,7 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
     Args:
         known: regressors of a set that was best under another noise.
     """
-    return Posterior.of_scored(problem, _simplest_first(problem, known))
+    return Posterior.of_scored(problem, _ranked(problem, known))
 
 
 def _beside_force(posterior: Posterior) -> Posterior:
@@ -139,9 +139,7 @@ def _beside_force(posterior: Posterior) -> Posterior:
     )
 
 
-def _simplest_first(
-    problem: SelectionProblem, known: Sequence[int]
-) -> list[tuple[EffectSet, float]]:
+def _ranked(problem: SelectionProblem, known: Sequence[int]) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as

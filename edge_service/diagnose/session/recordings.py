@@ -60,10 +60,7 @@ def runs_of(
     baseline: Baseline,
     least_s: float = LEAST_RUN_S,
 ) -> list[Run]:
-    """Unbroken runs of recordings of one axis, filtered, in bounded memory.
-
-    Args:
-        least_s: shorter runs are left out.
+    """Unbroken runs of recordings of one axis, filtered, in bounded memory; none below `least_s`.
 
     Raises ValueError: no position, or no clock.
     """
@@ -211,10 +208,9 @@ def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Boolean
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""
 PIECE_S = 60.0
-_DIGITS, _COPIED = 6, 0.1
-"""Decimals of rad, N m, mm; of its rows in motion, a recording with more in another is a copy."""
-_SEAM_S = 2.0
-"""A recording that ends so long, and its own rests, before the next on one clock goes on in it."""
+_DIGITS, _COPIED, _SEAM_S = 6, 0.1, 10.0
+"""Decimals of rad, N m, mm; of its rows in motion, a copy has more in another recording; and one
+that ends so long before the next, on one clock, goes on in it."""
 PAUSE_S = 1.0
 """Between recordings whose own clocks do not tell how far apart they were made."""
 
@@ -241,22 +237,22 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
 def _counted_once(runs: Iterable[Run]) -> list[list[Run]]:
     found, known = list[list[Run]](), np.empty(0, np.complex128)
     for each in sorted(by_recording(runs).values(), key=_span_s):
-        both = []
-        for run in each:
-            torque_nm, stretch_m = np.nan_to_num(run.motion.torque_nm), run.transmission_m
-            other = torque_nm if stretch_m is None else torque_nm + 1e3 * stretch_m
-            both.append((run.motion.angle_rad + 1j * other)[run.moving])
-        rows = np.round(np.concatenate(both), _DIGITS)
+        rows = np.round(np.concatenate([_moved(run) for run in each]), _DIGITS)
         if np.isin(rows, known).sum() > _COPIED * len(rows):
             continue
         known, before = np.append(known, rows), found[-1] if found else each
-        rests_s = [_span_s([b])[0] - _span_s([a])[1] for a, b in itertools.pairwise(before)]
-        apart_s = _span_s(each)[0] - _span_s(before)[1]
-        if 0.0 < apart_s < max(rests_s, default=0.0) + _SEAM_S:
+        if 0.0 < _span_s(each)[0] - _span_s(before)[1] < _SEAM_S:
             before += [replace(run, recording=before[0].recording) for run in each]
         else:
             found.append(each)
     return found
+
+
+def _moved(run: Run) -> Any:
+    """Angle, and torque with stretch, of the samples in motion as complex numbers, (k,)."""
+    stretch_mm = 0.0 if run.transmission_m is None else 1e3 * run.transmission_m
+    both = np.nan_to_num(run.motion.torque_nm) + stretch_mm
+    return (run.motion.angle_rad + 1j * both)[run.moving]
 
 
 def thinned(runs: Iterable[Run]) -> list[Run]:
@@ -300,10 +296,8 @@ def _pieces(run: Run) -> Iterator[Run]:
 
 
 def _cut(run: Run, span: slice) -> Run:
-    given = [each.name for each in fields(Motion) if each.init]
-    motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
-    series = {each.name: getattr(run, each.name) for each in fields(Run)}
-    parts: dict[str, Any] = {
-        name: x[span].copy() for name, x in series.items() if isinstance(x, np.ndarray)
-    }
-    return replace(run, motion=motion, **parts)
+    def parts(of: Run | Motion) -> dict[str, Any]:
+        series = {each.name: getattr(of, each.name) for each in fields(of) if each.init}
+        return {n: x[span].copy() for n, x in series.items() if isinstance(x, np.ndarray)}
+
+    return replace(run, motion=replace(run.motion, **parts(run.motion)), **parts(run))

@@ -5,7 +5,7 @@ What `doctor` and the live estimator see in the same recordings are its witnesse
 
 import json
 import tomllib
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -55,7 +55,7 @@ from ..report.diagnosis_page import located, render, summary
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
-MERGED = "{}: copies or parts of other recordings, or too short, and so none by themselves"
+COPIES = "{}: copies or parts of other references, or too short, and so none by themselves"
 _TRUST = 0.5
 """Of the probability of an effect, where one that it resembles is seen and not among the causes."""
 
@@ -102,6 +102,7 @@ def diagnose(
         found = _with_motion(beside_doubts(found, doubted, library), machine)
         found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
         counted = [] if healthy is None else [each.runs[0].recording for each in healthy.sessions]
+        copies = ", ".join(path.name for k, path in enumerate(reference) if k not in counted)
         said = map("doctor: {0.sentence}".format, doubted)
         is_new = mismatches and found.verdict is Verdict.NO_GAP
         verdict = Verdict.UNKNOWN if is_new else found.verdict
@@ -114,7 +115,7 @@ def diagnose(
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learnable(found)),
             "withheld": withheld(found),
-            "remarks": (*_merged(reference, counted), *check.remarks, *unshown, *said),
+            "remarks": (*[COPIES.format(copies)] * bool(copies), *check.remarks, *unshown, *said),
             "reference": tuple(reference[k].name for k in counted),
         }
         found = found.model_copy(update=stated)
@@ -145,15 +146,8 @@ def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> D
     check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
     found = examine_within(machine, traces)
     forbidding = tuple(f"{each.sentence}; {each.remedy}" for each in found if each.forbids)
-    alone = {run.recording for run in runs}
-    remarks = (*_merged(traces, alone), *check.remarks, *remarks_of(found))
+    remarks = (*check.remarks, *remarks_of(found))
     return replace(check, faults=forbidding or check.faults, remarks=remarks)
-
-
-def _merged(traces: Sequence[Path], counted: Collection[int]) -> list[str]:
-    """Remark on recordings that do not count by themselves, if there are any."""
-    names = ", ".join(path.name for k, path in enumerate(traces) if k not in counted)
-    return [MERGED.format(names)] if names else []
 
 
 def _bad_data(machine: Machine, runs: Sequence[Run], check: DataCheck) -> Diagnosis:
