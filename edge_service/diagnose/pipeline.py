@@ -10,7 +10,7 @@ from ..models.machine import Machine
 from ..regression import FALSE_ALARMS, chance_of_misfit
 from .candidates.regressors import UNKNOWN
 from .localisation import where
-from .residual.noise import LEAST_EFFECTIVE, steps_nm
+from .residual.noise import LEAST_EFFECTIVE, MOST_OF_TORQUE, steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
@@ -230,7 +230,7 @@ def caveats_of(
         torque_nm: root mean square of the torque in motion.
     """
     found = []
-    if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > BLIND_SHARE * torque_nm:
+    if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > MOST_OF_TORQUE * torque_nm:
         found.append(
             f"{gap[TORQUE_GAP].floor:.3g} of {torque_nm:.3g} N m of torque cannot be predicted "
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"
