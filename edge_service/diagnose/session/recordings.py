@@ -250,9 +250,9 @@ def _counted_once(runs: Iterable[Run]) -> list[list[Run]]:
 
 def _moved(run: Run) -> Any:
     """Angle, and torque with stretch, of the samples in motion as complex numbers, (k,)."""
-    stretch_mm = 0.0 if run.transmission_m is None else 1e3 * run.transmission_m
-    both = np.nan_to_num(run.motion.torque_nm) + stretch_mm
-    return (run.motion.angle_rad + 1j * both)[run.moving]
+    apart_m = 0.0 if run.transmission_m is None else run.transmission_m
+    torque_nm = np.nan_to_num(run.motion.torque_nm)
+    return (run.motion.angle_rad + 1j * (torque_nm + 1e3 * apart_m))[run.moving]
 
 
 def thinned(runs: Iterable[Run]) -> list[Run]:
