@@ -28,9 +28,7 @@ _OBSERVATIONS = 400.0
 _FLOOR_OF_NOISE = 2.0
 _PRELOAD_PERCENT = 7.0
 _NOTHING = 1e-9
-_LEAST_RUN_S, _SETTLE_S = 0.3, 0.4
-_LONGEST_HEALTHY_S = 300.0
-"""Of all runs of a healthy session, about; moving ones first, evenly spread."""
+_LEAST_RUN_S, _SETTLE_S, _MOST_HEALTHY_S = 0.3, 0.4, 300.0
 ENDLESS_S = (10.0, 20.0, 40.0, 60.0, 150.0, 300.0)
 """Durations at which motions without end are tried."""
 
@@ -65,10 +63,9 @@ def rehearsed(
 
 
 def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
-    """Simulate a healthy axis along the motion of recordings, of which it has the channels."""
-    baseline, made = rigid_baseline(machine), list[Run]()
-    simulated_s = sum(min(run.duration_s, LONGEST_S) for run in runs)
-    every = max(math.ceil(simulated_s / _LONGEST_HEALTHY_S), 1)
+    """Simulate a healthy axis with the channels of runs, of moving ones first, evenly spread."""
+    baseline, made, known = rigid_baseline(machine), list[Run](), learned_effects(machine)
+    every = math.ceil(sum(min(run.duration_s, LONGEST_S) for run in runs) / _MOST_HEALTHY_S)
     for run in sorted(runs, key=lambda each: not each.moving.any())[::every]:
         position = run.setpoint_m
         if position is None:
@@ -78,7 +75,6 @@ def healthy_session(machine: Machine, runs: Sequence[Run]) -> Session:
         setpoints = np.column_stack((position, speed, np.gradient(speed, run.period_s)))
         there = {TORQUE: run.has_torque, TABLE_POSITION: run.transmission_m is not None}
         names = (ANGLE, *(name for name, is_there in there.items() if is_there))
-        known = learned_effects(machine)
         settings = FeedDriveSettings.of_machine(machine, 1.0 / run.period_s, known)
         frame = _driven(settings, setpoints, names, round(_SETTLE_S / run.period_s))
         made += runs_of([frame], baseline, _LEAST_RUN_S)
@@ -226,7 +222,5 @@ def propose(
         found.append(Proposal(motion, duration_s, given_s, least, tuple(pairs)))
         if found[-1].decides:
             break
-
-    # by the pair that is told apart least, then by all of them
     found.sort(key=lambda each: -sum(pair.evidence for pair in each.separations))
     return sorted(found, key=lambda each: (not each.decides, -round(each.evidence)))

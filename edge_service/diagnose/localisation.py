@@ -148,10 +148,8 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
     known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]
     known.sort(key=lambda each: -each.share / (_SIMPLER if each.variable == "direction" else 1.0))
-    parts = (
-        [each for each in known if each.channel == name][:_MOST_VARIABLES] for name in channels
-    )
-    named = [each for part in parts for each in part]
+    best = ([x for x in known if x.channel == name][:_MOST_VARIABLES] for name in channels)
+    named = [each for part in best for each in part]
     return [place for each in known if each in named for place in each.places()]
 
 

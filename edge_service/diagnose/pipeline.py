@@ -32,8 +32,8 @@ from .validation.replay import replay
 BLIND_TRUST = 0.5
 """Of the probability of an effect in a torque that is mostly noise: some entry follows noise; or
 where a vibration has most of the gap, for it may shake the axis itself."""
-BLIND_SHARE = 0.5
-"""Of the torque itself: a floor beyond that hides any fault of the size of the torque."""
+BLIND_SHARE, NOISY_SHARE = 0.5, 0.05
+"""Of the torque: a floor beyond the first hides faults as great; beyond the second it is told."""
 COARSE = "torque: it comes in steps greater than its noise, and rows that keep a value are left out"
 OFF = (
     "{} would have to be {:.0f} tolerances off, those of the machine file or of a healthy drive: "
@@ -230,7 +230,7 @@ def caveats_of(
         torque_nm: root mean square of the torque in motion.
     """
     found = []
-    if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > BLIND_SHARE * torque_nm:
+    if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > NOISY_SHARE * torque_nm:
         found.append(
             f"{gap[TORQUE_GAP].floor:.3g} of {torque_nm:.3g} N m of torque cannot be predicted "
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"

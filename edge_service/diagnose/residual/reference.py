@@ -42,7 +42,7 @@ _LEAST_ALIKE, _ALIKE = 24, 3.0
 """So many rows of the references within so many repeats' width tell what the motion takes."""
 _LEAST_HEALTHY = 3
 """Recordings of the healthy machine: fewer do not tell how they scatter."""
-FEW = f"changes by place are judged beside {_LEAST_HEALTHY} references or more that move alike"
+FEW = f"changes by place are not judged: that takes {_LEAST_HEALTHY} references that move alike"
 _PLACES, _PLACE_ROWS, _LEAST_ROWS = 20, 12, 3
 """Places each way at most; rows that one should have, and must have in each recording."""
 _SHARED = 0.5

@@ -107,7 +107,7 @@ def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Post
     Args:
         known: regressors of a set that was best under another noise.
     """
-    return Posterior.of_scored(problem, _simplest_first(problem.considered(known), problem.noise))
+    return Posterior.of_scored(problem, _ranked(problem, known))
 
 
 def _beside_force(posterior: Posterior) -> Posterior:
@@ -139,15 +139,17 @@ def _beside_force(posterior: Posterior) -> Posterior:
     )
 
 
-def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[EffectSet, float]]:
+def _ranked(problem: SelectionProblem, known: Sequence[int]) -> list[tuple[EffectSet, float]]:
     """Candidates with their scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
-    that one. So is, before the data, a part of the best set that leaves as little: the nuisances
-    can hold what it lacks. And friction of a healthy axis wanders: where heat seems to be a cause,
-    a level that is off, and drifts by less than anybody acts on, may be no more than that.
+    that one, unless others have to stretch for it. So is, before the data, a part of the best set
+    that leaves as little: the nuisances can hold what it lacks. And friction of a healthy axis
+    wanders: where heat seems to be a cause, a level that is off, and drifts by less than anybody
+    acts on, may be no more than that.
     """
-    best, scored = max(sets, key=lambda each: each.fit.score), []
+    sets, noise, scored = problem.considered(known), problem.noise, []
+    best = max(sets, key=lambda each: each.fit.score)
     for each in sets:
         gains = set() < each.material < best.material and _leaves_as_little(each, best, noise)
         scored.append((each, each.fit.score + (math.log(_SIMPLER) if gains else 0.0)))
@@ -159,7 +161,7 @@ def _simplest_first(sets: Sequence[EffectSet], noise: Noise) -> list[tuple[Effec
         each
         for each, _ in scored
         if set() < each.material <= parameters and len(each.material) <= len(best.material)
-        if _leaves_as_little(each, best, noise)
+        if _leaves_as_little(each, best, noise) and not problem.stretched(each.fit)
     ]
     simple.sort(key=lambda each: [PARAMETERS.index(name) for name in sorted(each.material)])
     level = top + math.log(_SIMPLER / max(len(simple), 1))

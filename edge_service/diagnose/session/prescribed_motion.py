@@ -38,7 +38,6 @@ _DAMPING_RATIO = 0.3
 """Of the table on its spring: what is compared ends below that resonance."""
 _PRELOAD_PERCENT = 7.0
 """The nut of a plant whose springs are too stiff to show."""
-_INVERSIONS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,14 +156,13 @@ def _command(
 
 
 def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
-    """Error of the rotary encoder where it reads these angles: r = a + e(a), solved for e."""
-    tables, error = forward.plant.tables, np.zeros_like(reading_rad)
+    """Error of the rotary encoder where it reads these angles, to first order."""
+    tables = forward.plant.tables
     if tables.angle_points == 0:
-        return error
-    errors = np.array([misreading(tables, angle)[0] for angle in _TURN])
-    for _ in range(_INVERSIONS):
-        error = np.interp(np.mod(reading_rad - error, _TURN[-1]), _TURN, errors)
-    return error
+        return np.zeros_like(reading_rad)
+    errors = [misreading(tables, angle)[0] for angle in _TURN]
+    found: Floats = np.interp(np.mod(reading_rad, _TURN[-1]), _TURN, errors)
+    return found
 
 
 _TURN = np.linspace(0.0, 2.0 * math.pi, 4097)

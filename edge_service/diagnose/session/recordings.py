@@ -60,10 +60,7 @@ def runs_of(
     baseline: Baseline,
     least_s: float = LEAST_RUN_S,
 ) -> list[Run]:
-    """Unbroken runs of recordings of one axis, filtered, in bounded memory.
-
-    Args:
-        least_s: shorter runs are left out.
+    """Unbroken runs of recordings of one axis, filtered, in bounded memory; none below `least_s`.
 
     Raises ValueError: no position, or no clock.
     """
@@ -211,6 +208,9 @@ def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Boolean
 LONGEST_S = 600.0
 """Of a longer session every second minute is kept, or every fourth, and so on."""
 PIECE_S = 60.0
+_DIGITS, _COPIED, _SEAM_S = 6, 0.1, 10.0
+"""Decimals of rad, N m, mm; of its rows in motion, a copy has more in another recording; and one
+that ends so long before the next, on one clock, goes on in it."""
 PAUSE_S = 1.0
 """Between recordings whose own clocks do not tell how far apart they were made."""
 
@@ -219,9 +219,9 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
     """Runs in the order of one clock, whatever the order of the recordings.
 
     Recordings whose clocks overlap (each may begin at 0) follow one another, the coldest first:
-    an axis warms up in a session.
+    an axis warms up in a session. A copy of another is left out; a part joins the one before it.
     """
-    recordings = sorted(by_recording(thinned(runs)).values(), key=_span_s)
+    recordings = _counted_once(thinned(runs))
     spans = itertools.pairwise(map(_span_s, recordings))
     if all(before[1] < after[0] for before, after in spans):
         return [run for each in recordings for run in each]
@@ -232,6 +232,27 @@ def on_one_clock(runs: Iterable[Run]) -> list[Run]:
             motion = replace(run.motion, time_s=run.motion.time_s + shift_s)
             placed.append(replace(run, motion=motion))
     return placed
+
+
+def _counted_once(runs: Iterable[Run]) -> list[list[Run]]:
+    found, known = list[list[Run]](), np.empty(0, np.complex128)
+    for each in sorted(by_recording(runs).values(), key=_span_s):
+        rows = np.round(np.concatenate([_moved(run) for run in each]), _DIGITS)
+        if np.isin(rows, known).sum() > _COPIED * len(rows):
+            continue
+        known, before = np.append(known, rows), found[-1] if found else each
+        if 0.0 < _span_s(each)[0] - _span_s(before)[1] < _SEAM_S:
+            before += [replace(run, recording=before[0].recording) for run in each]
+        else:
+            found.append(each)
+    return found
+
+
+def _moved(run: Run) -> Any:
+    """Angle, and torque with stretch, of the samples in motion as complex numbers, (k,)."""
+    apart_m = 0.0 if run.transmission_m is None else run.transmission_m
+    torque_nm = np.nan_to_num(run.motion.torque_nm)
+    return (run.motion.angle_rad + 1j * (torque_nm + 1e3 * apart_m))[run.moving]
 
 
 def thinned(runs: Iterable[Run]) -> list[Run]:
@@ -260,14 +281,8 @@ def _span_s(runs: Sequence[Run]) -> tuple[float, float]:
 def _coldness(runs: Sequence[Run]) -> tuple[float, ...]:
     """Temperature, then whatever else distinguishes recordings without regard to their order."""
     warmth = [float(run.temperature_c.mean()) for run in runs if run.temperature_c is not None]
-    motion = runs[0].motion
-    return (
-        min(warmth, default=0.0),
-        float(motion.time_s[0]),
-        float(sum(run.duration_s for run in runs)),
-        float(motion.angle_rad[0]),
-        float(np.square(motion.angle_rad).mean()),
-    )
+    angle_rad = runs[0].motion.angle_rad
+    return min(warmth, default=0.0), *_span_s(runs), float(angle_rad[0]), float(angle_rad.mean())
 
 
 def _pieces(run: Run) -> Iterator[Run]:
@@ -281,10 +296,8 @@ def _pieces(run: Run) -> Iterator[Run]:
 
 
 def _cut(run: Run, span: slice) -> Run:
-    given = [each.name for each in fields(Motion) if each.init]
-    motion = Motion(**{name: getattr(run.motion, name)[span].copy() for name in given})
-    series = {each.name: getattr(run, each.name) for each in fields(Run)}
-    parts: dict[str, Any] = {
-        name: x[span].copy() for name, x in series.items() if isinstance(x, np.ndarray)
-    }
-    return replace(run, motion=motion, **parts)
+    def parts(of: Run | Motion) -> dict[str, Any]:
+        series = {each.name: getattr(of, each.name) for each in fields(of) if each.init}
+        return {n: x[span].copy() for n, x in series.items() if isinstance(x, np.ndarray)}
+
+    return replace(run, motion=replace(run.motion, **parts(run.motion)), **parts(run))

@@ -72,6 +72,7 @@ class Session:
         baseline: rigid; `modelled` effects belong to the model as well.
         channels: those of `TORQUE_GAP` and `TRANSMISSION_GAP` that were recorded.
         rows: channel -> its rows in each run, thinned to those of the session, (k,) each.
+        motions: of the runs, with the `modelled` effects in the model torque.
         beside: session with what it has beyond the healthy machine, if that is known, as its gap.
         healthy_floor: channel -> root mean square by which a healthy recording may part from it.
     """
@@ -81,6 +82,7 @@ class Session:
     modelled: tuple[ActiveEffect, ...]
     channels: Mapping[str, Rows]
     rows: Mapping[str, tuple[Integers, ...]]
+    motions: tuple[Motion, ...]
     beside: "Callable[[Session], Session]" = lambda session: session
     healthy_floor: Mapping[str, float] = field(default_factory=dict)
 
@@ -106,7 +108,8 @@ class Session:
                 kept.append(numbers[-seen % every :: every])
                 seen += len(numbers)
             rows[name] = tuple(kept)
-        return cls(tuple(runs), baseline, tuple(modelled), channels, rows)
+        motions = tuple(_whole(run.motion, baseline, modelled) for run in runs)
+        return cls(tuple(runs), baseline, tuple(modelled), channels, rows, motions)
 
     def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
         """Column of a channel from a function of the motion, (n,).
@@ -114,9 +117,9 @@ class Session:
         The torque counts as zero at rest; the transmission has no mean.
         """
         parts = []
-        for run, rows in zip(self.runs, self.rows[channel], strict=True):
+        for run, motion, rows in zip(self.runs, self.motions, self.rows[channel], strict=True):
             if len(rows):
-                values = curve(run.motion)
+                values = curve(motion)
                 if channel == TORQUE_GAP:
                     values = np.where(run.moving, values, 0.0)
                 parts.append(run.low_pass.at(values, rows))
@@ -153,6 +156,14 @@ class Session:
         return rms(self.column(TORQUE_GAP, lambda motion: motion.torque_nm))
 
 
+def _whole(motion: Motion, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Motion:
+    """Motion with some effects in its model torque; what lags, or scales, does so with all."""
+    for each in sorted(modelled, key=lambda e: e.effect.term in (Term.GAIN, Term.LAG)):
+        made_nm = torque_signature(each.effect, each.values, motion, baseline)
+        motion = replace(motion, model_torque_nm=motion.model_torque_nm + made_nm)
+    return motion
+
+
 def compared(channel: str, run: Run) -> Booleans:
     """Rows of a run at which a channel is compared: in a rest friction holds a spring anywhere."""
     if channel == TORQUE_GAP:
@@ -167,12 +178,11 @@ def channel_gap(
     channel: str, run: Run, baseline: Baseline, modelled: Sequence[ActiveEffect]
 ) -> Floats:
     """Measured less modelled at the rows of a run that are compared, N m or m, (n,)."""
-    of = _SIGNATURES[channel]
-    known = [of(each.effect, each.values, run.motion, baseline) for each in modelled]
     if channel == TORQUE_GAP:
-        left = run.motion.torque_nm - (run.motion.model_torque_nm + sum(known))
+        left = run.motion.torque_nm - _whole(run.motion, baseline, modelled).model_torque_nm
         return run.resting_zero(left)[compared(channel, run)]
     assert run.transmission_m is not None
+    known = [transmission_signature(e.effect, e.values, run.motion, baseline) for e in modelled]
     return run.low_pass(run.transmission_m - sum(known))[compared(channel, run)]
 
 

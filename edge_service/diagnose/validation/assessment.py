@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...messages.samples import Floats, Integers
+from ...messages.samples import Floats
 from ...models.effects.effect import Role
 from ...models.effects.registry import effects_where, get_effect
 from ..candidates.regressors import FORCE, UNKNOWN
@@ -33,11 +33,8 @@ LESSER_PART = 0.5
 LEAST_PROBABILITY = 0.02
 """Probability below which an effect is not named at all."""
 _EVEN = 0.08
-"""With this much structure left, over what it explains, an effect is as likely a misattribution.
-
-Of 168 true causes, on real machines with errors added and on the benchmark beside the checkout, one
-left more (2 in 169: split conformal prediction, Vovk et al., 2005), of 38 false ones 32.
-"""
+"""With this much structure left, over what it explains, an effect is as likely a misattribution:
+one of 168 true causes left more (split conformal prediction, Vovk et al., 2005), of 38 false 32."""
 _STEEP = 3.0
 BY_CHANCE = 0.5
 """Of a force's energy: so much the motion may predict, for a force also falls on some motion."""
@@ -227,18 +224,6 @@ class CrossValidation:
             if made is not None:
                 left.append(without - made)
         return on_other_motion(replace(rows, gap=without), left)
-
-
-def resampled(block: Integers, before: Floats, after: Floats) -> Shrink:
-    """Shrink from one series (n,) to another on the same motion, resampled by blocks of time."""
-    count = int(block.max()) + 1
-    first = np.bincount(block, before**2, minlength=count)
-    last = np.bincount(block, after**2, minlength=count)
-    used = first > 0.0
-    blocks, random = int(used.sum()), np.random.default_rng(7)
-    weights = random.multinomial(blocks, [1.0 / blocks] * blocks, _RESAMPLES).astype(np.float64)
-    estimate = _shrink(first.sum(), last.sum())
-    return _of_draws(float(estimate), _shrink(weights @ first[used], weights @ last[used]))
 
 
 def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:

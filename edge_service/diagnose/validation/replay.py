@@ -6,7 +6,7 @@ plant has in a block of time come from the other blocks.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...messages.samples import Floats
 from ...models.effects.effect import ActiveEffect
@@ -15,7 +15,7 @@ from ...models.machine import Machine
 from ..result import ReplayedGap, ReplayedSeries, Shrink
 from ..session.prescribed_motion import PrescribedMotionAxis
 from ..session.session import Session, rms
-from .assessment import CrossValidation, resampled
+from .assessment import CrossValidation, on_other_motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +68,8 @@ def replay(
             if channel in session.channels:
                 others = tuple(other for other in channels if other != name)
                 without = left(others) if others else bare
-                block = session.channels[channel].block
-                effects[name] = resampled(block, without[channel], full[channel])
+                rows = replace(session.channels[channel], gap=without[channel])
+                effects[name] = on_other_motion(rows, [full[channel]])
     except ValueError as error:
         return Replay({}, {}, {}, str(error))
     gap, series = {}, {}
@@ -79,7 +79,7 @@ def replay(
             before=rms(bare[name]),
             after=after,
             unexplained=math.sqrt(max(after**2 - floors[name] ** 2, 0.0)),
-            shrink=resampled(rows.block, bare[name], full[name]),
+            shrink=on_other_motion(replace(rows, gap=bare[name]), [full[name]]),
         )
         series[name] = ReplayedSeries(rows.variables["time_s"], bare[name], full[name])
     return Replay(gap, series, effects)

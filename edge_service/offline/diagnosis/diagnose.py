@@ -55,6 +55,7 @@ from ..report.diagnosis_page import located, render, summary
 from .gap import BadDataError, DiagnosisError, one_line, read_runs, session_of
 
 _FILES = ("augmented.toml", "report.html", "diagnosis.json")
+COPIES = "{}: copies or parts of other references, or too short, and so none by themselves"
 _TRUST = 0.5
 """Of the probability of an effect, where one that it resembles is seen and not among the causes."""
 
@@ -83,7 +84,7 @@ def diagnose(
         names = [path.name for path in traces]
         check = _checked(machine, traces, runs)
         if check.faults:
-            refused = _bad_data(machine, runs, check.faults, check.remarks)
+            refused = _bad_data(machine, runs, check)
             _write(out, refused, text, render(machine, names, refused))
             raise BadDataError(
                 f"bad data: {'; '.join(check.faults)} (report: {out / 'report.html'})"
@@ -100,9 +101,11 @@ def diagnose(
         found = lost or diagnose_session(session, machine, library, progress)
         found = _with_motion(beside_doubts(found, doubted, library), machine)
         found = with_missing_drag(found, fresh, reading) if may_lose and not lost else found
-        verdict = (
-            Verdict.UNKNOWN if mismatches and found.verdict is Verdict.NO_GAP else found.verdict
-        )
+        counted = [] if healthy is None else [each.runs[0].recording for each in healthy.sessions]
+        copies = ", ".join(path.name for k, path in enumerate(reference) if k not in counted)
+        said = map("doctor: {0.sentence}".format, doubted)
+        is_new = mismatches and found.verdict is Verdict.NO_GAP
+        verdict = Verdict.UNKNOWN if is_new else found.verdict
         found = found.with_effects(found.effects, verdict, *mismatches)
         unseen = unobservable(session)
         ratio = machine.transmission_ratio_m_per_rad
@@ -112,8 +115,8 @@ def diagnose(
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learnable(found)),
             "withheld": withheld(found),
-            "remarks": (*check.remarks, *unshown, *map("doctor: {0.sentence}".format, doubted)),
-            "reference": tuple(path.name for path in reference),
+            "remarks": (*[COPIES.format(copies)] * bool(copies), *check.remarks, *unshown, *said),
+            "reference": tuple(reference[k].name for k in counted),
         }
         found = found.model_copy(update=stated)
         found = found if healthy is None else healthy.told(found, whole)
@@ -147,18 +150,15 @@ def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> D
     return replace(check, faults=forbidding or check.faults, remarks=remarks)
 
 
-def _bad_data(
-    machine: Machine, runs: Sequence[Run], reasons: tuple[str, ...], remarks: tuple[str, ...]
-) -> Diagnosis:
+def _bad_data(machine: Machine, runs: Sequence[Run], check: DataCheck) -> Diagnosis:
     gap = {}
     with suppress(DiagnosisError):
         for name, rows in session_of(machine, runs).channels.items():
             unit = CHANNEL_UNITS[name]
             gap[name] = ChannelGap(before=rows.rms, after=rows.rms, noise_floor=None, unit=unit)
-    status = ReplayStatus(possible=False, reason="bad data")
-    return Diagnosis(
-        verdict=Verdict.BAD_DATA, gap=gap, reasons=reasons, remarks=remarks, replay=status
-    )
+    status, reasons = ReplayStatus(possible=False, reason="bad data"), check.faults
+    known = {"gap": gap, "reasons": reasons, "remarks": check.remarks, "replay": status}
+    return Diagnosis(verdict=Verdict.BAD_DATA, **known)
 
 
 def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:

@@ -103,3 +103,12 @@ def test_friction_that_falls_with_the_temperature_is_foretold_at_another_one(
     later = trace(tmp_path, 9, LATER_C)
     learned = torque_gap(tmp_path / "out" / "augmented.toml", later, capsys)
     assert learned < 0.3 * torque_gap(machine_file, later, capsys)
+
+
+def test_a_part_that_goes_on_from_another_joins_it_and_a_copy_is_left_out(machine: Machine) -> None:
+    one, part, other = (frame(start_s, 60.0, 21.0 + start_s) for start_s in (0.0, 60.0, 500.0))
+    given = ([one] * 3, 1, 60.0), ([one, part], 1, 120.0), ([one, other], 2, 120.0)
+    for files, counted, lasts_s in given:
+        runs = runs_of(files, rigid_baseline(machine))
+        assert len({run.recording for run in runs}) == counted
+        assert sum(run.duration_s for run in runs) == pytest.approx(lasts_s, abs=0.5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edge_service.diagnose.session.session import Rows, Session
-from edge_service.diagnose.validation.assessment import on_other_motion, resampled
+from edge_service.diagnose.validation.assessment import on_other_motion
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
 
@@ -29,8 +29,6 @@ def test_a_gap_that_shrinks_alike_everywhere_is_sure() -> None:
     gap = np.random.default_rng(1).standard_normal(COUNT)
     found = on_other_motion(rows(gap), [0.3 * gap])
     assert (found.low, found.estimate, found.high) == pytest.approx((0.7, 0.7, 0.7))
-    again = resampled(rows(gap).block, gap, 0.3 * gap)
-    assert (again.low, again.estimate, again.high) == pytest.approx((0.7, 0.7, 0.7))
 
 
 def test_a_gap_that_shrinks_at_speed_only_may_shrink_less_elsewhere() -> None:
