@@ -40,10 +40,10 @@ _BEGINNING_S = 20.0
 _BEYOND_DOUBT = 2.5
 """Times the 90 % interval of a rate, 4.1 sigma: it is looked at all day."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
-_SLOW = (0.0, _CLEAR_DELAY_S)
+_SLOW, _AS_THE_CONDITION = (0.0, _CLEAR_DELAY_S), (0.0, 0.0)
 _RULES = {
-    AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *_SLOW),
-    AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_SLOW),
+    AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *_AS_THE_CONDITION),
+    AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_AS_THE_CONDITION),
     AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *_SLOW),
     AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
     AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
@@ -183,7 +183,10 @@ class AxisAlarms:
         return self._latches[command.alarm].refusal(command)
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
-        """Acknowledge, shelve or unshelve."""
+        """Acknowledge, shelve or unshelve; a fall is that of the part that was replaced."""
+        if command.action == "part_replaced":
+            self.fall, drop = None, self._latches[AlarmKind.SUDDEN_DROP]
+            return drop.acknowledge(command.user, command.note, now_ns)
         if command.alarm is None:
             return ()
         latch = self._latches[command.alarm]

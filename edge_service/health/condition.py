@@ -27,6 +27,7 @@ _NO_NUMBER = {
     EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: recent motion cannot tell the preload",
     EstimateStatus.INVALID: "no_number: model and data disagree, or the data are faulty",
 }
+FIRST = "confirming: the first numbers must last for a moment"
 _Verdict = tuple[AxisCondition, tuple[str, ...]]
 
 
@@ -275,6 +276,5 @@ class ConditionMonitor:
                 return AxisCondition.UNAVAILABLE, held
         condition = self._tracker.condition
         if condition is None:
-            first = "confirming: the first numbers must last for a moment"
-            return AxisCondition.UNAVAILABLE, held or (first,)
+            return AxisCondition.UNAVAILABLE, held or (FIRST,)
         return condition, (*self._tracker.reasons, *held)
