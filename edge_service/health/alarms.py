@@ -204,9 +204,9 @@ class AxisAlarms:
         """Alarms that a person should see, the gravest first, in words as of now."""
         causes = self._causes(health, trend, now_ns)
         found = (self._latches[kind].shown(words) for kind, (_, words) in causes.items())
-        alarms = [alarm for alarm in found if alarm is not None]
-        if self._latches[AlarmKind.PRELOAD_LOST].active:  # one cause, one acknowledgement
-            alarms = [alarm for alarm in alarms if alarm.kind is not AlarmKind.PRELOAD_LOW]
+        is_lost = self._latches[AlarmKind.PRELOAD_LOST].active  # one cause, one acknowledgement
+        hidden = AlarmKind.PRELOAD_LOW if is_lost else None
+        alarms = [alarm for alarm in found if alarm is not None and alarm.kind is not hidden]
         return tuple(sorted(alarms, key=lambda a: (a.active, a.level.urgency), reverse=True))
 
     def snapshot(self) -> dict[str, LatchSnapshot]:

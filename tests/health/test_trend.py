@@ -5,7 +5,13 @@ import pytest
 from scipy.signal import lfilter
 
 from edge_service.health.alarms import slowest_loss
-from edge_service.health.wear.trend import MOST_POINTS, PreloadHistory, PreloadSteps, preload_trend
+from edge_service.health.wear.trend import (
+    MOST_POINTS,
+    PreloadHistory,
+    PreloadSteps,
+    as_of,
+    preload_trend,
+)
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.dates import LAWS, ask_healthy, ask_of_a_law
@@ -205,6 +211,30 @@ def test_a_fall_that_has_ended_has_an_end_and_no_rate():
         trend = preload_trend(time_s, percent, np.full(150, 0.4), np.full(150, np.nan), LIMITS)
         assert trend.until_time_ns / NS == pytest.approx(end_s, abs=8.0)
         assert (slowest_loss(trend.rate_percent_per_h) < -36.0) == (end_s == 600.0)
+
+
+def test_the_end_of_a_fall_is_told_soon_though_the_interval_is_wide():
+    """Most of the preload within 2 min, known to 25 % of fresh; the estimate settles slowly."""
+    ends = []
+    for now_s in (330.0, 480.0, 900.0):
+        time_s = np.arange(0.0, now_s, 4.0)
+        settled = 0.25 * np.exp(-np.maximum(time_s - 240.0, 0.0) / 300.0)
+        percent = np.maximum(6.8 - 0.0485 * np.maximum(time_s - 120.0, 0.0), 0.73 + settled)
+        none = np.full(time_s.size, np.nan)
+        ends += [preload_trend(time_s, percent, 0.0 * percent + 1.7, none, LIMITS)]
+    assert [each.until_time_ns / NS for each in ends] == pytest.approx([242.0] * 3, abs=12.0)
+    assert [each.crossings for each in ends] == [(), (), ()]
+
+
+def test_no_date_of_a_limit_lies_behind():
+    trend = _trend(np.arange(8.0), 7.0 - 0.2 * np.arange(8.0))
+    (warning, fault) = trend.crossings
+    late_ns = warning.latest_ns + NS
+    until = trend.model_copy(update={"until_time_ns": late_ns})
+    told = as_of(until, late_ns).crossings
+    assert [each.earliest_ns for each in told] == [late_ns, max(fault.earliest_ns, late_ns)]
+    assert (told[0].latest_ns, told[1].latest_ns) == (None, fault.latest_ns)
+    assert as_of(trend, late_ns).crossings == ()  # the newest estimate is old
 
 
 def test_wear_that_follows_the_way_is_counted_against_it():
