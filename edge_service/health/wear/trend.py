@@ -12,7 +12,7 @@ from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
 from ..inputs import NS_PER_S
 from ..statements import span
-from .wear_laws import WearProjection, project_wear
+from .wear_laws import MEMORY_S, WearProjection, project_wear
 
 _MOST_STEPS = 400
 MOST_POINTS = 64
@@ -209,8 +209,8 @@ def end_of_fall(
     """Time at which a fall ended, s, and the rate since, percent per hour; None while it lasts.
 
     It has ended where the newest part of the work, for a minute at least, wears beyond doubt by
-    less than a tenth of what the part before did, and an error of the estimator cannot hide the
-    rest; no law of wear slows down so much so soon.
+    less than a tenth of what the part before did, and an error of the estimator, which errs anew
+    after ten minutes, cannot hide the rest; no law of wear slows down so much so soon.
 
     Args:
         error_percent: Half the width of an estimate's 95 % interval.
@@ -224,7 +224,8 @@ def end_of_fall(
             return None
         before, _ = _line(worked[~newest], percent[~newest])
         slope, sigma = _line(worked[newest], percent[newest])
-        if -before * way > error_percent and slope - _SIGMAS * sigma > _STILL * before:
+        moved = 2.0 * error_percent * math.sqrt(1.0 - math.exp(-still_s / MEMORY_S))
+        if -before * way > moved and slope - _SIGMAS * sigma > _STILL * before:
             low, high = slope - _SIGMAS * sigma, slope + _SIGMAS * sigma
             least = percent[newest].max() + _SETTLES * float(np.ptp(percent))
             begun_s = float(time_s[percent <= least][0])
