@@ -216,8 +216,7 @@ def test_no_date_of_a_limit_lies_behind():
     trend = _trend(np.arange(8.0), 7.0 - 0.2 * np.arange(8.0))
     (warning, fault) = trend.crossings
     late_ns = warning.latest_ns + NS
-    until = trend.model_copy(update={"until_time_ns": late_ns})
-    told = as_of(until, late_ns).crossings
+    told = as_of(trend.model_copy(update={"until_time_ns": late_ns}), late_ns).crossings
     assert [each.earliest_ns for each in told] == [late_ns, max(fault.earliest_ns, late_ns)]
     assert (told[0].latest_ns, told[1].latest_ns) == (None, fault.latest_ns)
     assert as_of(trend, late_ns).crossings == ()  # the newest estimate is old

@@ -16,6 +16,7 @@ from edge_service.clock import now_ns
 from edge_service.config import ConfigError
 from edge_service.health.inputs import Heard
 from edge_service.messages.answer import AxisAnswer
+from edge_service.messages.codec import Header
 from edge_service.messages.health import Command, ComponentStatus
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import PRELOAD, RAW, STATUS
@@ -194,9 +195,9 @@ async def test_who_was_held_up_hears_the_newest_and_nothing_of_what_was_between(
         told.append(message.header and message.header.sequence)
         await go_on.wait()
 
-    def note(self: Heard[object], *message: object) -> None:
-        hear(self, *message)
-        heard.append(message[0].sequence)
+    def note(self: Heard[object], header: Header, payload: object, at_ns: int) -> None:
+        hear(self, header, payload, at_ns)
+        heard.append(header.sequence)
 
     for name, value in (("open", AsyncMock()), ("take", take), ("receivers", ())):
         monkeypatch.setattr(MqttOutput, name, value)
