@@ -199,7 +199,7 @@ def test_after_running_in_the_later_rate_counts():
     assert crossing.earliest_ns < (40.0 + 280.0) * DAY_S * NS < crossing.latest_ns
 
 
-@pytest.mark.parametrize("now_s", [220.0, 330.0, 480.0, 900.0])
+@pytest.mark.parametrize("now_s", [220.0, 330.0, 370.0, 420.0, 480.0, 900.0])
 def test_a_fall_that_has_ended_has_soon_an_end_and_no_rate(now_s):
     """Most of the preload within 2 min, known to 25 % of fresh; the estimate settles slowly."""
     time_s = np.arange(0.0, now_s, 4.0)

@@ -31,7 +31,7 @@ _OPEN = 20.0
 """A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
-_NEWEST = (2.0, 4.0, 8.0)
+_NEWEST = (2.0, 3.0, 4.0, 6.0, 8.0)
 """Parts of a history whose newest one may show that a fall has ended."""
 _STILL = 0.1
 """Rate, of that before, from which down a fall has ended."""
