@@ -58,12 +58,12 @@ class AlarmLatch:
         return self._alarm is not None and self._alarm.active
 
     def update(self, cause: bool | None, words: Statement, now_ns: int) -> tuple[Event, ...]:
-        """Say whether the cause holds (None: nobody can tell, the state stays)."""
+        """Say whether the cause holds (None: nobody can tell); a latched one holds anew."""
         over: tuple[Event, ...] = ()
         if self._shelved_until_ns is not None and now_ns >= self._shelved_until_ns:
             self._shelved_until_ns = None
             over = (self._event("unshelved", self._told(Code.ALARM_SHELF_OVER), now_ns),)
-        if cause is None or cause is self.active:
+        if cause is None or (cause is self.active and not (cause and self.rule.latched)):
             self._change_since_ns = None
             return over
         if self._change_since_ns is None:

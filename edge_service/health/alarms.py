@@ -40,10 +40,10 @@ _BEGINNING_S = 20.0
 _BEYOND_DOUBT = 2.5
 """Times the 90 % interval of a rate, 4.1 sigma: it is looked at all day."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
-_SLOW = (0.0, _CLEAR_DELAY_S)
+_SLOW, _AS_THE_CONDITION = (0.0, _CLEAR_DELAY_S), (0.0, 0.0)
 _RULES = {
-    AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *_SLOW),
-    AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_SLOW),
+    AlarmKind.PRELOAD_LOW: AlarmRule(AxisCondition.WARNING, *_AS_THE_CONDITION),
+    AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_AS_THE_CONDITION),
     AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *_SLOW),
     AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
     AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
@@ -183,7 +183,10 @@ class AxisAlarms:
         return self._latches[command.alarm].refusal(command)
 
     def on_command(self, command: Command, now_ns: int) -> tuple[Event, ...]:
-        """Acknowledge, shelve or unshelve."""
+        """Acknowledge, shelve or unshelve; a fall is that of the part that was replaced."""
+        if command.action == "part_replaced":
+            self.fall, drop = None, self._latches[AlarmKind.SUDDEN_DROP]
+            return drop.acknowledge(command.user, command.note, now_ns)
         if command.alarm is None:
             return ()
         latch = self._latches[command.alarm]
@@ -201,9 +204,9 @@ class AxisAlarms:
         """Alarms that a person should see, the gravest first, in words as of now."""
         causes = self._causes(health, trend, now_ns)
         found = (self._latches[kind].shown(words) for kind, (_, words) in causes.items())
-        alarms = [alarm for alarm in found if alarm is not None]
-        if self._latches[AlarmKind.PRELOAD_LOST].active:  # one cause, one acknowledgement
-            alarms = [alarm for alarm in alarms if alarm.kind is not AlarmKind.PRELOAD_LOW]
+        is_lost = self._latches[AlarmKind.PRELOAD_LOST].active  # one cause, one acknowledgement
+        hidden = AlarmKind.PRELOAD_LOW if is_lost else None
+        alarms = [alarm for alarm in found if alarm is not None and alarm.kind is not hidden]
         return tuple(sorted(alarms, key=lambda a: (a.active, a.level.urgency), reverse=True))
 
     def snapshot(self) -> dict[str, LatchSnapshot]:

@@ -170,12 +170,12 @@ class AxisMonitor:
         """Do what a person asks."""
         if command.action == "part_replaced":
             self._use.restart(now_ns)
-            self._alarms.fall = None
             self._friction.restart()
             self._consistency.restart()
             self._restart_trend()
         if command.action in ("part_replaced", "note"):
-            return (log_entry(self.axis, command, now_ns),)
+            seen = self._alarms.on_command(command, now_ns)
+            return (log_entry(self.axis, command, now_ns), *seen)
         if command.action == "recorded":
             self._recording = command.note
             return (recording_kept(self.axis, command.note, now_ns),)

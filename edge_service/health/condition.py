@@ -27,6 +27,7 @@ _NO_NUMBER = {
     EstimateStatus.INSUFFICIENT_EXCITATION: "no_number: recent motion cannot tell the preload",
     EstimateStatus.INVALID: "no_number: model and data disagree, or the data are faulty",
 }
+FIRST = "confirming: the first numbers must last for a moment"
 _Verdict = tuple[AxisCondition, tuple[str, ...]]
 
 
@@ -54,8 +55,7 @@ class LimitLatch:
 
     def __init__(self, limit_percent: float, release_percent: float) -> None:
         self.below = False
-        self.limit_percent = limit_percent
-        self.release_percent = release_percent
+        self.limit_percent, self.release_percent = limit_percent, release_percent
         self._doubtful_since: int | None = None
         self._certain_since: int | None = None
 
@@ -93,14 +93,11 @@ class LimitTracker:
         self._warning = LimitLatch(limits.warning_percent, limits.warning_percent + margin)
         self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin)
         self._first_ns: int | None = None
-        self._last_ns = 0
-        self._confirmed = False
-        self._high = math.inf
+        self._last_ns, self._confirmed, self._high = 0, False, math.inf
 
     def restart(self) -> None:
         """After an interruption: keep the states of the limits, ask for new evidence."""
-        self._first_ns = None
-        self._confirmed = False
+        self._first_ns, self._confirmed = None, False
         self._warning.restart()
         self._fault.restart()
 
@@ -275,6 +272,5 @@ class ConditionMonitor:
                 return AxisCondition.UNAVAILABLE, held
         condition = self._tracker.condition
         if condition is None:
-            first = "confirming: the first numbers must last for a moment"
-            return AxisCondition.UNAVAILABLE, held or (first,)
+            return AxisCondition.UNAVAILABLE, held or (FIRST,)
         return condition, (*self._tracker.reasons, *held)

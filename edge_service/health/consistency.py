@@ -48,8 +48,6 @@ _RIDGE = 1e-6
 _WILD = 1e3
 _SPEED_RAD_S, _ACCELERATION_RAD_S2, _POSITION_M = 100.0, 1000.0, 0.4
 _SLOW_RAD_S = (2.0, 8.0)
-
-
 CHANNEL_WORDS = {"torque_nm": "the torque", "transmission_m": "the table against the motor"}
 
 
@@ -99,13 +97,9 @@ class ChannelModel:
     def __init__(self, name: str) -> None:
         self._name = name
         self._followed, self._unfollowed_count = _FOLLOWED[name], _UNFOLLOWED[name]
-        self.square = 0.0
         self.gram: Floats = np.zeros((0, 0))
         self.cross: Floats = np.zeros(0)
-        self.learned = 0
-        self.compared = 0
-        self.mean = 0.0
-        self.worst = 0.0
+        self.learned, self.compared, self.mean, self.worst, self.square = 0, 0, 0.0, 0.0, 0.0
         self.drop()
 
     def add(self, row: Floats, value: float) -> None:

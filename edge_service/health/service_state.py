@@ -12,6 +12,7 @@ from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.keys import MachineKeys
 from ..messages.topics import FEAT, HEALTH, IMM, PRELOAD
 from .components import ComponentWatch, is_down
+from .condition import FIRST
 from .inputs import NS_PER_S, Heard
 from .live_features import LiveFeatures
 from .statements import consistent
@@ -99,6 +100,8 @@ class AxisState:
         is_known = last.condition is not unavailable and not missing
         fresh = None if limits is None or not is_known else limits.fresh_percent
         changes["of_fresh"] = of_fresh(estimate, fresh)
+        if last.status is not estimate.status is EstimateStatus.ESTIMATED and not is_known:
+            changes["reasons"] = (FIRST,)  # the condition does not know of the number yet
         if missing:
             own = last.reasons if last.condition is unavailable else ()
             changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))

@@ -25,7 +25,7 @@ REASONS: dict[str, tuple[Code, Task | None]] = {
     "no_input": (Code.NO_DATA_YET, Task.SWITCH_ON),
     "no_data": (Code.NO_DATA_YET, Task.CHECK_CONNECTION),
     "stale_health": (Code.NO_DATA_SINCE, Task.CHECK_SERVICE),
-    "no_health": (Code.NO_DATA_YET, Task.CHECK_SERVICE),
+    "no_health": (Code.STARTING, Task.CHECK_SERVICE),
     "no_limit": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
     "no_percent": (Code.MACHINE_FILE_LACKS, None),
     "confirming": (Code.LEARNING, Task.WAIT),

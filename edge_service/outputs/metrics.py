@@ -83,8 +83,7 @@ class MetricsOutput(Output):
             dropped: payloads that were not used, by topic and reason.
             outboxes: by output: events that wait, dead letters, UNIX time of the oldest, ns.
         """
-        families = _Families()
-        add = families.add
+        add = (families := _Families()).add
         for answer in answers:
             families.add_axis(answer)
         for axis, value in temperature_c.items():
@@ -105,14 +104,10 @@ class MetricsOutput(Output):
         registry.register(families)
         return bytes(generate_latest(registry))
 
-    async def open(self) -> None:
+    async def take(self, message: Message | None = None) -> None:
         """Nothing."""
 
-    async def take(self, message: Message) -> None:
-        """Nothing."""
-
-    async def close(self) -> None:
-        """Nothing."""
+    open = close = take
 
 
 class _Families(Collector):
@@ -162,9 +157,8 @@ class _Families(Collector):
             self.add("data_faults", count, axis, fault)
         for crossing in () if health.trend is None else health.trend.crossings:
             for bound in ("earliest", "likely", "latest"):
-                time_ns = getattr(crossing, f"{bound}_ns")
-                name = "limit_timestamp_seconds"
-                self.add(name, time_ns, axis, crossing.limit, bound, scale=1e-9)
+                labels, time_ns = (axis, crossing.limit, bound), getattr(crossing, f"{bound}_ns")
+                self.add("limit_timestamp_seconds", time_ns, *labels, scale=1e-9)
 
 
 def family_names() -> tuple[str, ...]:

@@ -101,8 +101,7 @@ class MtconnectOutput(Output):
         if self._server is None:
             raise OutputUnavailableError("not open")
         assert isinstance(message, AxisAnswer)
-        before, _ = self.told.get(message.axis, ({}, None))
-        values = values_of(message)
+        before, values = self.told.get(message.axis, ({}, None))[0], values_of(message)
         self.told[message.axis] = values, message.measured_ns
         news = lines(changes(before, values), now_ns(), message.measured_ns)
         for client in tuple(self.clients):
@@ -202,9 +201,7 @@ def lines(values: Values, at_ns: int, measured_ns: int | None = None) -> list[st
         at_ns: UNIX time of what is judged, ns.
         measured_ns: that of the sample behind the numbers; None where there is none.
     """
-    known: list[str] = []
-    missing: list[str] = []
-    others = []
+    known, missing, others = list[str](), list[str](), list[str]()
     for (name, _), fields in values.items():
         if len(fields) > 1:
             others.append(_line(at_ns, name, *fields))

@@ -83,6 +83,16 @@ def _device_health(answer: AxisAnswer) -> int | None:
     return _DEVICE_HEALTH[headline.level]
 
 
+def _model_fits(answer: AxisAnswer) -> bool | None:
+    doubted = any(each.active and each.kind is AlarmKind.MODEL for each in answer.health.alarms)
+    return None if (seen := answer.health.consistency) is None else not (seen.channel or doubted)
+
+
+def _clear_rate(answer: AxisAnswer) -> float | None:
+    rate = value_at(answer, "health.trend.rate_fresh_percent_per_h")
+    return None if rate is None or rate.low <= 0.0 <= rate.high else float(rate.value)
+
+
 PRELOAD, HEALTH, ADVICE, DUE, ALARMS = "Preload", "DeviceHealth", "Advice", "Due", "Alarms"
 FIELDS: dict[str, Field] = {
     PRELOAD: Field(_DOUBLE, "of_fresh.value", "%"),
@@ -94,7 +104,7 @@ FIELDS: dict[str, Field] = {
     "Stiffness": Field(_DOUBLE, "estimate.stiffness_n_per_m.value", "N/m"),
     "Status": Field(_STRING, "estimate.status"),
     "Method": Field(_STRING, "estimate.method", default=""),
-    "ModelFits": Field(_BOOLEAN, lambda of: (c := of.health.consistency) and c.channel is None),
+    "ModelFits": Field(_BOOLEAN, _model_fits),
     "Condition": Field(_STRING, "health.condition"),
     HEALTH: Field(ua.VariantType.Int32, _device_health),
     "Headline": Field(_TEXT, "health.headline.text"),
@@ -102,7 +112,7 @@ FIELDS: dict[str, Field] = {
     ADVICE: Field(_TEXT, "advice.text", default=""),
     DUE: Field(_TIME, "due_ns"),
     ALARMS: Field(_STRING, lambda of: [each.text for each in of.health.alarms if each.active]),
-    "PreloadRate": Field(_DOUBLE, "health.trend.rate_fresh_percent_per_h.value", "%/h"),
+    "PreloadRate": Field(_DOUBLE, _clear_rate, "%/h"),
     "NextLimit": Field(_TIME, "health.next_limit.earliest_ns"),
     "Distance": Field(_DOUBLE, "health.use.distance_m", "m"),
     "MovingTime": Field(_DOUBLE, "health.use.moving_s", "s"),
@@ -122,9 +132,8 @@ def data_values(answer: AxisAnswer) -> dict[str, ua.DataValue]:
 
     One that is not there is null, and its status says why.
     """
-    measured = None
-    if answer.measured_ns is not None:
-        measured = ua.DateTime.fromtimestamp(answer.measured_ns / 1e9, UTC)
+    at_ns = answer.measured_ns
+    measured = None if at_ns is None else ua.DateTime.fromtimestamp(at_ns / 1e9, UTC)
     values = {}
     for name, field in FIELDS.items():
         read = field.read

@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 
 from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, POSITION_CHANNELS, TIME, TORQUE, ColumnMap
@@ -57,14 +58,13 @@ def choose_columns(
             f"{path}: numbers without a header; name the columns in the machine file: [columns] "
             f'time_s = {{ column = "{BY_NUMBER}1", scale = 0.001 }}; {there_are(names)}'
         )
+    adopt = f"; edge-service adopt {quote(path.name)} --out m.toml reads foreign names"
     if TIME not in chosen:
-        raise TraceError(f"{path}: no column {TIME!r}{_hint(TIME, names)}; {there_are(names)}")
+        hint, adopt = _hint(TIME, names), "" if _hint(TIME, names) else adopt
+        raise TraceError(f"{path}: no column {TIME!r}{hint}; {there_are(names)}{adopt}")
     if not any(channel in chosen for channel in (TORQUE, *POSITION_CHANNELS)):
-        expected = ", ".join((TORQUE, *POSITION_CHANNELS))
-        raise TraceError(
-            f"{path}: no torque and no position channel; expected one of {expected}; "
-            f"{there_are(names)}"
-        )
+        expected = f"expected one of {', '.join((TORQUE, *POSITION_CHANNELS))}; {there_are(names)}"
+        raise TraceError(f"{path}: no torque and no position channel; {expected}{adopt}")
     for channel in [each for each in chosen if each in names and each not in columns]:
         twin = next((n for n in names if n != channel and n.casefold() == channel), None)
         if twin is not None:

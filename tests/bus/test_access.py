@@ -22,6 +22,7 @@ from edge_service.messages.keys import MachineKeys
 from edge_service.messages.topics import OUTCOME, RAW, TOPICS
 from tests.certificates import write_certificates
 from tests.drivers.bench import free_port
+from tests.nodes.conftest import until
 
 KEYS = MachineKeys("site", "machine")
 MARKER = f"{KEYS.root}/marker"
@@ -49,13 +50,6 @@ def session_of(mode: str, router: Bus) -> Iterator[zenoh.Session]:
 def arrived(session: zenoh.Session) -> bool:
     """An answer has come, and with it all that was sent before has been treated."""
     return any(reply.ok for reply in session.get(MARKER))
-
-
-async def until(done: Callable[[], bool]) -> None:
-    """Declarations travel asynchronously: try again, for a while."""
-    async with asyncio.timeout(60.0):
-        while not await asyncio.to_thread(done):
-            await asyncio.sleep(0)
 
 
 class Scene:
@@ -106,7 +100,7 @@ async def test_nobody_puts_answers_or_appears(mode: str, router: Bus) -> None:
         for key in (*every_key(), *ATTACKS):
             session.put(key, b"forged")
             session.delete(key)
-        await until(lambda: arrived(session))
+        await until(lambda: asyncio.to_thread(arrived, session))
         assert scene.heard == []
         assert scene.answered() == scene.present() == set()
 
@@ -131,7 +125,7 @@ async def test_everybody_hears_everything_and_commands_nothing(mode: str, router
     with session_of(mode, router) as session:
         session.declare_subscriber("feeddrive/v1/*/*/*/*", take)
         session.declare_subscriber(f"{KEYS.root}/@component/**", take)
-        await until(publish)
+        await until(lambda: asyncio.to_thread(publish))
         for key in (KEYS.key("X", OUTCOME), "**", KEYS.all_axes(OUTCOME)):
             replies = await asyncio.to_thread(lambda k=key: list(session.get(k, payload=b"x")))
             assert b"done" not in [each.ok.payload.to_bytes() for each in replies if each.ok]
@@ -155,9 +149,9 @@ async def test_zenohs_own_file_adds_endpoints_with_tls(tmp_path: Path) -> None:
     scene = Scene(router)
     reader = await Bus.open(BusSettings("tcp/127.0.0.1:1", "client", zenoh_file=joining))
     session = reader._session
-    await until(lambda: arrived(session))
+    await until(lambda: asyncio.to_thread(arrived, session))
     session.put(KEYS.key("X", RAW), b"forged")
-    await until(lambda: arrived(session))
+    await until(lambda: asyncio.to_thread(arrived, session))
     assert scene.heard == []  # the rule holds for every endpoint
     await reader.close()
     await router.close()
@@ -184,7 +178,7 @@ async def test_a_payload_beyond_all_bounds_is_dropped_and_others_go_on() -> None
 
     with session_of("client", router) as bad, session_of("client", router) as good:
         bad.put(key, bytes(MOST_MESSAGE_BYTES + 1))
-        await until(publish)
+        await until(lambda: asyncio.to_thread(publish))
     assert {payload for _, payload in scene.heard} == {b"good"}
     await router.close()
 

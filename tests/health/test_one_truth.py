@@ -1,4 +1,4 @@
-"""Whatever happens to an axis, no statement in one answer contradicts another."""
+"""Whatever happens to an axis, no statement contradicts another, in one answer or two outputs."""
 
 import re
 
@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from edge_service.config_tables import AlarmsConfig
 from edge_service.health.axis_monitor import AxisMonitor
-from edge_service.health.service_state import ServiceState
+from edge_service.health.components import ComponentWatch
+from edge_service.health.service_state import AxisState, ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
@@ -15,6 +16,9 @@ from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import AlarmKind, AxisHealth, Command, Task
 from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
+from edge_service.outputs.mqtt import health_of
+from edge_service.outputs.mtconnect import values_of
+from edge_service.outputs.opcua_nodes import data_values
 
 from ..messages.examples import estimate_of
 
@@ -32,6 +36,7 @@ class Axis:
         self.now_ns = START_NS
         self.sequence = 0
         self.monitor = AxisMonitor(*FACTS, AlarmsConfig(), START_NS)
+        self.state = AxisState("X", None, ComponentWatch(5.0))
 
     def hear(self, estimate: PreloadEstimate, seconds: int) -> None:
         for _ in range(seconds * 5):
@@ -40,6 +45,7 @@ class Axis:
             header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
             fresh = estimate.model_copy(update={"data_used_s": 30.0 + self.sequence})
             self.monitor.on_preload(header, fresh, self.now_ns)
+            self.state.preload.hear(header, fresh, self.now_ns)
 
     def wait(self, seconds: float) -> None:
         self.now_ns += round(seconds * NS)
@@ -112,7 +118,8 @@ def _do(axis: Axis, step: tuple) -> None:
         case "wait", seconds:
             axis.wait(seconds)
         case "trend", trend:
-            axis.monitor.take_trend(trend, axis.now_ns)
+            newest = trend.model_copy(update={"until_time_ns": axis.now_ns})
+            axis.monitor.take_trend(newest, axis.now_ns)
         case action, *alarm:
             kind = alarm[0] if alarm else None
             axis.monitor.on_command(Command(action=action, alarm=kind, user="Kim"), axis.now_ns)
@@ -140,7 +147,8 @@ def test_no_statement_contradicts_another(steps: list[tuple]) -> None:
         for each in health.advice:
             assert set(each.together_with) <= set(tasks) - {each.task}
         _texts_fit(health)
-        _trend_fits(health)
+        _trend_fits(health, axis.now_ns)
+        _outputs_agree(axis, health)
 
 
 def _headline_fits(health: AxisHealth) -> None:
@@ -166,8 +174,29 @@ def _texts_fit(health: AxisHealth) -> None:
         assert alarm.active is (alarm.code != "alarm_over")
 
 
-def _trend_fits(health: AxisHealth) -> None:
+def _outputs_agree(axis: Axis, health: AxisHealth) -> None:
+    axis.state.health.hear(Header(0, START_NS, axis.now_ns, axis.now_ns), health, axis.now_ns)
+    answer = axis.state.answer(START_NS, axis.now_ns)
+    opcua = {name: each.Value and each.Value.Value for name, each in data_values(answer).items()}
+    agent, broker, own = values_of(answer), health_of(answer), answer.health
+    assert {opcua["Condition"], agent["condition_X", ""][0], broker["condition"]} == {own.condition}
+    assert {opcua["Headline"].Text, broker["headline"]["text"]} == {own.headline.text}
+    active = {each.kind for each in own.alarms if each.active}
+    assert {code for name, code in agent if name == "alarms_X" and code} == active
+    assert not (opcua["ModelFits"] and AlarmKind.MODEL in active)
+    if answer.is_heard:
+        assert (opcua["DeviceHealth"] == 0) is (own.headline.level is AxisCondition.NORMAL)
+    rate = None if own.trend is None else own.trend.rate_fresh_percent_per_h
+    assert opcua["PreloadRate"] is None or (rate and not rate.low <= 0.0 <= rate.high)
+    if answer.estimate.status is EstimateStatus.ESTIMATED:
+        assert not any(each.startswith("no_number") for each in own.reasons)
+
+
+def _trend_fits(health: AxisHealth, now_ns: int) -> None:
     trend = health.trend
+    for each in () if trend is None else trend.crossings:
+        assert min(time_ns for time_ns in (each.earliest_ns, each.likely_ns) if time_ns) >= now_ns
+        assert "fell" not in trend.reason
     ahead = set() if trend is None else {each.limit for each in trend.crossings}
     if health.condition is AxisCondition.FAULT:
         assert not ahead
@@ -192,6 +221,18 @@ def test_a_fall_is_remembered_until_the_part_is_replaced_whoever_acknowledged_it
     assert again.health(axis.now_ns).fall == fall
     _do(axis, ("part_replaced",))
     assert axis.answer().fall is None
+
+
+def test_each_fall_is_told_and_a_new_part_ends_them() -> None:
+    axis, seen = Axis(), []
+    for share in (1.0, 0.5, 0.1):
+        axis.hear(_estimate(share, 0.05, 1.0, 0.0), 25)
+        seen += [each for each in axis.answer().alarms if each.kind is AlarmKind.SUDDEN_DROP]
+    assert ["from 100 to 50" in seen[0].text, "from 50 to 10" in seen[1].text] == [True, True]
+    assert seen[1].occurrence > seen[0].occurrence
+    _do(axis, ("part_replaced",))
+    axis.hear(_estimate(1.0, 0.05, 1.0, 0.0), 5)
+    assert not any(each.active for each in axis.answer().alarms)
 
 
 def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> None:

@@ -1,11 +1,13 @@
 """The trend against lines whose slope and crossing are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from edge_service.health.alarms import slowest_loss
-from edge_service.health.wear.trend import MOST_POINTS, PreloadHistory, PreloadSteps, preload_trend
+from edge_service.health.wear.trend import MOST_POINTS, PreloadHistory, as_of, preload_trend
 from edge_service.messages.trend import TrendStatus
 
 from ..bench.estimator.dates import LAWS, ask_healthy, ask_of_a_law
@@ -197,14 +199,27 @@ def test_after_running_in_the_later_rate_counts():
     assert crossing.earliest_ns < (40.0 + 280.0) * DAY_S * NS < crossing.latest_ns
 
 
-def test_a_fall_that_has_ended_has_an_end_and_no_rate():
-    for end_s in (600.0, 300.0):
-        time_s = np.arange(0.0, 600.0, 4.0)
-        noise = 0.01 * np.random.default_rng(12).standard_normal(time_s.size)
-        percent = 6.8 - 0.02 * np.minimum(time_s, end_s) + noise
-        trend = preload_trend(time_s, percent, np.full(150, 0.4), np.full(150, np.nan), LIMITS)
-        assert trend.until_time_ns / NS == pytest.approx(end_s, abs=8.0)
-        assert (slowest_loss(trend.rate_percent_per_h) < -36.0) == (end_s == 600.0)
+@pytest.mark.parametrize("now_s", [220.0, 330.0, 370.0, 420.0, 480.0, 900.0])
+def test_a_fall_that_has_ended_has_soon_an_end_and_no_rate(now_s):
+    """Most of the preload within 2 min, known to 25 % of fresh; the estimate settles slowly."""
+    time_s = np.arange(0.0, now_s, 4.0)
+    settled = 0.25 * np.exp(-np.maximum(time_s - 240.0, 0.0) / 300.0)
+    percent = np.maximum(6.8 - 0.0485 * np.maximum(time_s - 120.0, 0.0), 0.73 + settled)
+    none, is_over = np.full(time_s.size, np.nan), now_s > 300.0
+    trend = preload_trend(time_s, percent, 0.0 * percent + 1.7, none, LIMITS)
+    assert trend.until_time_ns / NS == pytest.approx(242.0 if is_over else now_s - 4.0, abs=12.0)
+    assert (trend.rate_percent_per_h.high < -36.0) is not is_over
+    assert bool(trend.crossings) is not is_over
+
+
+def test_no_date_of_a_limit_lies_behind():
+    trend = _trend(np.arange(8.0), 7.0 - 0.2 * np.arange(8.0))
+    (warning, fault) = trend.crossings
+    late_ns = warning.latest_ns + NS
+    told = as_of(trend.model_copy(update={"until_time_ns": late_ns}), late_ns).crossings
+    assert [each.earliest_ns for each in told] == [late_ns, max(fault.earliest_ns, late_ns)]
+    assert (told[0].latest_ns, told[1].latest_ns) == (None, fault.latest_ns)
+    assert as_of(trend, late_ns).crossings == ()  # the newest estimate is old
 
 
 def test_wear_that_follows_the_way_is_counted_against_it():
@@ -254,6 +269,5 @@ def test_the_series_goes_on_from_its_snapshot():
     for mine, theirs in zip(series.points(), other.points(), strict=True):
         np.testing.assert_array_equal(mine, theirs)
     rows = np.array([[2.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0, 1.0]])
-    damaged = PreloadSteps(1.0, rows)
     with pytest.raises(ValueError, match="order"):
-        other.restore(damaged)
+        other.restore(replace(series.snapshot(), rows=rows))

@@ -16,6 +16,7 @@ from edge_service.http_api.app import create_app, static_digest
 from edge_service.http_api.serve import AddressError, bind
 from edge_service.http_api.stream import MOST_READERS, MOST_READERS_OF_ONE
 
+from ..nodes.conftest import until
 from .conftest import Scene, client_of
 
 HOST = b"Host: 127.0.0.1\r\n"
@@ -277,11 +278,11 @@ async def test_stream_is_resumed_where_it_broke_off(scene):
     async with _served(scene) as client:
         async with client.stream("GET", "/api/v1/events") as response:
             first = asyncio.create_task(_read(response, 2))
-            await _until(lambda: len(scene.state.readers) == 1)
+            await until(lambda: len(scene.state.readers) == 1)
             ids = [scene.hear_event(str(number)) for number in range(2)]
             received = await first
         assert [int(message.id) for message in received] == ids
-        await _until(lambda: len(scene.state.readers) == 0)
+        await until(lambda: len(scene.state.readers) == 0)
         missed = [scene.hear_event(f"missed {number}") for number in range(3)]
         headers = {"Last-Event-ID": str(ids[-1])}
         async with client.stream("GET", "/api/v1/events", headers=headers) as response:
@@ -321,7 +322,7 @@ async def test_stream_of_one_axis(scene):
 async def test_open_streams_do_not_hold_up_the_end(scene):
     loop = asyncio.get_running_loop()
     async with _served(scene) as client, client.stream("GET", "/api/v1/events") as response:
-        await _until(lambda: len(scene.state.readers) == 1)
+        await until(lambda: len(scene.state.readers) == 1)
         started = loop.time()
         scene.state.readers.close()
         async with asyncio.timeout(60.0):
@@ -390,9 +391,3 @@ async def test_cancelled_service_frees_its_port(scene):
     async with served(scene) as port:
         pass
     bind("127.0.0.1", port).close()
-
-
-async def _until(condition) -> None:
-    async with asyncio.timeout(60.0):
-        while not condition():
-            await asyncio.sleep(0.005)

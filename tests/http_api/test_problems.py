@@ -14,33 +14,27 @@ TIME = re.compile(r"[. ](time|since|from|to|started|ended|earliest|likely|latest
 
 
 @pytest.mark.parametrize(
-    ("method", "path", "status"),
+    ("status", "method", "paths"),
     [
-        ("GET", "/nothing", 404),
-        ("GET", "/redoc", 404),
-        ("GET", "/static/x/nothing.js", 404),
-        ("GET", "/static/x/app.js", 404),
-        ("GET", "/api/v1/axes?more=1", 422),
-        ("GET", "/api/v1/axes/Q/preload", 404),
-        ("GET", "/api/v1/axes/Q/health", 404),
-        ("GET", "/api/v1/axes/Q/history", 404),
-        ("GET", "/api/v1/events?axis=Q", 404),
-        ("GET", "/api/v1/events?last_event_id=last", 422),
-        ("POST", "/api/v1/axes", 405),
-        ("DELETE", "/", 405),
-        ("GET", "/readyz", 503),
+        (404, "GET", "/nothing /redoc /static/x/nothing.js /static/x/app.js /api/v1/events?axis=Q"),
+        (404, "GET", "/api/v1/axes/Q/preload /api/v1/axes/Q/health /api/v1/axes/Q/history"),
+        (422, "GET", "/api/v1/axes?more=1 /api/v1/events?last_event_id=last"),
+        (405, "POST", "/api/v1/axes"),
+        (405, "DELETE", "/"),
+        (503, "GET", "/readyz"),
     ],
 )
-async def test_every_error_is_a_problem_document(client, method, path, status):
-    answer = await client.request(method, path)
-    assert answer.status_code == status
-    assert answer.headers["content-type"] == "application/problem+json"
-    problem = answer.json()
-    assert {"type", "title", "status", "detail", "instance"} <= set(problem)
-    assert problem["status"] == status
-    assert problem["title"] == httpx.codes.get_reason_phrase(status)
-    assert ("retry-after" in answer.headers) == (status in (429, 503))
-    assert problem["instance"] == path.partition("?")[0].replace("%2f", "/")
+async def test_every_error_is_a_problem_document(client, status, method, paths):
+    for path in paths.split():
+        answer = await client.request(method, path)
+        assert answer.status_code == status
+        assert answer.headers["content-type"] == "application/problem+json"
+        problem = answer.json()
+        assert {"type", "title", "status", "detail", "instance"} <= set(problem)
+        assert problem["status"] == status
+        assert problem["title"] == httpx.codes.get_reason_phrase(status)
+        assert ("retry-after" in answer.headers) == (status in (429, 503))
+        assert problem["instance"] == path.partition("?")[0].replace("%2f", "/")
 
 
 async def test_405_says_what_is_allowed(client):
@@ -70,23 +64,15 @@ async def test_security_headers_are_everywhere(client, path):
 
 
 @pytest.mark.parametrize(
-    ("host", "status"),
+    ("hosts", "status"),
     [
-        ("127.0.0.1", 200),
-        ("127.0.0.1:8080", 200),
-        ("LOCALHOST:1", 200),
-        ("[::1]:8080", 200),
-        ("[::1]", 200),
-        ("evil.example", 400),
-        ("127.0.0.1.evil.example", 400),
-        ("localhost:8080@evil.example", 400),
-        ("testserver", 400),
-        ("", 400),
+        ("127.0.0.1 127.0.0.1:8080 LOCALHOST:1 [::1]:8080 [::1]", 200),
+        ("evil.example 127.0.0.1.evil.example localhost:8080@evil.example testserver ", 400),
     ],
 )
-async def test_only_loopback_names_are_answered(client, host, status):
-    answer = await client.get("/healthz", headers={"host": host})
-    assert answer.status_code == status
+async def test_only_loopback_names_are_answered(client, hosts, status):
+    for host in hosts.split(" "):
+        assert (await client.get("/healthz", headers={"host": host})).status_code == status
 
 
 async def test_description_documents_every_route_and_the_problems(scene, client):

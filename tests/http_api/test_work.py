@@ -9,7 +9,9 @@ import pytest
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
 from edge_service.messages.health import Alarm, AlarmKind, Command, Outcome
-from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
+from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus
+
+from ..messages.examples import USE
 
 NS = 1_000_000_000
 BASE = "/api/v1/axes/X"
@@ -156,22 +158,11 @@ async def test_alarms_and_trend_are_told(scene, client):
 async def test_use_and_friction_are_told_once_they_are_known(scene, client):
     wear = (await client.get(f"{BASE}/wear")).json()
     assert (wear["use"], wear["stroke"], wear["friction"]["count"]) == (None, None, [])
-    use = Use(
-        since_time_ns=scene.now_ns,
-        moving_s=1.0,
-        observed_s=2.0,
-        distance_m=3.0,
-        reversals=4,
-        stroke_from_m=0.0,
-        stroke_to_m=0.8,
-        way_m=(1.0, 2.0),
-        force_edges_n=(0.0, 1.0),
-        force_way_m=(3.0,),
-    )
+    use = USE.model_copy(update={"since_time_ns": scene.now_ns})
     curve = FrictionCurve(speed_rad_s=(1.0,), torque_nm=(0.1,), first_torque_nm=(0.2,), count=(5,))
     scene.hear_health(use=use, friction=curve)
     wear = (await client.get(f"{BASE}/wear")).json()
-    assert (wear["use"]["distance_m"], wear["use"]["since"]) == (3.0, "2026-01-31T12:00:00.000Z")
+    assert (wear["use"]["distance_m"], wear["use"]["since"]) == (4.5, "2026-01-31T12:00:00.000Z")
     assert wear["friction"]["first_torque_nm"] == [0.2]
 
 

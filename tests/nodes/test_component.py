@@ -12,11 +12,14 @@ import pytest
 from drivers.base import DriverMisconfiguredError, DriverUnavailableError
 from drivers.simulated import SimulatedDriver
 from edge_service.bus.session import Bus
+from edge_service.clock import now_ns
 from edge_service.config import ConfigError
+from edge_service.health.inputs import Heard
 from edge_service.messages.answer import AxisAnswer
+from edge_service.messages.codec import Header
 from edge_service.messages.health import Command, ComponentStatus
 from edge_service.messages.samples import SampleFrame
-from edge_service.messages.topics import RAW, STATUS
+from edge_service.messages.topics import PRELOAD, RAW, STATUS
 from edge_service.nodes import acquire_node, health_node, output_node
 from edge_service.nodes.component import Component, PartFailedError
 from edge_service.nodes.context import NodeContext
@@ -180,6 +183,35 @@ async def test_all_axes_are_told_at_once_and_the_one_told_longest_ago_is_the_age
             if each.component == "mqtt" and each.counters["sent"] > 4:
                 assert each.readings["age_s"] > 0.2 * 4
                 break
+
+
+async def test_who_was_held_up_hears_the_newest_and_nothing_of_what_was_between(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told, heard, go_on = [], [], asyncio.Event()
+    hear = Heard.hear
+
+    async def take(_output: MqttOutput, message: AxisAnswer) -> None:
+        told.append(message.header and message.header.sequence)
+        await go_on.wait()
+
+    def note(self: Heard[object], header: Header, payload: object, at_ns: int) -> None:
+        hear(self, header, payload, at_ns)
+        heard.append(header.sequence)
+
+    for name, value in (("open", AsyncMock()), ("take", take), ("receivers", ())):
+        monkeypatch.setattr(MqttOutput, name, value)
+    monkeypatch.setattr(Heard, "hear", note)
+    config = config_of("simulated", {}, outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
+    async with running(config, ("mqtt",)) as service:
+        await until(lambda: told)
+        preload = service.context.publishers(PRELOAD)["X"]
+        for _ in range(50):
+            preload.publish(PAYLOADS["preload"], now_ns())
+        await until(lambda: len(heard) == 50)
+        go_on.set()
+        await until(lambda: len(told) > 1)
+        assert told[:2] == [None, heard[-1]]
 
 
 async def test_an_axis_that_comes_back_goes_on_where_it_was(bus: Bus) -> None:

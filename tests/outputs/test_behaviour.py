@@ -19,6 +19,7 @@ from edge_service.outputs import base
 from edge_service.plugins import plugins
 
 from ..messages.answers import SILENT, answer
+from ..nodes.conftest import until
 from .bench import SECRET, OutputBench, event
 
 PATIENCE_S = 60.0
@@ -38,12 +39,6 @@ def messages(output: base.Output) -> list[base.Message]:
     return [*([answer()] if output.takes_answers else []), *events]
 
 
-async def eventually(bench: OutputBench) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not await bench.heard():
-            await asyncio.sleep(0.01)
-
-
 async def test_the_other_side_hears_and_what_is_closed_opens_again(bench: OutputBench) -> None:
     output = bench.make()
     for _life in range(2):
@@ -51,7 +46,7 @@ async def test_the_other_side_hears_and_what_is_closed_opens_again(bench: Output
         await output.open()
         for message in messages(output):
             await output.take(message)
-        await eventually(bench)
+        await until(bench.heard)
         if output.takes_answers:
             await output.take(SILENT)
         await output.close()
@@ -90,7 +85,7 @@ async def test_who_is_away_is_told_once_back(
                     break
                 except base.OutputUnavailableError:
                     await asyncio.sleep(0.05)
-        await eventually(bench)
+        await until(bench.heard)
     finally:
         await output.close()
 

@@ -192,3 +192,22 @@ def test_the_model_does_not_fit_beside_what_speaks_against_it(
     page.wait_for_selector("#model :text('times what it expects')")
     assert "No: model and axis disagree." in page.inner_text("#model")
     assert "Yes" not in page.inner_text("#model")
+
+
+FALLING = """(health) => {
+    const at = (seconds) => new Date(Date.parse(health.since) + 1000 * seconds).toISOString();
+    const crossing = { limit: "warning", limit_percent: 4, likely: at(2400), latest: at(3600) };
+    return { ...health, trend: { status: "falling", reason: "", since: at(-900), until: at(900),
+        level: 0.9, change_fresh_percent: -9, crossings: [{ ...crossing, earliest: at(1800) }],
+        rate_fresh_percent_per_h: { value: -36, low: -40, high: -30 } } };
+}"""
+
+
+def test_the_tense_is_that_of_the_service_whatever_the_readers_clock_shows(
+    make_service: Any, open_page: Any
+) -> None:
+    page = open_page(make_service(**HEALTHY).address).page
+    page.add_init_script("const now = Date.now; Date.now = () => now() + 7200000")
+    doctored(page, FALLING)
+    page.wait_for_selector("#answer:has-text('has been falling by 0.6 % of fresh per minute')")
+    assert "The warning limit will be reached between" in page.inner_text("#answer")

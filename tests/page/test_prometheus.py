@@ -15,6 +15,8 @@ import pytest
 
 from edge_service.outputs.metrics import family_names
 
+from ..nodes.conftest import until
+
 ROOT = Path(__file__).parents[2]
 PROMETHEUS = shutil.which("prometheus")
 PRELOAD = 'edge_service_preload_rating_ratio{bound="value"}'
@@ -56,10 +58,7 @@ async def test_prometheus_scrapes_it(make_service: Any, tmp_path: Path) -> None:
     process, port = await asyncio.to_thread(started, tmp_path)
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
-            async with asyncio.timeout(60.0):
-                while not await _answer(client, PRELOAD):
-                    await asyncio.sleep(0.1)
-            (series,) = await _answer(client, PRELOAD)
+            (series,) = await until(lambda: _answer(client, PRELOAD))
             assert series["metric"]["axis"] == "X"
             assert 0.05 < float(series["value"][1]) < 0.09
             (up,) = await _answer(client, "up")

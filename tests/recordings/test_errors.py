@@ -55,7 +55,7 @@ VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
         ("time_s,torque_command_nm\n0,1\n".encode("utf-16"), "UTF-16"),
         (b"\x7fELF\x02\x01\x01\x00" + bytes(64), "no text"),
         (b"PAR1 and then nothing of the kind", "damaged Parquet"),
-        (b"Lorem ipsum dolor sit amet\n" * 20, "no column 'time_s'"),
+        (b"Lorem ipsum dolor sit amet\n" * 20, "edge-service adopt trace.csv --out m.toml reads"),
     ],
 )
 def test_no_trace_is_reported_in_one_line(tmp_path: Path, content: bytes, says: str) -> None:

@@ -152,15 +152,7 @@ def buckets(rows: Rows) -> tuple[Bucket, ...]:
             name: Spread(min=least, max=most, mean=mean) if count else None
             for name, count, least, mean, most in zip(QUANTITIES, counts, *values, strict=True)
         }
-        found.append(
-            Bucket(
-                start_ns=time_us * 1000,
-                samples=samples,
-                estimated=counts[0],
-                status=STATUSES[status],
-                low=low,
-                high=high,
-                **spreads,
-            )
-        )
+        members = {"start_ns": time_us * 1000, "samples": samples, "estimated": counts[0]}
+        members |= {"status": STATUSES[status], "low": low, "high": high}
+        found.append(Bucket(**members, **spreads))
     return tuple(found)

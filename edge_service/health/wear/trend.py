@@ -12,7 +12,7 @@ from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
 from ..inputs import NS_PER_S
 from ..statements import span
-from .wear_laws import WearProjection, project_wear
+from .wear_laws import MEMORY_S, WearProjection, project_wear
 
 _MOST_STEPS = 400
 MOST_POINTS = 64
@@ -31,11 +31,11 @@ _OPEN = 20.0
 """A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
-_NEWEST = (2.0, 4.0, 8.0)
+_NEWEST = (2.0, 3.0, 4.0, 6.0, 8.0)
 """Parts of a history whose newest one may show that a fall has ended."""
 _STILL = 0.1
 """Rate, of that before, from which down a fall has ended."""
-_FEWEST_STILL = 8
+_FEWEST_STILL, _SETTLES = 8, 0.02  # points, and share of a fall that takes its time
 _SIGMAS = 3.0
 _OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
 """Age of the newest estimate from which on a trend is told as past: this, and of its length."""
@@ -209,8 +209,8 @@ def end_of_fall(
     """Time at which a fall ended, s, and the rate since, percent per hour; None while it lasts.
 
     It has ended where the newest part of the work, for a minute at least, wears beyond doubt by
-    less than a tenth of what the part before did, and an error of the estimator cannot hide the
-    rest; no law of wear slows down so much so soon.
+    less than a tenth of what the part before did, and an error of the estimator, which errs anew
+    after ten minutes, cannot hide the rest; no law of wear slows down so much so soon.
 
     Args:
         error_percent: Half the width of an estimate's 95 % interval.
@@ -224,9 +224,11 @@ def end_of_fall(
             return None
         before, _ = _line(worked[~newest], percent[~newest])
         slope, sigma = _line(worked[newest], percent[newest])
-        if -before * way > 2.0 * error_percent and slope - _SIGMAS * sigma > _STILL * before:
+        moved = 2.0 * error_percent * math.sqrt(1.0 - math.exp(-still_s / MEMORY_S))
+        if -before * way > moved and slope - _SIGMAS * sigma > _STILL * before:
             low, high = slope - _SIGMAS * sigma, slope + _SIGMAS * sigma
-            begun_s = float(time_s[percent <= percent[newest].max()][0])
+            least = percent[newest].max() + _SETTLES * float(np.ptp(percent))
+            begun_s = float(time_s[percent <= least][0])
             return begun_s, Interval(value=slope, low=low, high=high).times(3600.0 * way / still_s)
     return None
 
@@ -245,16 +247,26 @@ def is_over(trend: Trend, now_ns: int) -> bool:
 
 
 def as_of(trend: Trend, now_ns: int) -> Trend:
-    """Trend as it is told now: a fall that may have ended is told as one that was."""
+    """Trend as told now: a fall that may have ended is one that was, and no date lies behind."""
     change = trend.change_fresh_percent
     since_ns, until_ns = trend.since_time_ns, trend.until_time_ns
-    if trend.status is not TrendStatus.FALLING or not is_over(trend, now_ns):
+    if trend.status is not TrendStatus.FALLING or since_ns is None or until_ns is None:
         return trend
-    if change is None or change >= 0.0 or since_ns is None or until_ns is None:
-        return trend
-    words = "The preload fell by {fall:.3g} % of fresh from {since} to {until}."
-    reason = words.format(fall=-change, **span(since_ns, until_ns))
-    return trend.model_copy(update={"reason": reason})
+    if not is_over(trend, now_ns):
+        ahead = tuple(_from_now(each, now_ns) for each in trend.crossings)
+        return trend.model_copy(update={"crossings": ahead})
+    reason = "No clear trend."
+    if change is not None and change < 0.0:
+        words = "The preload fell by {fall:.3g} % of fresh from {since} to {until}."
+        reason = words.format(fall=-change, **span(since_ns, until_ns))
+    return trend.model_copy(update={"reason": reason, "crossings": ()})
+
+
+def _from_now(crossing: Crossing, now_ns: int) -> Crossing:
+    times = {name: getattr(crossing, name) for name in ("earliest_ns", "likely_ns")}
+    update = {name: each and max(each, now_ns) for name, each in times.items()}
+    is_ahead = crossing.latest_ns is not None and crossing.latest_ns > now_ns
+    return crossing.model_copy(update=update | ({} if is_ahead else {"latest_ns": None}))
 
 
 def _quantiles(draws: Floats) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 // What changed, and what to do: the headline, the tasks and the trend of the service in words.
 
 import { sentenceOf } from "./dom.js";
-import { clock, day, lasting, number, significant } from "./format.js";
+import { clock, day, lasting, number, serverMs, significant } from "./format.js";
 import { headlineOf } from "./level.js";
 import { statementWords } from "./sentence.js";
 import { has, language, named, t } from "./strings.js";
@@ -51,10 +51,10 @@ export function crossing(trend, limit) {
   return { first, last, form: isPast(found.earliest) ? (last ? ".by" : ".any") : last ? "" : ".after" };
 }
 
-const isPast = (time) => Date.parse(time) <= Date.now();
+const isPast = (time) => Date.parse(time) <= serverMs();
 
 function moment(time) {
-  const seconds = Math.max(0, (Date.parse(time) - Date.now()) / 1000);
+  const seconds = Math.max(0, (Date.parse(time) - serverMs()) / 1000);
   return t("moment", { time: seconds < NEAR_S ? clock(time) : day(time), span: lasting(seconds) });
 }
 
@@ -94,7 +94,7 @@ export function trendSentence(trend, hasLimitAhead) {
 // A fall whose newest estimate is old is told as one that was.
 function isOver({ since, until }) {
   const span = Date.parse(until) - Date.parse(since);
-  return Date.now() - Date.parse(until) > Math.max(OVER_MS, OVER_SHARE * span);
+  return serverMs() - Date.parse(until) > Math.max(OVER_MS, OVER_SHARE * span);
 }
 
 function readableRate(trend) {

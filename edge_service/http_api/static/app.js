@@ -7,7 +7,7 @@ import { findSignedName } from "./ask.js";
 import { renderDiary } from "./diary.js";
 import { byId, element, fetchJson, refill, symbol, write } from "./dom.js";
 import { loadDrift } from "./drift.js";
-import { clock } from "./format.js";
+import { clock, serverMs, setServerTime } from "./format.js";
 import { renderHistory } from "./history.js";
 import { isHeard, levelOf, levelWords, worstFirst } from "./level.js";
 import { loadLog } from "./log.js";
@@ -37,12 +37,10 @@ let service = null;
 let source = null;
 let lastMessageMs = null;
 let lastEventId = 0;
-let clockOffsetMs = 0; // server time minus performance.now()
 let connected = null;
 let slowMs = -Infinity;
 let triedMs = 0; // when a stream was last asked for
 
-const serverMs = () => performance.now() + clockOffsetMs;
 
 class AxisState {
   constructor({ axis, limits }) {
@@ -117,10 +115,6 @@ function show() {
     for (const id of OF_AXIS) byId(id).replaceChildren();
     startTraces(shown);
   }
-}
-
-function setServerTime(time) {
-  clockOffsetMs = Date.parse(time) - performance.now();
 }
 
 function takeService(answer) {

@@ -73,7 +73,8 @@ async function done(command, options, seen = () => {}) {
   let job = await fetchJson("/api/v1/jobs", sent("POST", { command, axis: axisName(), recordings: uploaded, options }));
   while (job.state === "running") {
     const share = job.share === null ? "" : t("percent", { n: number(100 * job.share) });
-    say(`${named("job.command", command)} … ${share}`);
+    const stage = job.stage.startsWith("edge-service:") ? "" : job.stage; // its last word comes with its end
+    say([`${named("job.command", command)} …`, share, stage].filter(Boolean).join(" "));
     await new Promise((go) => setTimeout(go, POLL_MS));
     job = await fetchJson(`/api/v1/jobs/${job.id}`);
   }

@@ -6,6 +6,10 @@ const STEPS = [[90, 1, "s"], [5400, 60, "min"], [172800, 3600, "h"], [5184000, 8
 const timeOf = new Intl.DateTimeFormat(locale, { timeStyle: "medium" });
 const dayOf = new Intl.DateTimeFormat(locale, { dateStyle: "medium" });
 
+let offsetMs = Date.now() - performance.now(); // until the service has told its time
+export const serverMs = () => performance.now() + offsetMs;
+export const setServerTime = (time) => (offsetMs = Date.parse(time) - performance.now());
+
 export const number = (value, digits = 0) => value.toLocaleString(locale, { minimumFractionDigits: digits, maximumFractionDigits: digits });
 export const significant = (value, digits = 3) => value.toLocaleString(locale, { maximumSignificantDigits: digits });
 export const day = (time) => dayOf.format(new Date(time));

@@ -1,7 +1,7 @@
 // Step three of a test: fingerprints and diagnoses of recordings, how far they are and what they say.
 
 import { button, element, fetchJson, refill, write } from "./dom.js";
-import { clock, lasting, number } from "./format.js";
+import { clock, lasting, number, serverMs } from "./format.js";
 import { named, t } from "./strings.js";
 
 const KINDS = ["fingerprint", "diagnose", "update"];
@@ -52,7 +52,7 @@ function progressNode(job) {
 
 function renderProgress(node, job) {
   node.querySelector("progress").value = job.share ?? 0;
-  const took = (Date.now() - Date.parse(job.started)) / 1000;
+  const took = (serverMs() - Date.parse(job.started)) / 1000;
   const left = job.left_s === null ? "" : t("job.left", { span: lasting(job.left_s) });
   write(node.querySelector("p"), [job.stage ? `${job.stage}.` : "", left, t("job.since", { span: lasting(took) })].filter(Boolean).join(" "));
 }

@@ -80,12 +80,9 @@ def test_numbers_are_percent_of_fresh_and_carry_the_time_of_the_measurement() ->
 @pytest.mark.parametrize("status", [s for s in EstimateStatus if s is not EstimateStatus.ESTIMATED])
 def test_a_number_that_may_no_longer_be_read_is_unavailable(status: EstimateStatus) -> None:
     without = answer(estimate=PreloadEstimate(time_s=1.0, status=status))
-    agent = told(answer(), without)
-    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
-    agent = told(answer(), answer(is_heard=False))
-    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
-    agent = told(answer(), SILENT)
-    assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
+    for now in (without, answer(is_heard=False), SILENT):
+        agent = told(answer(), now)
+        assert {agent.values[name] for name in NUMBERS} == {"UNAVAILABLE"}
     assert agent.level("condition_X") == agent.level("alarms_X") == "UNAVAILABLE"
     assert agent.values["advice_X"] == ("", "UNAVAILABLE")
 
@@ -98,11 +95,8 @@ def test_alarms_come_and_go_one_by_one(course: list[set[AlarmKind]]) -> None:
         )
         for now in course
     ]
-    active = {
-        code
-        for code, (level, _) in told(*answers).conditions["alarms_X"].items()
-        if level == "FAULT"
-    }
+    levels = told(*answers).conditions["alarms_X"].items()
+    active = {code for code, (level, _) in levels if level == "FAULT"}
     assert active == {kind.value for kind in course[-1]}
 
 

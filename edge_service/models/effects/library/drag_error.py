@@ -5,7 +5,7 @@ from ..effect import Effect, Kind, Term, amount
 
 EFFECT = Effect(
     name="drag_error",
-    description="The constant part of the friction has changed; preload loss lowers it.",
+    description="The constant friction changed: warmth, grease, seals; a lost preload lowers it.",
     source="thesis (4.3.6), (5.3.14): torque s(v) dF_c, wind-up where the level acts on the table",
     kind=Kind.FRICTION,
     parameters=(
