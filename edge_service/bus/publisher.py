@@ -1,14 +1,15 @@
 """Publishing payloads of one key, and answering for the last of them."""
 
-import time
 from collections.abc import Callable
 from itertools import count
+from time import monotonic_ns
 from typing import Any, Generic
 
 import zenoh
 from zenoh import ext
 
 from ..messages.codec import JSON_ENCODING, Header, T, Topic
+from .settings import BusSettings
 from .subscriber import Subscriber
 
 _HEARTBEAT_S = 10.0
@@ -32,9 +33,10 @@ class Publisher(Generic[T]):
         axis: str | None,
         boot_epoch: int,
         near: Callable[[str], list[Subscriber[T]]],
-        is_router: bool,
+        settings: BusSettings,
     ) -> None:
         urgent = topic.encoding == JSON_ENCODING  # samples may wait to share a batch: fewer drops
+        cached = topic.cached if settings.zenoh_file else 0  # for readers at routers of the plant
         self._encoding = zenoh.Encoding(topic.encoding)
         self._key, self._topic, self._axis, self._near = key, topic, axis, near
         sending: dict[str, Any] = {
@@ -49,16 +51,16 @@ class Publisher(Generic[T]):
                 session,
                 key,
                 **sending,
-                cache=ext.CacheConfig(max_samples=topic.cached),
+                cache=ext.CacheConfig(max_samples=cached),
                 sample_miss_detection=ext.MissDetectionConfig(
                     heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None
                 ),
                 publisher_detection=True,
             )
-            if topic.cached
+            if cached
             else session.declare_publisher(key, **sending)
         )
-        self._asks = is_router and not topic.cached  # a client learns too late that it is heard
+        self._asks = settings.role == "router" and not cached  # a client learns late
         self._last: tuple[Header, T] | None = None
         self._queryable = (
             session.declare_queryable(
@@ -67,13 +69,11 @@ class Publisher(Generic[T]):
             if topic.keeps_last
             else None
         )
-        self.boot_epoch = boot_epoch
-        self._numbers = count()
+        self.boot_epoch, self._count = boot_epoch, count()
 
     def publish(self, payload: T, source_time_ns: int) -> Header:
         """Put with the next header; returns the header that went out."""
-        number, at_ns = next(self._numbers), max(source_time_ns, 0)
-        header = Header(number, self.boot_epoch, at_ns, time.monotonic_ns())
+        header = Header(next(self._count), self.boot_epoch, max(source_time_ns, 0), monotonic_ns())
         self._last = header, payload
         for each in self._near(self._key):
             each.take(self._key, (self._axis or "", header, payload))

@@ -31,7 +31,7 @@ class Bus:
     """A session with its publishers and subscribers; close it to undeclare them all."""
 
     def __init__(self, session: zenoh.Session, settings: BusSettings) -> None:
-        self._session, self._is_router = session, settings.role == "router"
+        self._session, self._settings = session, settings
         self.endpoint = settings.endpoint
         self._boot_epoch = now_ns()
         self._subscribers: list[Subscriber[Any]] = []
@@ -67,7 +67,7 @@ class Bus:
         """The publisher of a key; it answers queries for its last payload if the topic keeps it."""
         if key not in self._publishers:
             self._publishers[key] = Publisher(
-                self._session, key, topic, axis, self._boot_epoch, self._near, self._is_router
+                self._session, key, topic, axis, self._boot_epoch, self._near, self._settings
             )
         return self._publishers[key]
 
