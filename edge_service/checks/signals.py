@@ -154,12 +154,10 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
         new = np.diff(frame.time_s, prepend=-np.inf) != 0.0
         rows = np.full((np.count_nonzero(new), X + 1), np.nan)
         rows[:, T] = frame.time_s[new]
-        for k, (name, (column, _, _)) in enumerate(_MEASURED.items()):
+        for k, (name, (place, _, _)) in enumerate(_MEASURED.items()):
             if name in frame.channels:
-                rows[:, column] = frame.channels[name][new]
-            hold_s[k] = max(
-                hold_s[k], period_s * (held(rows[:, column], np.nan, 0.0, 0.0)[0] - 1.0)
-            )
+                rows[:, place] = frame.channels[name][new]
+            hold_s[k] = max(hold_s[k], period_s * (held(rows[:, place], np.nan, 0.0, 0.0)[0] - 1.0))
         bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
     turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
     said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]
