@@ -163,7 +163,7 @@ def _judged_drag(
 def _readable(
     machine: Machine, recordings: Sequence[SampleFrame]
 ) -> tuple[list[SampleFrame], PreparationSettings]:
-    """What the inverse dynamics need of recordings with a torque, and how to prepare it."""
+    """Channels of recordings with a torque that its model needs, and how to prepare them."""
     able = [frame for frame in recordings if TORQUE in frame.channels]
     used = {TORQUE, TABLE_POSITION, SETPOINT}
     used |= set() if angle_is_misread(machine, able) else {ANGLE}
