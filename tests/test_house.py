@@ -143,8 +143,8 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 812,
-    "checks": 3490,
-    "cli": 1335,
+    "checks": 3489,
+    "cli": 1334,
     "config": 583,
     "diagnose": 4963,
     "downsample": 1215,
@@ -158,10 +158,10 @@ MOST_LINES = {
     "nodes": 2899,
     "offline": 5645,
     "outputs": 1784,
-    "recordings": 3265,
-    "regression": 1005,
+    "recordings": 3264,
+    "regression": 1003,
     "beside the rooms": 760,
-    "tests": 44986,
+    "tests": 44985,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

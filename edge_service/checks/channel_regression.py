@@ -105,4 +105,5 @@ def _rows(
     design = np.column_stack([column[inside] for column in columns])
     if len(design) == 0:
         return design, wanted[inside]
-    return design - design.mean(axis=0), wanted[inside] - wanted[inside].mean()
+    design -= design.mean(axis=0)
+    return design, wanted[inside] - wanted[inside].mean()

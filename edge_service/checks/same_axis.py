@@ -56,9 +56,7 @@ def by_recording(runs: Iterable[Run]) -> dict[int, list[Run]]:
     return found
 
 
-def inconsistency(
-    runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str] = ()
-) -> str | None:
+def inconsistency(runs: Sequence[Run], ratio_m_per_rad: float, names: Sequence[str]) -> str | None:
     """Reason why two recordings cannot be of one axis, in a line; None if all can be.
 
     The ratio is that of the machine file; `names` are those of the recordings, by their number.
@@ -67,9 +65,7 @@ def inconsistency(
     if len(files) < 2:
         return None
     called = dict(enumerate(names))
-    axes = [
-        (called.get(k, f"recording {k + 1}"), _axis_of(each, ratio_m_per_rad)) for k, each in files
-    ]
+    axes = [(called.get(k, f"recording {k + 1}"), _axis_of(e, ratio_m_per_rad)) for k, e in files]
     for (one, axis), (other, rival) in itertools.combinations(axes, 2):
         if why := _apart(axis, rival, 2.0 * math.pi * ratio_m_per_rad):
             return f"{one} and {other} are not from the same axis: {why}"

@@ -129,14 +129,13 @@ def check_signals(_machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     if sum(float(np.ptp(frame.time_s)) for frame in recordings if len(frame)) < LEAST_S:
         raise ValueError(f"less than {LEAST_S:g} s")
     there = [name for name in CHANNELS if any(name in frame.channels for frame in recordings)]
-    values = {name: _values(recordings, name) for name in there}
-    still = [name for name in there if not values[name].size or np.ptp(values[name]) == 0.0]
+    still = [name for name in there if not np.any(np.diff(_values(recordings, name)))]
     moving = {ANGLE, TABLE_POSITION, SETPOINT} & {*there} - {*still}
     stuck, forbids = [name for name in _MEASURED if name in still], True
     if stuck and not any(name in there and name not in still for name in _MEASURED):
         said = f"{', '.join(stuck)}: not one value changes: the device is off, or not connected"
     elif TORQUE in still and moving:
-        fault = Fault.TORQUE_STUCK if values[TORQUE].size else Fault.NO_TORQUE
+        fault = Fault.TORQUE_STUCK if _values(recordings, TORQUE).size else Fault.NO_TORQUE
         said = f"{TORQUE}: {FAULT_WORDS[fault]}"
     elif stuck and moving:
         said = "; ".join(f"{name}: {FAULT_WORDS[_MEASURED[name][1]]}" for name in stuck)
@@ -151,15 +150,14 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     period_s = clock_of([frame.time_s for frame in recordings]).period_s
     usual_s = getattr(machine.commissioned, "hold_s", None) or (0.0, 0.0, 0.0)
     hold_s, bits = [0.0, 0.0, 0.0], []
-    for each in with_angle(recordings, machine.transmission_ratio_m_per_rad):
-        frame = each.part(np.diff(each.time_s, prepend=-np.inf) != 0.0)
-        rows = np.full((len(frame), 8), np.nan)
-        rows[:, T] = frame.time_s
-        for k, (name, (column, _, _)) in enumerate(_MEASURED.items()):
-            rows[:, column] = frame.channels.get(name, np.nan)
-            hold_s[k] = max(
-                hold_s[k], period_s * (held(rows[:, column], np.nan, 0.0, 0.0)[0] - 1.0)
-            )
+    for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
+        new = np.diff(frame.time_s, prepend=-np.inf) != 0.0
+        rows = np.full((np.count_nonzero(new), X + 1), np.nan)
+        rows[:, T] = frame.time_s[new]
+        for k, (name, (place, _, _)) in enumerate(_MEASURED.items()):
+            if name in frame.channels:
+                rows[:, place] = frame.channels[name][new]
+            hold_s[k] = max(hold_s[k], period_s * (held(rows[:, place], np.nan, 0.0, 0.0)[0] - 1.0))
         bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
     turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
     said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]

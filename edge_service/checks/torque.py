@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
+from ..messages.samples import ANGLE, SETPOINT, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from ..models.machine import Machine, Quantity
 from ..regression.interval_estimate import IntervalEstimate
 from ..regression.inverse_dynamics import InverseDynamics, identify_inverse_dynamics
@@ -55,7 +55,8 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     if TORQUE in machine.columns and machine.columns[TORQUE].direction:
         return _BORROWED_SIGN
     able, settings = _readable(machine, recordings)
-    if (by_sign := judge_sign(able, settings)) is not None:
+    rows = rows_in_motion(able, settings)
+    if (by_sign := judge_sign(*rows)) is not None:
         return by_sign
     fit = identify_inverse_dynamics(able, settings)
     inertia = fit.parameters["inertia"]
@@ -64,9 +65,9 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     if not inertia.determined or inertia.holds(0.0):
         verdict, said = Verdict.UNKNOWN, "cannot tell: too little acceleration"
     else:
-        share = driven_share(able, settings, fit.parameters["offset"].value)
+        share = driven_share(*rows[:2], fit.parameters["offset"].value)
         judged = _judged_inertia(fit, machine.model.inertia_kg_m2, able, share)
-        is_rough = fit.fit.residual_std > _UNEXPLAINED * np.std(_rows(able, settings)[0])
+        is_rough = fit.fit.residual_std > _UNEXPLAINED * np.std(rows[0])
         if judged and is_rough and inertia.low > 0.0:
             judged = replace(judged, forbids=False)
         if inertia.high - inertia.low > abs(inertia.value):
@@ -75,11 +76,8 @@ def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding
     return judged or Finding("torque", verdict, said, inertia, machine.model.inertia_kg_m2.value)
 
 
-def driven_share(
-    recordings: Sequence[SampleFrame], settings: PreparationSettings, offset_nm: float
-) -> float:
-    """Share of the rows in motion in which the torque drives it; a half where none can tell."""
-    torque, speed, _ = _rows(recordings, settings)
+def driven_share(torque: Floats, speed: Floats, offset_nm: float) -> float:
+    """Share of rows in motion, (n,), in which the torque drives it; a half where none can tell."""
     power = (torque - offset_nm) * speed
     able = len(power) >= LEAST_ROWS and {-1.0, 1.0} <= set(np.sign(speed).tolist())
     return float(np.mean(power > 0.0)) if able else 0.5
@@ -165,12 +163,11 @@ def _judged_drag(
 def _readable(
     machine: Machine, recordings: Sequence[SampleFrame]
 ) -> tuple[list[SampleFrame], PreparationSettings]:
-    """Recordings with a torque, without an angle that is misread, and how to prepare them."""
+    """Channels of recordings with a torque that its model needs, and how to prepare them."""
     able = [frame for frame in recordings if TORQUE in frame.channels]
-    if angle_is_misread(machine, able):
-        able = [
-            SampleFrame(f.time_s, {n: v for n, v in f.channels.items() if n != ANGLE}) for f in able
-        ]
+    used = {TORQUE, TABLE_POSITION, SETPOINT}
+    used |= set() if angle_is_misread(machine, able) else {ANGLE}
+    able = [SampleFrame(f.time_s, {n: v for n, v in f.channels.items() if n in used}) for f in able]
     settings = PreparationSettings.sampled(machine.transmission_ratio_m_per_rad, able, CUTOFF_HZ)
     speeds = np.abs(motion_speeds(machine, able))
     top_rad_s = float(np.quantile(speeds, 0.99)) if speeds.size else 0.0
@@ -178,9 +175,8 @@ def _readable(
     return able, replace(settings, standstill_rad_s=still)
 
 
-def judge_sign(recordings: Sequence[SampleFrame], settings: PreparationSettings) -> Finding | None:
-    """Finding on a torque that stays on one side both ways; None of one that does not."""
-    torque, speed, acceleration = _rows(recordings, settings)
+def judge_sign(torque: Floats, speed: Floats, acceleration: Floats) -> Finding | None:
+    """Finding on a torque, (n,), that stays on one side both ways; None of one that does not."""
     way = np.sign(speed)
     if len(torque) < LEAST_ROWS or not {-1.0, 1.0} <= set(way.tolist()):
         return None
@@ -203,7 +199,7 @@ def judge_sign(recordings: Sequence[SampleFrame], settings: PreparationSettings)
     return Finding("torque", Verdict.DOUBTFUL, sentence, remedy=remedy, forbids=sure)
 
 
-def _rows(
+def rows_in_motion(
     recordings: Sequence[SampleFrame], settings: PreparationSettings
 ) -> tuple[Floats, Floats, Floats]:
     """Torque, speed and acceleration in motion, (n,) each."""

@@ -183,10 +183,13 @@ def replay(
 
     Axes and drivers of CONFIG are not used; without CONFIG the bus takes a free port.
     """
+    from ..config import EstimatorConfig
     from ..offline.replay import replay_trace
 
     log_to_stderr()
     settings = configured(config, port, None if config else "tcp/127.0.0.1:0")
+    if config is None:  # that of the demonstration has the slow second opinion
+        settings = settings.model_copy(update={"estimator": EstimatorConfig()})
     played = replay_trace(
         settings, trace, machine, speed, hold=hold, announce=announce, axis_number=axis_number
     )

@@ -162,9 +162,7 @@ def motion(
     settings = motions.MotionFileSettings(duration, rate, seed or 0, clip)
     if name == "next":
         if (file is not None) + bool(effects) != 1:
-            raise BadInputError(
-                "motion next: expected one DIAGNOSIS.json, or --effect twice or more"
-            )
+            raise BadInputError("motion next: expected a DIAGNOSIS.json, or --effect twice or more")
         tied = motions.tied_effects(Path(file)) if file else {each: {} for each in effects}
         return motions.next_motion(axis, tied, out, settings)
     if name == "isolability":

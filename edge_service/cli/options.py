@@ -130,9 +130,7 @@ AxisNumber = Annotated[
         kind=click.IntRange(1),
     ),
 ]
-Port = Annotated[
-    int | None, Option("Port to serve on; 0: a free one.", kind=click.IntRange(0, 65535))
-]
+Port = Annotated[int | None, Option("Port to serve; 0: a free one.", kind=click.IntRange(0, 65535))]
 Endpoint = Annotated[
     str | None, Option("Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.", "--bus")
 ]

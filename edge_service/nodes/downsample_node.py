@@ -28,7 +28,7 @@ class AxisDownsampling:
         self.downsampler = make_downsampler(machine)
         self.vibration = AxisVibration(orders_of(machine), config.vibration.bands_hz)
         self._gathering = Gathering()
-        self._heard_ns = 0  # source time of the frame before
+        self._heard_ns = self._told_ns = 0  # source times of the frame and the interval before
         self._publisher = publisher
 
     def take(self, header: Header, frame: SampleFrame) -> None:
@@ -39,7 +39,9 @@ class AxisDownsampling:
                 vibration = self.vibration.take()
                 told = replace(block, vibration=vibration) if vibration else block
                 at_ns = source_time_ns(header, gathered, block, self._heard_ns)
-                self._publisher.publish(told, at_ns)
+                # flat out a frame holds more time than has passed since the one before
+                self._told_ns = max(at_ns, min(self._told_ns, header.source_time_ns))
+                self._publisher.publish(told, self._told_ns)
         self._heard_ns = header.source_time_ns
 
 

@@ -137,9 +137,7 @@ class HttpNode:
                     context.subscribe_to_components(STATUS),
                     lambda _axis, _header, each: state.on_component(each, now_ns()),
                 )
-                component.follow(
-                    context.subscribe(EVENT), lambda _axis, _header, event: self.take(event)
-                )
+                component.follow(context.subscribe(EVENT), lambda _, __, event: self.take(event))
                 component.follow(context.subscribe_to_components(EVENT), take_event_of_service)
                 component.follow(samples, take_samples)
                 component.repeat(PERIOD_S, self._keep)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..atomic import write_whole
-from ..checks.torque import judge_sign
+from ..checks.torque import judge_sign, rows_in_motion
 from ..command_answer import Answer, progress
 from ..config import ConfigError, load_machine
 from ..fingerprint.compare import Drift, SectionDrift, compare_moves
@@ -183,7 +183,7 @@ def _moves(machine: Machine, path: Path, frame: SampleFrame, names: Sequence[str
     ratio = transmission_ratio(machine.axis.lead_m)
     try:
         settings = PreparationSettings.sampled(ratio, [frame], CUTOFF_HZ)
-        finding = judge_sign([frame], settings)
+        finding = judge_sign(*rows_in_motion([frame], settings))
         if finding is not None and finding.forbids:  # its friction would pass for a load
             raise ExaminationError(f"{path}: {finding.sentence}; {finding.remedy}")
         return find_moves(frame, ratio, names)

@@ -127,30 +127,31 @@ def _clean(frame: SampleFrame, required: Sequence[str], optional: Sequence[str])
     keep = np.abs(frame.time_s) < WILDEST
     channels = {}
     for name in (*required, *(name for name in optional if name in frame.channels)):
-        known = np.abs(frame.channels[name]) < WILDEST
+        values = frame.channels[name]
+        known = np.abs(values) < WILDEST
         if name in required:
             keep &= known
-        channels[name] = np.where(known, frame.channels[name], np.nan)
-    return SampleFrame(frame.time_s, channels).part(keep)
+        channels[name] = values if known.all() else np.where(known, values, np.nan)
+    return SampleFrame(frame.time_s, channels).part(slice(None) if keep.all() else keep)
 
 
 def _pieces(frame: SampleFrame, period_s: float) -> Iterator[SampleFrame]:
     """Split at gaps and at new clocks; within a piece the time strictly increases."""
     for part in clock_parts(frame.time_s):
-        newer = ~(part.repeated | part.backwards)
-        clock = frame.part(part.rows.start + np.flatnonzero(newer))
+        older = part.repeated | part.backwards
+        clock = frame.part(part.rows).part(~older if older.any() else slice(None))
         gaps = np.flatnonzero(np.diff(clock.time_s) > LARGEST_HOLE * period_s) + 1
         for edge in itertools.pairwise([0, *gaps.tolist(), len(clock)]):
             yield clock.part(slice(*edge))
 
 
 def _finished(
-    buffer: Sequence[SampleFrame], period_s: float, required: Sequence[str]
+    buffer: list[SampleFrame], period_s: float, required: Sequence[str]
 ) -> Iterator[UniformRun]:
     """Runs from consecutive pieces, parted where a channel is stuck; on an even clock."""
     if not buffer:
         return
-    whole = joined(buffer)
+    whole = buffer[0] if len(buffer) == 1 else joined(buffer)
     time_s, channels = whole.time_s, dict(whole.channels)
     stuck = stuck_rows(time_s, channels)
     for name in [name for name, rows in stuck.items() if np.mean(rows) > MOSTLY]:
@@ -158,10 +159,10 @@ def _finished(
             del channels[name], stuck[name]
     bad = np.logical_or.reduce([np.zeros(len(time_s), dtype=bool), *stuck.values()])
     edges = np.flatnonzero(np.diff(bad)) + 1
-    for rows in np.split(np.arange(len(time_s)), edges):
-        if len(rows) < LEAST_ROWS or bad[rows[0]]:
+    for start, end in itertools.pairwise([0, *edges.tolist(), len(time_s)]):
+        if end - start < LEAST_ROWS or bad[start]:
             continue
-        times = time_s[rows]
+        rows, times = slice(start, end), time_s[start:end]
         values = {name: all_[rows] for name, all_ in channels.items()}
         values = {name: each for name, each in values.items() if np.isfinite(each).all()}
         count = round((times[-1] - times[0]) / period_s) + 1

@@ -13,10 +13,7 @@ PARQUET_SUFFIXES = (".parquet", ".pq")
 BLOCK_ROWS, TEXT_ROWS = 1 << 14, 1 << 5
 LARGEST_PAGE_BYTES, LARGEST_TEXT_PAGE_BYTES = 1 << 26, 1 << 22
 _BUFFER_BYTES, _LARGEST_HEADER_BYTES = 1 << 18, 1 << 12
-_LIMITS: dict[str, Any] = {
-    "thrift_string_size_limit": 1 << 24,
-    "thrift_container_size_limit": 1 << 16,
-}
+_LIMITS: dict[str, Any] = {"thrift_string_size_limit": 2**24, "thrift_container_size_limit": 2**16}
 
 
 def parquet_extent(path: Path, name: str) -> tuple[int, float | None, float | None]:

@@ -1,7 +1,7 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
@@ -261,11 +261,12 @@ def read_trace(
         return joined(frames)
 
 
-def joined(frames: Sequence[SampleFrame]) -> SampleFrame:
-    """Frames that follow one another as one; quality is left out."""
-    names = frames[0].channels
-    channels = {name: np.concatenate([each.channels[name] for each in frames]) for name in names}
-    return SampleFrame(np.concatenate([frame.time_s for frame in frames]), channels)
+def joined(frames: list[SampleFrame]) -> SampleFrame:
+    """Frames that follow one another as one, without quality; the list is emptied meanwhile."""
+    time_s, parts = np.concatenate([e.time_s for e in frames]), [dict(e.channels) for e in frames]
+    frames.clear()  # so that one channel at a time is there twice
+    channels = {name: np.concatenate([p.pop(name) for p in parts]) for name in (*parts[0],)}
+    return SampleFrame(time_s, channels)
 
 
 def _unreadable(path: Path, error: OSError) -> TraceError:

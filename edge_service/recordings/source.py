@@ -158,6 +158,9 @@ def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text
     import pyarrow as pa
     import pyarrow.compute as pc
 
+    if pa.types.is_floating(cells.type):
+        return cells.to_numpy(zero_copy_only=False), None
+
     def floats(raw: Any) -> Floats:
         text = pc.utf8_trim_whitespace(pc.cast(raw, pa.large_string()))
         values: Floats = pc.cast(text, pa.float64()).to_numpy(zero_copy_only=False)
@@ -174,11 +177,9 @@ def floats_from_text(cells: Any, decimal_point: str = ".") -> tuple[Floats, Text
         raw = pc.replace_substring(raw, own, plain)
     raw = pc.replace_substring_regex(raw, _CELLS["fortran"], r"\1e\2")
     if pc.any(is_like(_CELLS["letters"])).as_py():
-        for (number, names), (date, iso) in product(
-            _CELLS["months"].items(), _CELLS["dates"].items()
-        ):
+        for (mm, names), (date, iso) in product(_CELLS["months"].items(), _CELLS["dates"].items()):
             raw = pc.replace_substring_regex(
-                raw, date.replace("MONTH", names), iso.replace("MM", number)
+                raw, date.replace("MONTH", names), iso.replace("MM", mm)
             )
     if pc.any(is_like(style["surely"])).as_py():
         whole = pc.replace_substring_regex(raw, style["marks"], "")

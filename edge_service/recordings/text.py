@@ -36,7 +36,7 @@ class TextSource(Source):
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         super().__init__(path, file)
-        self._rest = b""
+        self._rest, self._are_plain = b"", True
         self._read_layout(file.read(BLOCK_BYTES))
         if len(self.names) > MOST_COLUMNS:
             raise TraceError(f"{path}: more than {MOST_COLUMNS} columns")
@@ -61,7 +61,7 @@ class TextSource(Source):
 
         if self._bytes > LARGEST_TABLE:
             raise TraceError(f"{self.path}: more than {LARGEST_TABLE >> 20} MB to arrange; cut it")
-        self.wanted, parts = list(dict.fromkeys(names)), []
+        self.wanted, self._are_plain, parts = list(dict.fromkeys(names)), False, []
         while (raw := self._read_lines()) is not None:
             parts.append(self._read_csv(raw)[0])
         return pa.concat_tables(parts).rename_columns(self.wanted)
@@ -108,11 +108,16 @@ class TextSource(Source):
         parse = arrow.ParseOptions(
             delimiter=self._delimiter, quote_char=False, invalid_row_handler=skip
         )
-        types = dict.fromkeys(wanted, pa.large_binary())
-        convert = arrow.ConvertOptions(
-            column_types=types, include_columns=wanted, strings_can_be_null=True
-        )
-        table = arrow.read_csv(pa.BufferReader(raw), read, parse, convert)
+        more = {"strings_can_be_null": True, "decimal_point": self.decimal_point}
+        types = dict.fromkeys(wanted, pa.float64() if self._are_plain else pa.large_binary())
+        convert = arrow.ConvertOptions(column_types=types, include_columns=wanted, **more)
+        try:
+            table = arrow.read_csv(pa.BufferReader(raw), read, parse, convert)
+        except pa.ArrowInvalid:
+            if self._are_plain:
+                self._are_plain = False
+                return self._read_csv(raw)
+            raise
         self.ragged_rows += len(ragged)
         return table, ragged
 

@@ -39,9 +39,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
         self._place = contextlib.ExitStack()
         suffix = path.suffix.lower()
         if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
-            raise TraceError(
-                f"{path}: the name ends in {suffix!r}; expected .csv, .parquet or .mcap"
-            )
+            raise TraceError(f"{path}: it ends in {suffix!r}; expected .csv, .parquet or .mcap")
         if path.is_dir():
             raise TraceError(f"{path}: a folder; expected the name of a file")
         with self._one_line_errors():
@@ -130,18 +128,14 @@ class McapSink:
             raise TraceError("MCAP needs a package that is not installed: mcap") from None
         self._writer: Any = Writer(file)
         self._writer.start(library="edge-service")
-        properties: dict[str, Any] = {
-            TIME: {"type": "number", "description": "the axis' own clock, s"}
-        }
+        shown: dict[str, Any] = {TIME: {"type": "number", "description": "the axis' own clock, s"}}
         for name in names:
             known = CHANNELS.get(name)
             text = f"{known.description}, {known.unit}" if known else "as recorded, in its own unit"
-            properties.setdefault(name, {"type": ["number", "null"], "description": text})
-        schema = {"type": "object", "properties": properties, "required": [TIME]}
-        schema_id = self._writer.register_schema(
-            SCHEMA_NAME, "jsonschema", json.dumps(schema).encode()
-        )
-        self._channel_id = self._writer.register_channel(TOPIC, "json", schema_id)
+            shown.setdefault(name, {"type": ["number", "null"], "description": text})
+        schema = {"type": "object", "properties": shown, "required": [TIME]}
+        about = self._writer.register_schema(SCHEMA_NAME, "jsonschema", json.dumps(schema).encode())
+        self._channel_id = self._writer.register_channel(TOPIC, "json", about)
         self._zero_s: float | None = None
         self._rows = 0
 

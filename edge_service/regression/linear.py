@@ -123,11 +123,7 @@ def instrumental_variables(
 
 
 def total_least_squares(
-    names: Sequence[str],
-    design: Floats,
-    target: Floats,
-    noise_rms: Floats,
-    target_noise_rms: float,
+    names: Sequence[str], design: Floats, target: Floats, noise_rms: Floats, target_noise_rms: float
 ) -> LinearFit:
     """Total least squares with exact and noisy regressors mixed (Van Huffel and Vandewalle, 1991).
 

@@ -112,8 +112,10 @@ class PreparedRun:
 
     def moving_rows(self, values: Floats) -> Floats:
         """Decimated rows of motion; rest beside it counts as zero, (n,) or (n, p) -> fewer rows."""
-        rows = np.where(self.moving if values.ndim == 1 else self.moving[:, None], values, 0.0)
-        filtered: Floats = signal.decimate(rows, DECIMATION, axis=0, zero_phase=True)
+        if values.ndim > 1:
+            return np.column_stack([self.moving_rows(column) for column in values.T])
+        rows = np.where(self.moving, values, 0.0)
+        filtered: Floats = signal.decimate(rows, DECIMATION, zero_phase=True)
         return filtered[self.moving[::DECIMATION]]
 
 

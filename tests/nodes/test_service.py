@@ -94,9 +94,10 @@ async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> 
         subscriber = service.bus.subscribe(config.keys.key("X", PRELOAD), PRELOAD)
         await asyncio.wait_for(asyncio.shield(service.task), 60.0)
         subscriber.close()
-        live = [estimate.model_dump_json() async for _, _, estimate in subscriber]
+        heard = [(head.source_time_ns, each) async for _, head, each in subscriber]
     assert len(offline) == 199
-    assert live == offline
+    assert [each.model_dump_json() for _, each in heard] == offline
+    assert [at_ns for at_ns, _ in heard] == sorted(at_ns for at_ns, _ in heard)
 
 
 @pytest.mark.slow

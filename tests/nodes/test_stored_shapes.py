@@ -69,9 +69,7 @@ def names(context: NodeContext) -> list[str]:
 
 
 @pytest.mark.parametrize("content", RAW, ids=range(len(RAW)))
-def test_states_of_any_content_are_set_aside_named_and_counted(
-    content: str, tmp_path: Path
-) -> None:
+def test_states_of_any_content_are_set_aside_and_counted(content: str, tmp_path: Path) -> None:
     context = context_in(tmp_path)
     with closing(context.store):
         put_raw(context, health_node.STATE, content)

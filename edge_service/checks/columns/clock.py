@@ -21,9 +21,7 @@ _HUNDRED_NS = 5e16, 1e18
 _PERIOD = "Length of a sample, s"
 _FEW_ROWS = 5
 """Rows of one window where rows may be missing unseen."""
-_NICE_S = tuple(
-    base * 10.0**-power for power in range(5) for base in (1.0, 2.0, 2.5, 4.0, 5.0, 8.0)
-)
+_NICE_S = tuple(base * 10.0**-down for down in range(5) for base in (1.0, 2.0, 2.5, 4.0, 5.0, 8.0))
 
 
 def find_clock(

@@ -12,7 +12,7 @@ from ...regression.inverse_dynamics import identify_inverse_dynamics
 from ...regression.prepared_run import PreparationSettings, prepare
 from ..channel_regression import CUTOFF_HZ
 from ..sampling import TOO_SLOW, clock_of
-from ..torque import CLEAR_SHARE, driven_share
+from ..torque import CLEAR_SHARE, driven_share, rows_in_motion
 
 _STEADY_SHARE = 0.7
 """Of the top speed of a run: faster than this it is not starting or stopping."""
@@ -86,7 +86,8 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
     inertia, _, coulomb, offset = found
     told = not (inertia.holds(0.0) and coulomb.holds(0.0))
     telling = coulomb if inertia.holds(0.0) else inertia
-    inverted, share = told and telling.value < 0.0, driven_share(frames, settings, offset.value)
+    inverted = told and telling.value < 0.0
+    share = driven_share(*rows_in_motion(frames, settings)[:2], offset.value)
     if told and abs(share - 0.5) > CLEAR_SHARE:
         inverted = share < 0.5
         if inertia.determined and inertia.scaled(-1.0 if inverted else 1.0, "").high < 0.0:

@@ -13,8 +13,8 @@ from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Number, StoredFloats
 from .channel_limits import ChannelLimits
-from .encoder_agreement import RESTING_RAD_S, SPEED, Agreement, parted_m, pieces_of
-from .repeats import FORGET, OpenRun, followed, held, standing
+from .encoder_agreement import CLOSED, Agreement, measured, parted_m
+from .repeats import FORGET, OpenRun, followed, holds
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
@@ -25,7 +25,7 @@ LOST_S = 1.0  # a channel that was missing for longer may have been reset
 _SMOOTH = 1.0 / 16.0  # of the noise of the last interval
 LONGER = 1.5
 """Factor on the hold of a channel at commissioning from which on its lag is another."""
-_HELD = ((U, Fault.TORQUE_HELD), (THETA, Fault.ANGLE_HELD), (X, Fault.TABLE_HELD))
+_HELD = (Fault.TORQUE_HELD, Fault.ANGLE_HELD, Fault.TABLE_HELD)
 _OF_ALL = Fault.TORQUE_STUCK | Fault.NO_TORQUE | Fault.TORQUE_OUTLIERS | Fault.TORQUE_HELD
 _OF_ALL |= Fault.ANGLE_STUCK | Fault.NO_POSITION | Fault.ANGLE_OUTLIERS | Fault.ANGLE_HELD
 _OF_ALL |= Fault.TABLE_OUTLIERS
@@ -127,7 +127,7 @@ class ChannelCheck:
     def __init__(self, limits: ChannelLimits, fastest_rad_s: float) -> None:
         self._limits = limits
         first = (limits.ratio_m_per_rad, limits.play_m, limits.periodic_m)
-        self._numbers = np.array([*first, limits.length_m, limits.stretch_m(1.0)])
+        self._numbers = np.array([*first, limits.length_m, limits.stretch_m(1.0), limits.skew_s])
         self._fastest_rad_s = fastest_rad_s
         self.state = ChannelState()
 
@@ -160,13 +160,10 @@ class ChannelCheck:
         """Channels that repeat their values for longer than at commissioning."""
         fault, state, usual_s = Fault.NONE, self.state, self._limits.hold_s
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
-        for k, (column, kind) in enumerate(_HELD):
-            so_far = [state.least_step[k], state.leaps[k], state.repeats[k]]
-            rows, *so_far = held(inside[:, column], *so_far)
-            state.least_step[k], state.leaps[k], state.repeats[k] = so_far
-            hold_s = period_s * (rows - 1.0)
-            state.hold_s[k] = max(hold_s, state.hold_s[k] / FORGET)
-            if usual_s is not None and hold_s > LONGER * usual_s[k] + 0.5 * period_s:
+        hold_s = period_s * (holds(inside, state.least_step, state.leaps, state.repeats) - 1.0)
+        state.hold_s = np.maximum(hold_s, state.hold_s / FORGET)
+        for kind, now_s, usual in zip(_HELD, hold_s.tolist(), usual_s or (), strict=False):
+            if now_s > LONGER * usual + 0.5 * period_s:
                 fault |= kind
         return fault
 
@@ -179,7 +176,7 @@ class ChannelCheck:
         if np.isnan(table).any():
             return self._without_table(inside, way)
         state.trial.missing_s = 0.0
-        verdict = self._check_both(inside, ahead, way, span_nm)
+        verdict = self._check_both(inside, ahead, span_nm)
         state.table_run = followed(table[:-1], way[:-1], state.table_run)
         state.angle_run = followed(way[:-1], table[:-1], state.angle_run)
         return verdict
@@ -196,32 +193,26 @@ class ChannelCheck:
             _doubt(state)
         return _MISSING
 
-    def _check_both(self, inside: Floats, ahead: Floats, way: Floats, span_nm: float) -> Verdict:
-        state = self.state
-        if np.abs(np.diff(inside[:, THETA]) / np.diff(inside[:, T])).max() > self._fastest_rad_s:
+    def _check_both(self, inside: Floats, ahead: Floats, span_nm: float) -> Verdict:
+        state, limits, trial = self.state, self._limits, self.state.trial
+        pieces, found = measured(inside, ahead, self._numbers, state.table_run, state.angle_run)
+        fastest, speed_m_s, angle_m, table_m, open_m, noise_m, way_m, moving = found.tolist()
+        if fastest > self._fastest_rad_s:
             state.agreement.interrupt()
             return _verdict(state.trial, Fault.NONE, has_stretch=False)
-        limits, table = self._limits, inside[:, X]
-        pieces = pieces_of(inside, limits.ratio_m_per_rad, limits.skew_s)
-        speed_m_s = float(np.abs(pieces[:, SPEED]).max())
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
         steps_m = state.least_step[1] * limits.ratio_m_per_rad + state.least_step[2]
-        lags_s = state.hold_s[1:].sum()
+        lags_s = float(state.hold_s[1] + state.hold_s[2])
         resolution_m = 4.0 * (steps_m + (2.0 * period_s + lags_s) * speed_m_s)  # of one value
         stretch_m = limits.stretch_m(span_nm)
         coarse_m = resolution_m if np.isfinite(resolution_m) else 0.0
-        angle_m, _ = standing(way, table, state.angle_run)
         if angle_m > limits.play_m + limits.growth_m + stretch_m + coarse_m:
             state.agreement.interrupt()
             return _verdict(state.trial, Fault.STUCK | Fault.ANGLE_STUCK, has_stretch=False)
-        later = ahead[~np.isnan(ahead[:, X])]
-        tables = np.concatenate([table, later[:, X]])
-        ways = np.concatenate([way, later[:, THETA] * limits.ratio_m_per_rad])
-        table_m, open_m = standing(tables, ways, state.table_run)
         rough = np.array([state.noise_m, lags_s, span_nm])
-        agreement, pushed = state.agreement, state.agreement.closed
+        agreement, pushed = state.agreement, state.agreement.contact[CLOSED]
         apart_m = parted_m(pieces, agreement.contact, agreement.anchors, self._numbers, rough)
-        hidden_m = stretch_m + (0.0 if pushed and agreement.closed else limits.play_m)
+        hidden_m = stretch_m + (0.0 if pushed and agreement.contact[CLOSED] else limits.play_m)
         table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
         if table_stands or apart_m > 0.0:
             _doubt(state)
@@ -230,20 +221,12 @@ class ChannelCheck:
             return Verdict(why | Fault.NO_TABLE, False, False)
         suspect = max(angle_m, table_m) > resolution_m
         if not suspect:
-            self._agreed(inside, way, pieces, rough)
+            if trial.doubted and moving:
+                trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
+            state.noise_m += _SMOOTH * (noise_m - state.noise_m)
+            turn_m = 2.0 * np.pi * limits.ratio_m_per_rad
+            trial.follow(moving * float(inside[-1, T] - inside[0, T]), way_m, turn_m)
         return _verdict(state.trial, Fault.NONE, has_stretch=not suspect)
-
-    def _agreed(self, inside: Floats, way: Floats, pieces: Floats, rough: Floats) -> None:
-        """Learn from an interval in which nothing is wrong."""
-        state, trial, speeds = self.state, self.state.trial, pieces[:, SPEED]
-        turn_m = 2.0 * np.pi * self._limits.ratio_m_per_rad
-        moving = np.abs(speeds) > RESTING_RAD_S * self._limits.ratio_m_per_rad
-        duration_s = float(inside[-1, T] - inside[0, T])
-        noise_m = float(np.median(np.abs(np.diff(way - inside[:, X]))))
-        state.noise_m += _SMOOTH * (noise_m - state.noise_m)
-        if trial.doubted and moving.any():
-            trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
-        trial.follow(float(moving.mean()) * duration_s, float(np.ptp(way)), turn_m)
 
 
 def _doubt(state: ChannelState) -> None:

@@ -1,7 +1,4 @@
-"""Agreement of the linear encoder with the way of the screw, within the limits of a sound axis.
-
-Compared piece by piece, as machine code.
-"""
+"""Agreement of the linear encoder with the screw, piece by piece, within a sound axis' limits."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -14,6 +11,7 @@ from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...models.compiled import compiled
 from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH
+from .repeats import OpenRun, standing
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
@@ -32,7 +30,7 @@ HELD, REST, BEGUN, NEWEST = range(4)
 """Rows of anchors: earlier pieces, NaN where there is none."""
 DIRECTION, PUSHED_SPEED, PUSHED_TIME, PUSHED_FROM, CLOSED = range(5)
 """Places of the contact's state."""
-RATIO, PLAY, PERIODIC, LENGTH, STRETCH = range(5)
+RATIO, PLAY, PERIODIC, LENGTH, STRETCH, SKEW = range(6)
 """Places of the limits: as `ChannelLimits`; stretch per torque."""
 NOISE, LAG, SPAN = range(3)
 """Places of the channels' roughness: noise of the encoders' difference from row to row, m; longest
@@ -64,11 +62,6 @@ class Agreement:
         self.contact[:] = _FREE
         self.anchors[[BEGUN, NEWEST]] = np.nan
 
-    @property
-    def closed(self) -> bool:
-        """Return whether play cannot hide between the encoders."""
-        return bool(self.contact[CLOSED])
-
     def is_elsewhere(self, piece: Floats, limits: Floats, rough: Floats) -> bool:
         """Piece at another level than the last that agreed."""
         return any(
@@ -76,6 +69,30 @@ class Agreement:
             > limits[PLAY] + _allowed_m(each, piece, limits, rough)
             for each in self.anchors[[HELD, REST]]
         )
+
+
+@compiled
+def measured(
+    inside: Floats, ahead: Floats, limits: Floats, table_run: OpenRun, angle_run: OpenRun
+) -> tuple[Floats, Floats]:
+    """Pieces of an interval, (k, 5), and its numbers, (8,); arguments as of `ChannelCheck.check`.
+
+    Greatest step, rad/s, and speed, m/s; travel while the angle stood, while the table did, and in
+    its open run, m; noise between the encoders and way of the screw, m; share in motion.
+    """
+    pieces = pieces_of(inside, limits[RATIO], limits[SKEW])
+    later = ahead[~np.isnan(ahead[:, X])]
+    way, table = inside[:, THETA] * limits[RATIO], inside[:, X].copy()
+    ways = np.concatenate((way, later[:, THETA] * limits[RATIO]))
+    steps = inside[1:] - inside[:-1]
+    fastest = np.max(np.abs(steps[:, THETA] / steps[:, T]))
+    angle_m, _ = standing(way, table, angle_run)
+    table_m, open_m = standing(np.concatenate((table, later[:, X])), ways, table_run)
+    noise_m = np.median(np.abs(np.diff(way - table)))
+    speeds = np.abs(pieces[:, SPEED])
+    moving = np.mean(speeds > RESTING_RAD_S * limits[RATIO])
+    found = (fastest, np.max(speeds), angle_m, table_m, open_m, noise_m, np.ptp(way), moving)
+    return pieces, np.array(found)
 
 
 @compiled
@@ -107,21 +124,19 @@ def _rests(piece: Floats, limits: Floats) -> bool:
 
 
 @compiled
-def parted_m(
-    pieces: Floats, contact: Floats, anchors: Floats, limits: Floats, rough: Floats
-) -> float:
+def parted_m(pieces: Floats, push: Floats, anchors: Floats, limits: Floats, rough: Floats) -> float:
     """Take pieces up to the first at which the encoders part beyond a sound axis' limits, m, or 0.
 
     Args:
         pieces: (k, 5), as of `pieces_of`.
-        contact: (5,), changed in place.
+        push: (5,), changed in place.
         anchors: (4, 5), changed in place.
-        limits: (5,).
+        limits: (6,).
         rough: (3,).
     """
     for piece in pieces:
-        contact[CLOSED] = _pushes(piece, contact, limits, rough)
-        if contact[CLOSED] == 0.0:
+        push[CLOSED] = _pushes(piece, push, limits, rough)
+        if push[CLOSED] == 0.0:
             anchors[BEGUN], anchors[NEWEST] = np.nan, np.nan
         resting = _rests(piece, limits)
         for name in range(4):
@@ -135,7 +150,7 @@ def parted_m(
             anchors[HELD] = piece
         if resting:
             anchors[REST] = piece
-        if contact[CLOSED] != 0.0:
+        if push[CLOSED] != 0.0:
             if np.isnan(anchors[BEGUN, TIME]):
                 anchors[BEGUN] = piece
             anchors[NEWEST] = piece

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...messages.row_faults import THETA, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Number
 from ...models.compiled import compiled
@@ -69,6 +70,16 @@ def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
     if first == 0 and before.value == value:
         rows, low, high = rows + before.rows, min(low, before.low_m), max(high, before.high_m)
     return OpenRun(value, rows, low, high)
+
+
+@compiled
+def holds(rows: Floats, least: Floats, leaps: Floats, repeats: Floats) -> Floats:
+    """Mean rows of a value of torque, angle and table, (3,), as of `held`; the rest in place."""
+    found = np.empty(3)
+    for k, column in enumerate((U, THETA, X)):
+        so_far = least[k], leaps[k], repeats[k]
+        found[k], least[k], leaps[k], repeats[k] = held(rows[:, column], *so_far)
+    return found
 
 
 @compiled

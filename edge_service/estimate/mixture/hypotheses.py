@@ -19,11 +19,9 @@ FORCED = 0.2
 STOP_S = 1.0
 """Loads and lubricants are mostly changed while the axis stands, for at least this long."""
 _LONGEST_STOP_S = 100.0
-_SURPRISE = 9.0
-_SOON_S = 0.3
+_SURPRISE, _SOON_S = 9.0, 0.3
 _LEAST_SHARE = math.log(1e-3)
-_ALIVE = 2.0
-_GAINED = 1.0
+_ALIVE, _GAINED = 2.0, 1.0
 BOTH = 3
 TOTAL_SHARE = 0.25
 """Of the motion that confirms a step, for a loss of all: the next stop may change load or lubricant
@@ -132,8 +130,7 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
         bank.mean[slot] = bank.mean[source]
         bank.covariance[slot] = bank.covariance[source]
     bank.log_weight[slot] = log_weight
-    bank.force[slot] = bank.force[source]
-    bank.force_n[slot] = bank.force_n[source]
+    bank.force[slot], bank.force_n[slot] = bank.force[source], bank.force_n[source]
     bank.cost[slot] = bank.cost[source]
     bank.alive[slot], bank.age_s[slot], bank.directions[slot] = 1, 0.0, 0
 
@@ -229,9 +226,8 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         x[state.COUPLING] += process.loosened_m_per_n[slot]
     p += process.jumps[slot]
     if slot == state.LUBRICATION:  # or all friction is as commissioned again
-        for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
-            for j in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
-                p[i, j] += x[i] * x[j]
+        first, end = state.NUT_FRICTION, state.GUIDE_VISCOUS + 1
+        p[first:end, first:end] += np.outer(x[first:end], x[first:end])
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:

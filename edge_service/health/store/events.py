@@ -229,10 +229,8 @@ class EventLog:
         """Keep what waits within bounds: what happens all the time goes first."""
         with self._lock:
             while len(self._waiting) > _MOST_WAITING:
-                chatter = (
-                    key for key, each in self._waiting.items() if is_chatter(each.event.kind)
-                )
-                del self._waiting[next(chatter, next(iter(self._waiting)))]
+                often = (key for key, each in self._waiting.items() if is_chatter(each.event.kind))
+                del self._waiting[next(often, next(iter(self._waiting)))]
                 self.lost += 1
 
     def _found(

@@ -156,9 +156,7 @@ class History:
         rows = self._store.read(lambda file: file.execute(kept).fetchall())
         return [axis for (axis,) in rows]
 
-    def spans(
-        self, axis: str, start_s: float = -math.inf, end_s: float = math.inf
-    ) -> Iterator[Rows]:
+    def spans(self, axis: str, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[Rows]:
         """All rows of [start_s, end_s) as fine as they are kept, by time, an hour at once.
 
         Raises StoreFailedError.
