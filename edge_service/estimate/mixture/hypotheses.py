@@ -77,14 +77,14 @@ def adapt_hypotheses(
         left = max(bank.log_weight[base], process.assumed.floor)
         _succeed(bank, process, leader, least, base, left)
         leader = base = state.STEADY
-    log_spawn = math.log(process.assumed.spawn_s)
+    priors = process.priors + math.log(process.assumed.spawn_s)
     if moments[state.STOPPED_S] > 0.0:
-        log_time = math.log(moments[state.STOPPED_S])
+        stop_priors = process.stop_priors + math.log(moments[state.STOPPED_S])
         moments[state.STOPPED_S] = 0.0
         for k in state.STOP_CHALLENGERS:
-            _spawn_unless_running(bank, process, k, base, leader, process.stop_priors[k] + log_time)
+            _spawn_unless_running(bank, process, k, base, leader, stop_priors[k], False)
         for k in (state.LOSS, state.TOTAL_LOSS):
-            _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
+            _spawn_unless_running(bank, process, k, base, leader, priors[k], False)
     since = moments[state.SINCE_SPAWN_S]
     surprised = moments[state.SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.assumed.spawn_s or surprised:
@@ -92,7 +92,7 @@ def adapt_hypotheses(
         _restart(bank, state.STEADY, state.WEARING)
         _restart(bank, state.WEARING, state.STEADY)
         for k in state.CHALLENGERS:
-            _spawn_unless_running(bank, process, k, base, leader, process.priors[k] + log_spawn)
+            _spawn_unless_running(bank, process, k, base, leader, priors[k], surprised)
 
 
 @compiled
@@ -192,20 +192,20 @@ def _restart(bank: Bank, slot: int, other: int) -> None:
 
 @compiled
 def _spawn_unless_running(
-    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float
+    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float, surprised: bool
 ) -> None:
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
-    each while it explains what the likeliest takes for a force. `prior` is the log-probability that
-    the step has happened since the last challenger was spawned.
+    each while it explains what the likeliest takes for a force, unless a phase surprises: its step
+    is newer. `prior` is the log-probability of a step since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
-    gains = ahead > prior + _GAINED
-    if slot in (state.LOSS, state.TOTAL_LOSS):
-        gains = gains and bank.age_s[slot] < process.assumed.spawn_s
+    lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
+    gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
-    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or gains or explains)
+    goes_on = (gains or explains) and not (surprised and bank.age_s[slot] > 2.0 * _SOON_S)
+    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or goes_on)
     if not running and prior > -math.inf:
         spawn_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
 

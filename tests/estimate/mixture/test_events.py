@@ -93,6 +93,12 @@ def test_another_load_on_an_axis_under_gravity_is_no_lasting_force() -> None:
     assert held(answers, FRESH) == 1.0
 
 
+def test_friction_that_comes_and_goes_is_no_loss() -> None:
+    drag = np.repeat([1.0, 1.6, 1.0], [20_000, 40_000, 20_000])
+    answers = numbers(run(AXIS.produced(np.full(80_000, FRESH), 5, (), drag).blocks))
+    assert misled(answers, FRESH) == 0.0
+
+
 def test_with_one_encoder_a_drop_of_friction_leaves_both_causes_open() -> None:
     """Torque cannot tell a lost preload from a lubricated axis: no number misses the truth."""
     estimator = MixturePreloadEstimator(machine(one_encoder=True))
