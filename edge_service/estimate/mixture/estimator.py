@@ -172,7 +172,6 @@ class MixturePreloadEstimator:
         limits = self._limits._replace(widening=self._validity.widening)
         posterior = posterior_of(self._bank, self._model, limits)
         percent, low, high = posterior.preload
-        stiffness = posterior.stiffness
         return PreloadEstimate(
             **common,
             reasons=reasons,
@@ -181,7 +180,7 @@ class MixturePreloadEstimator:
             high=high,
             preload_n=percent / 100.0 * rating,
             drag_torque_nm=_interval(posterior.drag),
-            stiffness_n_per_m=None if stiffness is None else _interval(stiffness),
+            stiffness_n_per_m=_interval(posterior.stiffness),
             mode_probability=posterior.levels,
             fault_probability=posterior.faults,
             nis=self._last.nis,
@@ -267,9 +266,8 @@ class MixturePreloadEstimator:
         self._bank, self._waiting, self._validity = bank, waiting, validity
 
 
-def _interval(bounds: tuple[float, float, float]) -> Interval:
-    value, low, high = bounds
-    return Interval(value=value, low=low, high=high)
+def _interval(bounds: tuple[float, float, float] | None) -> Interval | None:
+    return None if bounds is None else Interval(value=bounds[0], low=bounds[1], high=bounds[2])
 
 
 def vibrates(interval: SteadyInterval) -> bool:

@@ -26,11 +26,12 @@ BOTH = 3
 TOTAL_SHARE = 0.25
 """Of the motion that confirms a step, for a loss of all: the next stop may change load or lubricant
 before the rest is seen, and those begin with what is accepted."""
+_SHARES = (*range(state.NUT_FRICTION, state.PAYLOAD), state.REVERSAL)
+_IS_SHARE = np.isin(np.arange(state.STRETCH_STATES), _SHARES).astype(np.float64)
 _HALF, _HALF_SIGMA = 0.4, 0.4
 _NONE, _NONE_SIGMA = 0.03, 0.7
 DAY_S = 86_400.0
-_WORN_PER_DAY = 0.03
-_OTHER_LOAD, _OTHER_NUT = 0.05, 0.25
+_WORN_PER_DAY, _OTHER_LOAD, _OTHER_NUT = 0.03, 0.05, 0.25
 NUT_SLOT, LOAD_SLOT = 2, 3
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
@@ -197,14 +198,15 @@ def _spawn_unless_running(
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
-    each while it explains what the likeliest takes for a force, unless a phase surprises: its step
-    is newer. `prior` is the log-probability of a step since the last challenger was spawned.
+    each while it explains what the likeliest takes for a force, but no lubricant when a phase
+    surprises. `prior` is the log-probability of a step since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
     gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
-    goes_on = (gains or explains) and not (surprised and bank.age_s[slot] > 2.0 * _SOON_S)
+    is_stale = surprised and slot == state.LUBRICATION and bank.age_s[slot] > 2.0 * _SOON_S
+    goes_on = (gains or explains) and not is_stale
     running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or goes_on)
     if not running and prior > -math.inf:
         spawn_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
@@ -226,8 +228,8 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
         x[state.COUPLING] += process.loosened_m_per_n[slot]
     p += process.jumps[slot]
     if slot == state.LUBRICATION:  # or all friction is as commissioned again
-        first, end = state.NUT_FRICTION, state.GUIDE_VISCOUS + 1
-        p[first:end, first:end] += np.outer(x[first:end], x[first:end])
+        back = x * _IS_SHARE[: x.shape[0]]
+        p += np.outer(back, back)
 
 
 def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
