@@ -23,7 +23,7 @@ class TransmissionConfig(_Table):
     reference_m: float
     stretch_per_acceleration_s2: float = Field(gt=0.0)  # M C, of the table at `reference_m`
     stretch_slope_s2_per_m: float = 0.0  # its rise with the table's position
-    stretch_bow_s2_per_m2: float = Field(0.0, exclude_if=operator.not_)  # the same with its square
+    stretch_bow_s2_per_m2: float = Field(0.0, exclude_if=operator.not_)  # and with its square
     stretch_sigma_s2: float = Field(0.0, ge=0.0)
     nut_share: float = Field(gt=0.0, le=1.0)  # of the compliance at `reference_m`
     nut_share_sigma: float = Field(ge=0.0)

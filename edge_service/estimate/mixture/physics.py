@@ -7,17 +7,17 @@ preload p = exp(PRELOAD)::
               + s (k p (1 + nut) + k p0 (m(x) - 1) + B (1 + bearing) + R G (1 + guide)
                    + St(v)) + J (w1 - w0) / T)
     stretch   R theta - x = g0 + g1 (x - x0) + map(x) + s odd(x) + skew R v + wander
-              + (c0 + c1 (x - x0) - cn) F + loose (F + H) + coupling (F + H + s drag / R)
-              + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s (c0 + c1 (x - x0)) G reversal
+              + (c(x) - cn) F + loose (F + H) + coupling (F + H + s drag / R)
+              + 3 F0 cn (y(F + H, m(x) p) - y(H, p0)) + s c(x) G reversal
               F = (M0 + (1 - table mass) M) R a + s G (1 + guide) + V (1 + guide viscous) R v
 
-H is what hangs on the screw, gravity less the counterweight; an amplifier's offset passes for it.
+H is what hangs on the screw, gravity less the counterweight; an amplifier's offset passes for it;
+c(x) = c0 + c1 (x - x0) + c2 (x - x0)^2 is the compliance and m(x) the unevenness of the friction.
 The first is the balance of momentum (eq. 4.3.4) with the screw's drag proportional to its preload
 (eq. 4.3.6); the second is the series stiffness under a known inertia force, of which only the nut's
 share y depends on the preload (5.3.1, 5.3.11; see nut_deflection). No recording of a healthy axis
-can split what else differs between the directions (wind-up of the screw under the nut's drag,
-seals, play): it is a state of its own that takes nothing from the preload. The functions run
-compiled; their plain Python (`.py_func`) gives the same numbers.
+can split what else differs between the directions (wind-up under the nut's drag, seals, play): it
+is a state of its own. The functions run compiled, and as plain Python (`.py_func`) alike.
 """
 
 import math
