@@ -35,8 +35,7 @@ EXPONENTS = {1 / 3: 0.4, 0.28: 0.3, 0.22: 0.2, 1 / 6: 0.1}
 OTHER_REST = 0.1
 """Assumption: probability that the rest has changed, by any share of the compliance alike."""
 WORN_PER_DAY, OTHER_NUT = 0.05, 0.02
-"""Assumption: wear since the last test, of ln(preload) times the root of the days; probability that
-it went otherwise."""
+"""Assumption: wear of ln(preload) by the root of the days; probability that it went otherwise."""
 OTHER_FRICTION = 0.2
 """Assumption: probability that the level of friction says nothing: other grease, other guides."""
 COLD_WARMTH = 0.05

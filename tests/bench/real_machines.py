@@ -1,7 +1,6 @@
 """Recordings of real machines that lie beside the checkout, as traces; none is copied into it.
 
-Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Screw actuators: 100 Hz
-and a data sheet.
+Cranfield (CORD 5097649): a linear actuator at 25 Hz, its current unsigned. Screws at 100 Hz.
 """
 
 from collections.abc import Iterable, Mapping

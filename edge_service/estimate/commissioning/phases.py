@@ -65,8 +65,7 @@ class SteadyPhases:
 class Noise:
     """Error of a mean over a phase: variance density (1 + (slow / |v|)^2) / steady time.
 
-    Friction that changes along the way (cogging, Stribeck) averages out the worse the slower the
-    axis moves.
+    Friction that changes along the way (cogging, Stribeck) averages out worse in slow motion.
     """
 
     density: float

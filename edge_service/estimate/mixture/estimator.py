@@ -39,8 +39,7 @@ RAPID_SEEN_S, RAPID_FORCED = 5.0, 0.6
 """From how much rapid motion, and from which share of it under a force, no model fits."""
 _MOST_FRICTION, _MOST_LOAD = 2.5, 5.0
 SLOWER = 1.5
-"""Factor on the time between the samples of commissioning from which on the noise that it found
-says nothing."""
+"""Factor on commissioning's time between samples, beyond which its noise says nothing."""
 
 
 @dataclass(slots=True)

@@ -1,7 +1,6 @@
 """Gathering of short intervals of steady motion until they last a tenth of a second.
 
-The noise that a filter assumes holds for phases of about that length; a mean over phases is exact,
-so only time is lost.
+The noise that a filter assumes holds for phases of about that length; their mean is exact.
 """
 
 from dataclasses import astuple, dataclass

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ...messages.samples import Floats
 from ...models.compiled import compiled
 from . import state
 from .model import Start
@@ -52,13 +53,13 @@ def normalise(bank: Bank, floor: float) -> None:
 
 @compiled
 def adapt_hypotheses(
-    bank: Bank, process: Process, reading: Reading, elapsed_s: float, calm: bool
+    bank: Bank, process: Process, reading: Reading, elapsed_s: float, calm: bool, nis: Floats
 ) -> None:
     """Promote a confirmed challenger after a phase, and spawn new ones.
 
-    They begin with the phase that surprises the accepted hypothesis: a loss spawned before it has
-    learned that nothing happened would leave the field to a total one, which no earlier phase has
-    corrected. `calm`: no process force acts.
+    They begin with the phase that surprises the accepted hypothesis, and a loosening with one that
+    surprises itself: each spawned before it has learned that nothing happened. `calm`: no process
+    force acts; `nis` (HYPOTHESES,): innovation squared of the phase.
     """
     moments, motion_s = bank.moments, reading.steady_s
     moments[state.SINCE_SPAWN_S] += motion_s
@@ -80,12 +81,10 @@ def adapt_hypotheses(
         leader = base = state.STEADY
     priors = process.priors + math.log(process.assumed.spawn_s)
     if moments[state.STOPPED_S] > 0.0:
-        stop_priors = process.stop_priors + math.log(moments[state.STOPPED_S])
+        stop_priors = np.maximum(process.stop_priors + math.log(moments[state.STOPPED_S]), priors)
         moments[state.STOPPED_S] = 0.0
-        for k in state.STOP_CHALLENGERS:
+        for k in (*state.STOP_CHALLENGERS, state.LOSS, state.TOTAL_LOSS):
             _spawn_unless_running(bank, process, k, base, leader, stop_priors[k], False)
-        for k in (state.LOSS, state.TOTAL_LOSS):
-            _spawn_unless_running(bank, process, k, base, leader, priors[k], False)
     since = moments[state.SINCE_SPAWN_S]
     surprised = moments[state.SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.assumed.spawn_s or surprised:
@@ -93,7 +92,10 @@ def adapt_hypotheses(
         _restart(bank, state.STEADY, state.WEARING)
         _restart(bank, state.WEARING, state.STEADY)
         for k in state.CHALLENGERS:
-            _spawn_unless_running(bank, process, k, base, leader, priors[k], surprised)
+            anew = (
+                surprised if k == state.LUBRICATION else k >= state.LOOSENING and nis[k] > _SURPRISE
+            )
+            _spawn_unless_running(bank, process, k, base, leader, priors[k], anew)
 
 
 @compiled
@@ -193,19 +195,19 @@ def _restart(bank: Bank, slot: int, other: int) -> None:
 
 @compiled
 def _spawn_unless_running(
-    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float, surprised: bool
+    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float, anew: bool
 ) -> None:
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A step of the preload shows within seconds; the others run on for as long as they gain, and
-    each while it explains what the likeliest takes for a force, but no lubricant when a phase
-    surprises. `prior` is the log-probability of a step since the last challenger was spawned.
+    each while it explains what the likeliest takes for a force, unless it shall begin `anew`.
+    `prior` is the log-probability of a step since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
     gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
-    is_stale = surprised and slot == state.LUBRICATION and bank.age_s[slot] > 2.0 * _SOON_S
+    is_stale = anew and bank.age_s[slot] > 2.0 * _SOON_S
     goes_on = (gains or explains) and not is_stale
     running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or goes_on)
     if not running and prior > -math.inf:

@@ -38,8 +38,7 @@ READ_ABOVE = 0.15
 """Reach of ln(preload) above its bound for the median: cut there, a fresh preload would be told too
 low by half its error."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
-"""Changes since commissioning that count as faults: of preload, whole friction, table mass,
-compliance."""
+"""Changes since commissioning that count as faults: of preload, friction, mass, compliance."""
 LASTED_S = 1.0
 """Motion under a force, as is believed, from which on a step that needs none is doubted."""
 DOUBTED = 0.4

@@ -39,8 +39,7 @@ MOST_SHARE = 1.05
 
 STEADY, WEARING, LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, LARGE_LOOSENING, BEFORE = range(9)
 """The preload stays, or falls steadily; steps of the preload, of it to almost nothing, of all
-friction, of the load, of the compliance by little and by much; the belief before the last accepted
-step."""
+friction, of the load, of the compliance by little and by much; the belief before the last step."""
 HYPOTHESES = 9
 CHALLENGERS = (LOSS, TOTAL_LOSS, LUBRICATION, LOAD, LOOSENING, LARGE_LOOSENING)
 STOP_CHALLENGERS = (LUBRICATION, LOAD)

@@ -89,7 +89,7 @@ def step(
     _watch_inertia(bank, model, reading, error_nm[leader], counts)
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[state.SURPRISE] = assessed.nis[leader]
-    adapt_hypotheses(bank, process, reading, elapsed_s, calm)
+    adapt_hypotheses(bank, process, reading, elapsed_s, calm, assessed.nis)
     _count_forced(bank, process, reading.steady_s, rapid, calm)
     believed_s = bank.moments[state.BELIEVED_FORCED_S] + reading.steady_s
     acts = bank.force[accepted(bank)] > FORCED
@@ -259,6 +259,7 @@ def _improbability(x: Floats, assumed: MixtureSettings) -> float:
     distance = (square - together * total * total / (apart + 5.0 * together)) / apart
     if x.shape[0] > state.TORQUE_STATES:
         distance += (x[state.REVERSAL] / assumed.reversal) ** 2
+        distance += (x[state.TABLE_MASS] / assumed.twist - 1.0) ** 2
     return float(0.5 * distance)
 
 

@@ -3,8 +3,7 @@
 Torque shows the sum of all frictions, and warmth or grease lower it as a lost preload does. How
 the filter shares a change out between them is a matter of its priors only, and a share once given
 to the preload stays there. So the friction's level is weighed anew at each moment against every
-preload that it may belong to, without memory: the interval holds what warmth and grease may have
-done.
+preload that it may belong to, without memory: the interval holds what warmth and grease may do.
 """
 
 import math

@@ -1,8 +1,7 @@
 """Many Modbus devices in one process, of structs and nothing else: the other side of a bench.
 
 `python modbus_responder.py COUNT` prints its ports in one line. A line
-`hang INDEX` on its input keeps that device from answering, `answer INDEX` lets it; at the end of
-the input it ends.
+`hang INDEX` on its input keeps that device from answering, `answer INDEX` lets it; it ends with it.
 """
 
 import asyncio

@@ -1,8 +1,7 @@
 """Lives of many sessions, estimated with the state kept between them and with a new start each.
 
 With a kept state the sessions are followed as `estimate --state` does: a session whose clock does
-not go on from the last one is resumed after a stop of unknown length. Nobody tells the estimator
-that a nut was replaced.
+not go on from the last one is resumed after a stop of unknown length. No one tells of a new nut.
 """
 
 import json

@@ -4,15 +4,8 @@ import math
 
 import numpy as np
 
-from edge_service.estimate.mixture import state
+from edge_service.estimate.mixture import physics, state
 from edge_service.estimate.mixture.model import Start
-from edge_service.estimate.mixture.physics import (
-    UNEVEN_LOST,
-    expected_stretch,
-    expected_torque,
-    stribeck,
-    stroke_factor,
-)
 from edge_service.estimate.mixture.state import AxisModel, Bank, Process, Reading, empty_bank
 from edge_service.messages.samples import Floats
 
@@ -77,11 +70,11 @@ def _walked_s(i: int, elapsed_s: float) -> float:
 
 def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, float]:
     """Torque and stretch (2,), their slopes (2, n), and the compliance; one without an encoder."""
-    slopes, factor = np.zeros((2, len(x))), stroke_factor(model, r.table_m)
-    values = [expected_torque(model, x, r, factor, stribeck(model, r), slopes[0])]
+    slopes, factor = np.zeros((2, len(x))), physics.stroke_factor(model, r.table_m)
+    values = [physics.expected_torque(model, x, r, factor, physics.stribeck(model, r), slopes[0])]
     if len(x) == state.TORQUE_STATES or math.isnan(r.stretch_m):
         return np.array(values), slopes[:1], 0.0
-    stretch, compliance = expected_stretch(model, x, r, factor, slopes[1])
+    stretch, compliance = physics.expected_stretch(model, x, r, factor, slopes[1])
     return np.array([*values, stretch]), slopes, compliance
 
 
@@ -92,10 +85,13 @@ def noise_of(
     speed = abs(r.speed_rad_s)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
     lost_nm = model.drag_per_percent_nm * (model.fresh_percent - math.exp(x[state.PRELOAD]))
-    torque += (UNEVEN_LOST * lost_nm * (stroke_factor(model, r.table_m) - 1.0)) ** 2
-    noise = np.diag([torque + (0.3 * stribeck(model, r)) ** 2, 0.0])
+    torque += (physics.UNEVEN_LOST * lost_nm * (physics.stroke_factor(model, r.table_m) - 1.0)) ** 2
+    noise = np.diag([torque + (0.3 * physics.stribeck(model, r)) ** 2, 0.0])
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
-    noise[1, 1] = stretch + (process.loose_m * math.exp(-math.exp(x[state.PRELOAD]) / 0.3)) ** 2
+    loose = process.loose_m * math.exp(-math.exp(x[state.PRELOAD]) / 0.3)
+    inertia_nm = abs(model.inertia_kg_m2 * r.acceleration_rad_s2)
+    loose *= 1.0 if inertia_nm > 2.0 * math.sqrt(noise[0, 0]) else physics.STEADY_PLAY
+    noise[1, 1] = stretch + loose**2
     axial = process.axial_n * np.array([model.ratio_m_per_rad, compliance])
     return (noise + np.outer(axial, axial))[:quantities, :quantities]
 

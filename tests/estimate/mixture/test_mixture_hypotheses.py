@@ -14,6 +14,7 @@ from edge_service.estimate.mixture.state import (
     COUPLING,
     GUIDE_FRICTION,
     GUIDE_VISCOUS,
+    HYPOTHESES,
     LARGE_LOOSENING,
     LEARNING,
     LOAD,
@@ -40,6 +41,7 @@ from .mixture_axis import FRESH, SETTINGS, TORQUE_NOISE_NM, Truth, idle, measure
 
 MODEL, START, PROCESS = parts()
 TICK = idle(np.random.default_rng(0), direction=1.0)
+NIS = np.zeros(HYPOTHESES)
 
 
 def settled(one_encoder: bool = False) -> Bank:
@@ -94,7 +96,7 @@ def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
 def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it() -> None:
     bank = Challenger().bank()
     believed_before = bank.mean[STEADY].copy()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == 0.0
     np.testing.assert_array_equal(bank.mean[BEFORE], believed_before)
     assert bank.log_weight[STEADY] == 2.5
@@ -110,7 +112,7 @@ def test_a_rival_about_as_likely_as_the_winner_goes_on(behind: float, goes_on: b
     rival = 2.0 * bank.mean[STEADY]
     bank.mean[LUBRICATION], bank.covariance[LUBRICATION] = rival, bank.covariance[STEADY]
     bank.alive[LUBRICATION], bank.log_weight[LUBRICATION] = 1, bank.log_weight[LOSS] - behind
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     assert bool(bank.mean[LUBRICATION, PRELOAD] == rival[PRELOAD]) is goes_on
     assert bank.alive[LUBRICATION]  # if not that one, the next
 
@@ -122,7 +124,7 @@ def test_a_challenger_does_not_take_over_too_soon(less: dict[str, Any]) -> None:
     challenger = Challenger(**less)
     bank = challenger.bank()
     before = bank.mean[STEADY].copy()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, challenger.calm, NIS)
     np.testing.assert_array_equal(bank.mean[STEADY], before)
     assert bank.alive[LOSS]
     assert bank.mean[LOSS, PRELOAD] == 0.0
@@ -131,7 +133,7 @@ def test_a_challenger_does_not_take_over_too_soon(less: dict[str, Any]) -> None:
 @pytest.mark.parametrize(("age_s", "accepted"), [(1.9, False), (2.1, True)])
 def test_a_loss_of_all_is_accepted_after_two_seconds(age_s: float, accepted: bool) -> None:
     bank = Challenger(age_s=age_s, slot=TOTAL_LOSS).bank()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     assert bool(bank.mean[STEADY, PRELOAD] == 0.0) is accepted
 
 
@@ -141,22 +143,28 @@ def test_a_loss_of_all_is_accepted_after_two_seconds(age_s: float, accepted: boo
 def test_a_loss_begins_with_the_phase_that_surprises(nis: float, calm: bool, begins: bool) -> None:
     """One that began before it has learned that nothing happened, and a total one would win."""
     bank = settled()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 4.0, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 4.0, True, NIS)
     bank.mean[LOSS, PRELOAD] = -1.0
     bank.moments[SURPRISE] = nis
     bank.moments[SINCE_SPAWN_S] = 0.0
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, calm, NIS)
     assert bool(bank.mean[LOSS, PRELOAD] == bank.mean[STEADY, PRELOAD]) is begins
+
+
+@pytest.mark.parametrize(("nis", "begins"), [(9.1, True), (8.9, False)])
+def test_a_loosening_begins_anew_with_a_phase_that_surprises_it(nis: float, begins: bool) -> None:
+    bank = Challenger(age_s=1.0, ahead=-3.0, slot=LOOSENING).bank()
+    bank.moments[SINCE_SPAWN_S] = SETTINGS.spawn_s
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, np.full(HYPOTHESES, nis))
+    assert bool(bank.mean[LOOSENING, PRELOAD] == bank.mean[STEADY, PRELOAD]) is begins
 
 
 @pytest.mark.parametrize("calm", [False, True])
 @pytest.mark.parametrize(("stop_s", "counted_s"), [(5.0, 5.0), (50.0, 50.0), (5000.0, 100.0)])
-def test_the_longer_a_stop_the_likelier_is_another_load(
-    stop_s: float, counted_s: float, calm: bool
-) -> None:
+def test_after_a_long_stop_a_load_is_likelier(stop_s: float, counted_s: float, calm: bool) -> None:
     """Even where the phase after it passes for one under a force: that may be the other load."""
     bank = settled()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, stop_s, calm)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, stop_s, calm, NIS)
     for slot in (LOAD, LUBRICATION):
         expected = math.log(SETTINGS.stop_hazard * counted_s)
         assert bank.log_weight[slot] - bank.log_weight[STEADY] == pytest.approx(expected)
@@ -166,9 +174,9 @@ def test_the_longer_a_stop_the_likelier_is_another_load(
 def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     """Each challenger is the belief, but for what has just happened to it."""
     bank = settled()
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 5.0, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 5.0, True, NIS)
     for _ in range(40):
-        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     torques = {*range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: torques}
@@ -188,10 +196,10 @@ def test_the_beginning_ends_with_the_likeliest_and_the_next() -> None:
     bank.log_weight[:] = -9.0
     bank.log_weight[[LOSS, TOTAL_LOSS]] = -1.0, -0.5
     almost = TICK._replace(steady_s=SETTINGS.learn_s - 0.1)
-    hypotheses.adapt_hypotheses(bank, PROCESS, almost, 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, almost, 0.1, True, NIS)
     assert bank.moments[LEARNING] == 1.0
     none, half = bank.mean[TOTAL_LOSS, PRELOAD], bank.mean[LOSS, PRELOAD]
-    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True)
+    hypotheses.adapt_hypotheses(bank, PROCESS, TICK._replace(steady_s=0.2), 0.1, True, NIS)
     assert bank.moments[LEARNING] == 0.0
     assert bank.mean[STEADY, PRELOAD] == bank.mean[WEARING, PRELOAD] == none
     assert bank.mean[BEFORE, PRELOAD] == half
@@ -216,7 +224,7 @@ def test_a_challenger_gets_older_only_by_what_it_explains_and_has_led_where_it_l
     bank = Challenger(age_s=2.0, directions=0).bank()
     for force, ahead, seen in ((1.0, -1.0, 0), (0.0, -1.0, 0), (0.0, 1.0, 1)):
         bank.force[LOSS], bank.log_weight[LOSS], age_s = force, ahead, bank.age_s[LOSS]
-        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True)
+        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
         assert bank.directions[LOSS] == seen
         assert bank.age_s[LOSS] == age_s + TICK.steady_s * (force == 0.0)
 

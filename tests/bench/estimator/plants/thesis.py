@@ -92,8 +92,7 @@ def edge_noise_var() -> float:
 def thesis_blocks(run: thesis.ThesisRun) -> list[FeatureBlock]:
     """A block per step: the second difference of the angle is what the torque of a step did.
 
-    The Euler plant moves the angle at k + 2 by the torque of step k; a step that the drag may
-    stop gives no phase.
+    The Euler plant moves the angle at k + 2 by the torque of step k; one that may stop gives none.
     """
     step_s, angle = thesis.PRINTED_STEP_S, run.measurement[:, 0]
     surely_slides = (
