@@ -149,7 +149,7 @@ MOST_LINES = {
     "diagnose": 4963,
     "downsample": 1215,
     "drivers": 3676,
-    "estimate": 5170,
+    "estimate": 5168,
     "fingerprint": 2769,
     "health": 4528,
     "http_api": 2416,
