@@ -86,8 +86,7 @@ async def test_only_the_newest_stay(tmp_path: Path) -> None:
         scene.recorder.note(event(since_s=scene.now_s - 5.0, name=name_of(number)))
         await scene.run(AFTER_S + 2.0)
     left = sorted(path.name for path in tmp_path.iterdir())
-    newest = range(1, MOST_KEPT + 1)
-    assert left == [*map(name_of, newest), "other.csv"]
+    assert left == [*map(name_of, range(1, MOST_KEPT + 1)), "other.csv"]
 
 
 async def test_a_recording_that_is_there_is_never_overwritten(tmp_path: Path) -> None:
