@@ -156,7 +156,7 @@ MOST_LINES = {
     "messages": 2024,
     "models": 5671,
     "nodes": 2899,
-    "offline": 5645,
+    "offline": 5644,
     "outputs": 1784,
     "recordings": 3264,
     "regression": 1003,

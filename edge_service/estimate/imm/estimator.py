@@ -149,8 +149,7 @@ class ImmPreloadEstimator:
             names = ", ".join(effect.name for effect in self._machine.effects)
             unused = f"effects_unused: this estimator does not use the machine file's {names}"
             reasons = (*reasons, unused)
-        reach_nm = TWO_SIDED_95 * self._drag.sigma_nm
-        drag_nm = self._drag.drag_nm
+        drag_nm, reach_nm = self._drag.drag_nm, TWO_SIDED_95 * self._drag.sigma_nm
         low, high = drag_nm - reach_nm, drag_nm + reach_nm
         common["drag_torque_nm"] = Interval(value=drag_nm, low=low, high=high)
         if self._per_percent is None:
