@@ -20,8 +20,8 @@ from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
 from .recordings import examine, open_recording, reported, require_sound
 
-COLUMNS = ("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons")
-COLUMNS += ("method",)
+_NUMBERS = ("time_s", "preload_percent", "low", "high")
+COLUMNS = (*_NUMBERS, "status", "drag_torque_nm", "reasons", "method")
 
 
 class OfflineEstimate:

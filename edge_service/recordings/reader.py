@@ -164,10 +164,9 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
             return
         untimed = self.bad_cells[TIME]
         if self.ragged_rows > untimed:
-            expected = len(self._source.names)
             raise TraceError(
-                f"{self.path}: no row has the {expected} cells that the header names "
-                f"({self.ragged_rows} rows have fewer or more)"
+                f"{self.path}: no row has the {len(self._source.names)} cells that the header "
+                f"names ({self.ragged_rows} rows have fewer or more)"
             )
         problem = f"none of {untimed} rows holds a time" if untimed else "a header but no rows"
         raise TraceError(f"{self.path}: {problem}; expected rows of numbers")
