@@ -143,7 +143,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 812,
-    "checks": 3489,
+    "checks": 3487,
     "cli": 1334,
     "config": 583,
     "diagnose": 4963,
