@@ -13,7 +13,7 @@ import numpy as np
 from .columns import BY_NUMBER, TraceError
 from .source import BYTE_ORDER_MARK, MOST_COLUMNS, Block, Source, floats_from_text
 
-BLOCK_BYTES = 1 << 18
+BLOCK_BYTES = 1 << 19
 LONGEST_LINE, LARGEST_TABLE = 1 << 22, 1 << 29
 SPACES = " "
 """Any number of spaces."""
