@@ -123,7 +123,7 @@ async def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> 
 async def test_what_begins_in_mid_run_is_seen_kept_and_named(tmp_path: Path) -> None:
     settings = {
         "scenario": "healthy",
-        "speed": 20.0,
+        "speed": 6.0,
         "effects": [f"position_friction:excess_nm=0.15,from_s={CHANGES_S}"],
     }
     config = config_of("simulated", settings, store=StoreConfig(folder=tmp_path / "history"))
