@@ -54,6 +54,7 @@ def check_plausibility(
     for check in CHECKS:
         if channels.issuperset(check.needed):
             found.append(_lasting(check, machine, recordings))
+    positions.encoders.cache_clear()  # which keeps the recordings
     return [each for each in found if each.name != "limits" or has_limits or each.is_doubtful]
 
 
@@ -76,7 +77,6 @@ def _judged(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -
     try:
         found = check.run(machine, recordings)
     except ValueError as error:
-        sentence = f"cannot tell: {' '.join(str(error).split())}"
-        found = Finding(check.name, Verdict.UNKNOWN, sentence)
+        found = Finding(check.name, Verdict.UNKNOWN, f"cannot tell: {' '.join(str(error).split())}")
     remedy = check.remedy if found.is_doubtful and not found.remedy else found.remedy
     return replace(found, name=check.name, compared=check.compared, remedy=remedy)

@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,7 +41,7 @@ LONGEST_FILTER_S = 2e-3
 
 
 def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    lead = _encoders(recordings).factor.scaled(2e3 * math.pi, "mm")
+    lead = encoders(*recordings).factor.scaled(2e3 * math.pi, "mm")
     expected = 1e3 * machine.axis.lead_m
     found = judge_factor("lead", lead, expected, f"lead is {lead.value:.6g} mm")
     if found.verdict is not Verdict.DOUBTFUL:
@@ -70,7 +71,7 @@ def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> boo
 
 
 def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    lag, least_ms = _encoders(recordings).lag.scaled(1e3, "ms"), 1e3 * LEAST_LAG_S
+    lag, least_ms = encoders(*recordings).lag.scaled(1e3, "ms"), 1e3 * LEAST_LAG_S
     verdict, sentence = Verdict.FITS, "both encoders are read at the same time"
     if not lag.determined:
         verdict, sentence = Verdict.UNKNOWN, f"cannot tell: {lag.note}"
@@ -103,7 +104,9 @@ def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     return Finding("setpoint", Verdict.UNKNOWN, sentence, factor, 1.0)
 
 
-def _encoders(recordings: Sequence[SampleFrame]) -> ChannelRegression:
+@lru_cache(maxsize=1)
+def encoders(*recordings: SampleFrame) -> ChannelRegression:
+    """Regression of the linear on the rotary encoder, which several checks ask for."""
     return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
 
 
@@ -128,8 +131,7 @@ def factor_at_rest(
     if len(pairs) < LEAST_RESTS or np.ptp(pairs[:, 1]) == 0.0:
         return None
     around = pairs - pairs.mean(axis=0)
-    fit = least_squares(("factor",), around[:, 1:], around[:, 0])
-    return fit.interval_estimate("factor", "")
+    return least_squares(("factor",), around[:, 1:], around[:, 0]).interval_estimate("factor", "")
 
 
 def _rests(position: Floats, setpoint: Floats) -> Iterator[tuple[float, float]]:
@@ -138,8 +140,7 @@ def _rests(position: Floats, setpoint: Floats) -> Iterator[tuple[float, float]]:
     if not len(position):
         return
     settled = SETTLED_SHARE * float(np.ptp(position))
-    edges = np.flatnonzero(np.diff(setpoint)) + 1
-    for stretch in np.split(np.arange(len(setpoint)), edges):
+    for stretch in np.split(np.arange(len(setpoint)), np.flatnonzero(np.diff(setpoint)) + 1):
         if len(stretch) < LEAST_ROWS:
             continue
         last = position[stretch[-max(round(LAST_SHARE * len(stretch)), 2) :]]
@@ -160,8 +161,7 @@ def speed_doubts(recordings: Sequence[SampleFrame]) -> list[str]:
     found = []
     for speed, position in SPEEDS:
         with contextlib.suppress(ValueError):
-            finding = _speed(recordings, speed, position)
-            if finding.is_doubtful:
+            if (finding := _speed(recordings, speed, position)).is_doubtful:
                 found.append(f"{finding.sentence}; check their scales under [columns]")
     return found
 

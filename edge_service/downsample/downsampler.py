@@ -15,7 +15,7 @@ from ..messages.features import UNUSABLE, Fault, FeatureBlock
 from ..messages.row_faults import T
 from ..messages.samples import POSITION_CHANNELS, TORQUE, Floats, SampleFrame, is_uncertain
 from ..messages.stored import Stored, StoredFloats
-from .interval_kernels import CLOCK_STATES, PERIOD_S, even_out
+from .interval_kernels import CLOCK_STATES, PERIOD_S, ends, even_out, mark_holes
 from .rows import Bits, RowScreen, Screened, table_of
 from .statistics import MAX_SPEED_RAD_S, DownsampleSettings, MotionHistory, absent_block, summarise
 
@@ -196,7 +196,7 @@ class Downsampler:
             state.longest = longest_rows(state.period_s)
             state.ahead = state.reach + (state.longest + BEHIND if state.longest else 0)
         even_out(fresh, state.clock)
-        while (gap := self._next_gap(state.period_s)) is not None:
+        while (gap := self._next_gap(state.period_s)) < len(state.segment.rows):
             rest = state.segment.split(gap)
             blocks += self._end_segment(Fault.GAP)
             blocks += self._absent_before(self._interval_of(rest.rows[0, T]))
@@ -229,17 +229,13 @@ class Downsampler:
             if interval > state.last_kept
         ]
 
-    def _next_gap(self, period_s: float) -> int | None:
+    def _next_gap(self, period_s: float) -> int:
         """First row after a gap that was not seen yet; marks the holes before it."""
         segment = self._state.segment
-        start = max(segment.seen, 1)
-        steps = np.diff(segment.rows[start - 1 :, T]) / period_s
-        for hole in np.flatnonzero(steps > 1.5):
-            if steps[hole] > _MAX_HOLE_ROWS + 0.5:
-                return int(hole) + start
-            segment.fault[int(hole) + start] |= int(Fault.HOLE)
-        segment.seen = len(segment.rows)
-        return None
+        rows, fault, start = segment.rows, segment.fault, max(segment.seen, 1)
+        gap = mark_holes(rows, fault, start, period_s, _MAX_HOLE_ROWS)
+        segment.seen = len(rows) if gap == len(rows) else segment.seen
+        return gap
 
     def _cut(self, look_ahead: int) -> list[FeatureBlock]:
         """Summarise the complete intervals of the segment and drop their rows."""
@@ -248,9 +244,8 @@ class Downsampler:
             return []
         blocks = []
         segment.mend(state.longest, len(segment.rows) - look_ahead + state.reach * bool(look_ahead))
-        time_s = segment.rows[segment.first :, T]
-        interval = np.floor(time_s / self._settings.interval_s + _GRID_SLACK)
-        for end in (np.flatnonzero(np.diff(interval)) + 1 + segment.first).tolist():
+        grid_s = self._settings.interval_s
+        for end in ends(segment.rows, segment.first, grid_s, _GRID_SLACK).tolist():
             if end + look_ahead >= len(segment.rows):
                 break
             blocks.append(self._summarise(end))

@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 
 from ..checks.live.repeats import LEAST_ROWS
+from ..messages.features import Fault
 from ..messages.row_faults import FORCE, TEMP, THETA, T, U, X
-from ..messages.samples import Floats
+from ..messages.samples import Floats, Integers
 from ..models.compiled import compiled
 from ..models.steady_limits import LONGEST_HOLD_S
 
+_HOLE = int(Fault.HOLE)
 _LEAST_SCATTER, _MOST_SCATTER = 1e-3, 0.3
 """Scatter of the time stamps, in periods, between which they are doubted: more comes in bunches."""
 _SLOWEST, _COUNTED, _SETTLED, _MOST_STEPS, _LEAST_MOVING = 0.02, 16, 100, 6, 200
@@ -62,6 +64,121 @@ def even_out(rows: Floats, clock: Floats) -> None:
 
 
 @compiled
+def rises(rows: Floats, newest_s: float, *columns: int) -> bool:
+    """Return whether rows (n, 8) rise in time from the newest on, with values in some columns."""
+    for row in rows:
+        if not row[T] > newest_s:
+            return False
+        for column in columns:
+            if np.isnan(row[column]):
+                return False
+        newest_s = row[T]
+    return True
+
+
+@compiled
+def mark_holes(rows: Floats, fault: Integers, start: int, period_s: float, most: int) -> int:
+    """First row from `start` on that comes after a gap; the number of rows if there is none.
+
+    Args:
+        rows: (n, 8).
+        fault: (n,), which gets a bit at the end of each hole before it.
+        most: periods without a row that are bridged.
+    """
+    for row in range(start, len(rows)):
+        steps = (rows[row, T] - rows[row - 1, T]) / period_s
+        if steps > most + 0.5:
+            return row
+        if steps > 1.5:
+            fault[row] |= _HOLE
+    return len(rows)
+
+
+@compiled
+def ends(rows: Floats, first: int, interval_s: float, slack: float) -> Integers:
+    """Rows behind `first` that begin another interval of the grid, (k,)."""
+    found, count, grid = np.empty(len(rows) - first, dtype=np.int64), 0, np.nan
+    for row in range(first, len(rows)):
+        interval = np.floor(rows[row, T] / interval_s + slack)
+        if row > first and interval != grid:
+            found[count] = row
+            count += 1
+        grid = interval
+    return found[:count]
+
+
+@compiled
+def of_interval(
+    segment: Floats,
+    first: int,
+    end: int,
+    reach: int,
+    before: tuple[float, float, float],
+    limits: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Numbers of an interval, what else its rows show, and its phases.
+
+    Args:
+        segment: (n, 8) rows; those of the interval are [first, end).
+        reach: half width of differences, rows.
+        before: direction before the interval, beginning of that motion, s, and standstill, rad/s.
+        limits: as of `phases`.
+
+    Returns:
+        The numbers of a FeatureBlock in its order, without counts of samples and faults, (24,);
+        direction and beginning of the motion at the end, fastest step, direction of the phases,
+        greatest angle and torque, way, missing torques, time for which torque and angle repeat a
+        value, and those rows of the angle, (12,); and (3, 6).
+    """
+    inside, rows = segment[first : end + 1], end - first
+    time_s, theta = inside[:, T], inside[:, THETA]
+    direction = directions(segment, first, end, reach, before[2])
+    since_s, values, row, shown = np.empty(rows), np.empty(rows), np.zeros(24), np.zeros(12)
+    known, began_s = before[0], time_s[0]
+    if direction[0] == known and np.isfinite(before[1]):
+        began_s = before[1]
+    row[12], row[13], low, high = np.inf, -np.inf, theta[rows], theta[rows]
+    for k in range(rows):
+        here, later, values[k] = inside[k], inside[k + 1], _between(inside, k)
+        step_s = later[T] - here[T]
+        speed = (later[THETA] - here[THETA]) / step_s
+        row[9] += (later[THETA] + here[THETA]) * step_s
+        row[12], row[13] = min(row[12], speed), max(row[13], speed)
+        row[21] += (later[X] + here[X]) * step_s
+        low, high = min(low, here[THETA]), max(high, here[THETA])
+        if k and direction[k] != direction[k - 1]:
+            began_s = here[T]
+        since_s[k] = np.inf
+        if direction[k] != 0.0:
+            row[16], since_s[k] = row[16] + step_s, began_s
+            row[17], known = row[17] + (known not in (0.0, direction[k])), direction[k]
+    row[0], row[1] = time_s[-1], time_s[-1] - time_s[0]
+    row[2], row[3] = lever(values, time_s)
+    row[4], row[5], row[6] = np.min(values), np.max(values), np.std(values)
+    row[7], row[8], row[9] = theta[0], theta[-1], row[9] / (2.0 * row[1])
+    row[14], row[15] = lever(direction, time_s)
+    row[16] /= row[1]
+    if direction[0] == before[0]:
+        row[18] = max(time_s[0] - before[1], 0.0)
+    row[19], row[20], row[21] = inside[0, X], inside[rows, X], row[21] / (2.0 * row[1])
+    row[22], row[23] = _mean_known(inside, TEMP), _mean_known(inside, FORCE)
+    shown[3], parts = phases(segment, first, end, reach, since_s, limits)
+    shown[0], shown[1], shown[4], shown[6] = known, since_s[-1], np.max(np.abs(theta)), high - low
+    for k in range(max(first - 1, 0), min(end + 1, len(segment) - 1)):
+        here, later = segment[k], segment[k + 1]
+        shown[2] = max(shown[2], abs(later[THETA] - here[THETA]) / (later[T] - here[T]))
+    for each in inside[:, U]:
+        shown[7] += np.isnan(each)
+        shown[5] = max(shown[5], 0.0 if np.isnan(each) else abs(each))
+    for at, place in ((10, first), (11, end)):
+        here, later = segment[max(place - 1, 0)], segment[min(place + 1, len(segment) - 1)]
+        row[at] = (later[THETA] - here[THETA]) / (later[T] - here[T])
+    shown[8] = longest_run(inside[:, U], time_s)[0]
+    shown[9], shown[10], shown[11] = longest_run(theta, time_s)
+    return row, shown, parts
+
+
+@compiled
 def lever(values: Floats, edges_s: Floats) -> tuple[float, float]:
     """Mean and lever of a held quantity.
 
@@ -101,120 +218,13 @@ def directions(segment: Floats, first: int, end: int, reach: int, standstill: fl
 
 
 @compiled
-def moving_since(direction: Floats, edges_s: Floats, known: float, since_s: float) -> Floats:
-    """Time at which the unbroken motion of each row began, s; inf at standstill, (n,).
-
-    Args:
-        direction: (n,).
-        edges_s: (n + 1,), beginning of each row and end of the last, s.
-        known: direction before the interval.
-        since_s: beginning of that motion; inf if it is not known.
-    """
-    found = np.empty(len(direction))
-    goes_on = direction[0] == known and np.isfinite(since_s)
-    began_s = since_s if goes_on else edges_s[0]
-    for row in range(len(direction)):
-        if row and direction[row] != direction[row - 1]:
-            began_s = edges_s[row]
-        found[row] = np.inf if direction[row] == 0.0 else began_s
-    return found
-
-
-@compiled
-def reversals(direction: Floats, known: float) -> tuple[int, float]:
-    """Number of reversals, and the last direction of motion; 0 if none is known."""
-    count = 0
-    for each in direction:
-        if each != 0.0:
-            count += known not in (0.0, each)
-            known = each
-    return count, known
-
-
-@compiled
-def motion(inside: Floats, direction: Floats) -> Floats:
-    """Mean angle, least and greatest speed, mean and lever of the direction, share in motion.
-
-    Args:
-        inside: (n + 1, 8).
-        direction: (n,).
-    """
-    rows = len(direction)
-    angle, moving = 0.0, 0.0
-    slowest, fastest = np.inf, -np.inf
-    for row in range(rows):
-        step_s = inside[row + 1, T] - inside[row, T]
-        angle += (inside[row + 1, THETA] + inside[row, THETA]) * step_s
-        speed = (inside[row + 1, THETA] - inside[row, THETA]) / step_s
-        slowest, fastest = min(slowest, speed), max(fastest, speed)
-        if direction[row] != 0.0:
-            moving += step_s
-    duration = inside[rows, T] - inside[0, T]
-    mean, moment = lever(direction, inside[:, T])
-    return np.array([angle / (2.0 * duration), slowest, fastest, mean, moment, moving / duration])
-
-
-@compiled
-def torque(inside: Floats) -> Floats:
-    """Mean, lever, least, greatest and scatter of the torque from row to row."""
-    rows = len(inside) - 1
-    values = np.empty(rows)
-    for row in range(rows):
-        values[row] = _between(inside, row)
-    mean, moment = lever(values, inside[:, T])
-    return np.array([mean, moment, np.min(values), np.max(values), np.std(values)])
-
-
-@compiled
-def table(inside: Floats) -> Floats:
-    """Linear encoder at start and end, and its mean, m; NaN if a row lacks it."""
-    rows, mean = len(inside) - 1, 0.0
-    for row in range(rows):
-        mean += (inside[row + 1, X] + inside[row, X]) * (inside[row + 1, T] - inside[row, T])
-    mean /= 2.0 * (inside[rows, T] - inside[0, T])
-    if np.isnan(mean):
-        return np.full(3, np.nan)
-    return np.array([inside[0, X], inside[rows, X], mean])
-
-
-@compiled
-def surroundings(inside: Floats) -> tuple[float, float]:
-    """Mean temperature and external force of the rows that have them; NaN if none does."""
-    return _mean_known(inside, TEMP), _mean_known(inside, FORCE)
-
-
-@compiled
 def _mean_known(inside: Floats, column: int) -> float:
+    """Mean of the rows that have a number; NaN if none does."""
     known, total = 0, 0.0
     for row in range(len(inside) - 1):
         if not np.isnan(inside[row, column]):
             known, total = known + 1, total + inside[row, column]
     return total / known if known else np.nan
-
-
-@compiled
-def fastest_step(rows: Floats) -> float:
-    """Greatest speed between two rows (n, 8), rad/s."""
-    found = 0.0
-    for row in range(1, len(rows)):
-        way = abs(rows[row, THETA] - rows[row - 1, THETA])
-        found = max(found, way / (rows[row, T] - rows[row - 1, T]))
-    return found
-
-
-@compiled
-def extremes(inside: Floats) -> tuple[float, float, float, bool]:
-    """Greatest angle and torque in size, way of the angle, and whether a torque is missing."""
-    angle, torque_nm, missing = 0.0, 0.0, False
-    low, high = np.inf, -np.inf
-    for row in range(len(inside)):
-        theta = inside[row, THETA]
-        angle, low, high = max(angle, abs(theta)), min(low, theta), max(high, theta)
-        if np.isnan(inside[row, U]):
-            missing = True
-        else:
-            torque_nm = max(torque_nm, abs(inside[row, U]))
-    return angle, torque_nm, high - low, missing
 
 
 @compiled

@@ -10,6 +10,7 @@ from ..messages.features import Fault
 from ..messages.row_faults import THETA, WILDEST, ClockPart, T, U, X, clock_parts
 from ..messages.samples import ANGLE, CHANNELS, MOTOR_SPEED, TABLE_SPEED, Floats, SampleFrame
 from ..messages.stored import Number
+from .interval_kernels import rises
 
 DERIVED = (MOTOR_SPEED, TABLE_SPEED)
 """Not kept in a ring: they follow from the positions."""
@@ -61,9 +62,7 @@ class RowScreen:
 
     def split(self, rows: Floats) -> list[Screened]:
         """Screen rows in the order of arrival; a new clock starts a new element."""
-        time_s = rows[:, T]
-        rising = time_s[0] > self.newest_s and bool((np.diff(time_s) > 0.0).all())
-        if rising and not self.pending and not np.isnan(rows[:, self._required]).any():
+        if not self.pending and rises(rows, float(self.newest_s), *self._required):
             self.newest_s = float(rows[-1, T])
             return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []

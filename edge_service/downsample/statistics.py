@@ -16,8 +16,6 @@ from ..messages.row_faults import (
     OMEGA,
     SET,
     STUCK_S,
-    THETA,
-    T,
     U,
 )
 from ..messages.samples import Floats
@@ -47,11 +45,7 @@ _EVEN_SHARE = 0.2
 WILDEST_ANGLE_RAD = 1e8
 WILDEST_TORQUE_NM = 1e5
 _UNKNOWN = (math.nan, math.nan, math.nan)
-_OF_TORQUE = tuple(f"torque_{each}_nm" for each in ("mean", "lever", "min", "max", "std"))
-_OF_MOTION = (
-    *("angle_mean_rad", "speed_min_rad_s", "speed_max_rad_s"),
-    *("direction_mean", "direction_lever", "moving_fraction"),
-)
+_REVERSALS, _TABLE = 15, slice(17, 20)  # places in a block, from the torque's mean on
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,53 +80,30 @@ def summarise(
         The block, and the motion history at its end.
     """
     inside, ahead = segment[first : end + 1], segment[end + 1 : end + 1 + reach]
-    torque, edges = inside[:-1, U], np.ascontiguousarray(inside[:, T])
-    direction = kernels.directions(segment, first, end, reach, STANDSTILL_RAD_S)
-    reversal_count, known = kernels.reversals(direction, history.direction)
-    since_s = kernels.moving_since(direction, edges, history.direction, history.moving_since_s)
+    limits = np.array([GATE_S, settings.min_speed_rad_s, settings.cruise_rad_s2, _EVEN_SHARE])
+    before = (history.direction, float(history.moving_since_s), STANDSTILL_RAD_S)
+    row, shown, phases = kernels.of_interval(segment, first, end, reach, before, limits)
+    time_s, duration_s, *numbers = row.tolist()
+    direction, since_s, fastest, steady_direction, *seen = shown.tolist()
     verdict = channels.check(inside, ahead)
-    found = _plausibility(inside, settings.max_torque_nm)
-    if channels.torque_stays(torque, Fault.TORQUE_STUCK in found):
+    found = _plausibility(inside, seen, settings.max_torque_nm)
+    if channels.torque_stays(inside[:-1, U], Fault.TORQUE_STUCK in found):
         found |= Fault.STUCK | Fault.TORQUE_STUCK
     fault |= found | verdict.fault
-    if kernels.fastest_step(segment[max(first - 1, 0) : end + 2]) > MAX_SPEED_RAD_S:
+    if fastest > MAX_SPEED_RAD_S:
         fault |= Fault.IMPLAUSIBLE  # faster than any axis, in or beside the interval
-    table = kernels.table(inside).tolist() if verdict.has_table else _UNKNOWN
-    has_table = not math.isnan(table[2])
+    has_table = verdict.has_table and not math.isnan(numbers[_TABLE.stop - 1])
     if not has_table:  # missing, holed or not believed
-        fault, table = fault | Fault.NO_TABLE, _UNKNOWN
-    since = edges[0] - history.moving_since_s if direction[0] == history.direction else 0.0
-    temperature_c, external_force_n = kernels.surroundings(inside)
-    motion = dict(zip(_OF_MOTION, kernels.motion(inside, direction).tolist(), strict=True))
-    limits = np.array([GATE_S, settings.min_speed_rad_s, settings.cruise_rad_s2, _EVEN_SHARE])
-    steady_direction, phases = kernels.phases(segment, first, end, reach, since_s, limits)
+        fault, numbers[_TABLE] = fault | Fault.NO_TABLE, _UNKNOWN
+    numbers[_REVERSALS] = int(numbers[_REVERSALS])
     steady: dict[str, Any] = {"steady_direction": steady_direction}
     if steady_direction != 0.0:
         if not (has_table and verdict.has_stretch):
             phases[:, -1] = math.nan
         rows = zip(PHASES, phases.tolist(), strict=True)
         steady |= {name: Phase(*row) for name, row in rows if row[0]}
-    block = FeatureBlock(
-        time_s=float(edges[-1]),
-        duration_s=float(edges[-1] - edges[0]),
-        sample_count=end - first,
-        fault=fault,
-        **dict(zip(_OF_TORQUE, kernels.torque(inside).tolist(), strict=True)),
-        angle_start_rad=float(inside[0, THETA]),
-        angle_end_rad=float(inside[-1, THETA]),
-        speed_start_rad_s=_speed_at(segment, first),
-        speed_end_rad_s=_speed_at(segment, end),
-        **motion,
-        reversal_count=reversal_count,
-        since_reversal_s=max(0.0, float(since)),
-        table_start_m=table[0],
-        table_end_m=table[1],
-        table_mean_m=table[2],
-        temperature_c=temperature_c,
-        external_force_n=external_force_n,
-        **steady,
-    )
-    return block, MotionHistory(known, float(since_s[-1]))
+    block = FeatureBlock(time_s, duration_s, end - first, fault, *numbers, **steady)
+    return block, MotionHistory(direction, since_s)
 
 
 def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock:
@@ -143,15 +114,10 @@ def absent_block(interval: int, interval_s: float, fault: Fault) -> FeatureBlock
     return FeatureBlock(**(unknown | counts | known))
 
 
-def _speed_at(segment: Floats, row: int) -> float:
-    before, behind = segment[max(row - 1, 0)], segment[min(row + 1, len(segment) - 1)]
-    return float((behind[THETA] - before[THETA]) / (behind[T] - before[T]))
-
-
-def _plausibility(inside: Floats, max_torque_nm: float | None) -> Fault:
+def _plausibility(inside: Floats, seen: list[float], max_torque_nm: float | None) -> Fault:
+    """Faults of an interval by its rows (n, 8) and what `of_interval` has seen in them."""
     fault = Fault.NONE
-    time_s, torque, theta = inside[:, T], inside[:, U], inside[:, THETA]
-    angle_rad, torque_nm, way_rad, is_missing = kernels.extremes(inside)
+    angle_rad, torque_nm, way_rad, is_missing, stays_s, stood_s, start, stop = seen
     if angle_rad > WILDEST_ANGLE_RAD or torque_nm > WILDEST_TORQUE_NM:
         fault |= Fault.IMPLAUSIBLE
     if is_missing:
@@ -162,15 +128,13 @@ def _plausibility(inside: Floats, max_torque_nm: float | None) -> Fault:
         fault |= Fault.SATURATED
     if torque_nm > 1.5 * limit_nm:
         fault |= Fault.IMPLAUSIBLE
-    stood_s, start, stop = kernels.longest_run(theta, time_s)
     if stood_s >= STUCK_S:  # the linear encoder is asked elsewhere
-        stood = inside[start:stop]
+        stood = inside[int(start) : int(stop)]
         with np.errstate(invalid="ignore"):
             setpoint_moved = np.ptp(stood[:, SET]) > MOVED_SETPOINT_M
             speed_rad_s = np.abs(np.mean(stood[:, OMEGA]))
         if setpoint_moved or speed_rad_s > 10.0 * STANDSTILL_RAD_S:
             fault |= Fault.STUCK | Fault.ANGLE_STUCK
-    torque_stuck = kernels.longest_run(torque, time_s)[0] >= STUCK_S and not saturated
-    if torque_stuck and way_rad > MOVED_ANGLE_RAD:
+    if stays_s >= STUCK_S and not saturated and way_rad > MOVED_ANGLE_RAD:
         fault |= Fault.STUCK | Fault.TORQUE_STUCK
     return fault

@@ -38,7 +38,7 @@ from .wear.usage import ScrewGeometry, UsageCounter
 SNAPSHOT_SCHEMA: Literal["axis-watch/1"] = "axis-watch/1"
 MOST_ANSWERED = 100
 """Commands of an axis that are known again; the oldest go."""
-_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 5.0, 600.0
+_SHORTEST_PERIOD_S, _LONGEST_PERIOD_S = 20.0, 600.0
 _PERIOD_SHARE = 0.02
 _RISES = 20
 """So many estimates in a row must lie above what was known before a rise is one."""
@@ -102,7 +102,7 @@ class AxisMonitor:
         self._recording: str | None = None
         self._series = PreloadHistory()
         self._trend: Trend | None = None
-        self._trend_ns = 0
+        self._trend_ns, self._trend_period_s = 0, _SHORTEST_PERIOD_S
         self._rise_percent = settings.sudden_drop_percent / 100.0 * (fresh_percent or 1.0)
         self._rises = 0
 
@@ -200,18 +200,18 @@ class AxisMonitor:
 
     def trend_is_due(self, now_ns: int) -> bool:
         """There is something new to report."""
-        time_s = self._series.points()[0]
-        span_s = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
-        period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
-        return abs(now_ns - self._trend_ns) >= period_s * NS_PER_S
+        return abs(now_ns - self._trend_ns) >= self._trend_period_s * NS_PER_S
 
     def trend_work(self) -> Callable[[], Trend]:
         """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
-        limits = self._limits
+        limits, points = self._limits, self._series.points()
         ahead: dict[str, float] = {}
         if limits is not None:
             ahead = {"warning": limits.warning_percent, "fault": limits.fault_percent}
-        return partial(preload_trend, *self._series.points(), ahead, self._fresh_percent)
+        span_s = float(points[0][-1] - points[0][0]) if points[0].size else 0.0
+        period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
+        self._trend_period_s = period_s
+        return partial(preload_trend, *points, ahead, self._fresh_percent)
 
     def take_trend(self, trend: Trend, now_ns: int) -> None:
         """Show a trend that `trend_work` made."""

@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -70,5 +71,10 @@ if "scipy.linalg" not in sys.modules:  # which Numba looks for at once; kernels 
     import numba.np.arraymath
 
     del sys.modules["scipy.linalg"]
+# Numba compiles its counters of arrays at once, 20 MB of LLVM's code; kept kernels hold their own.
+_runtime = cast(Any, numba).core.runtime
+_compile = _runtime.nrtdynmod.compile_nrt_functions
+_runtime.nrtdynmod.compile_nrt_functions = lambda context: cache(partial(_compile, context))
+type(_runtime.rtsys).library = property(lambda runtime: runtime._library())
 if not os.environ.get("NUMBA_CACHE_DIR"):
     cast(Any, numba.config).CACHE_DIR = str(cache_folder() or "")

@@ -11,6 +11,7 @@ from .screw.ball_screw import BallPassOrders, ball_pass_orders, transmission_rat
 
 DEFAULT_TOLERANCE = 0.01
 """Relative calibration tolerance of a number that states none (one standard deviation)."""
+GRAVITY_M_S2 = 9.80665
 INTERVAL_S = 0.1  # length of a block of features where no commissioning has stated another
 MEASURED_SUM = 0.02
 """Relative standard deviation of the frictions of a commissioned axis, taken together."""
@@ -187,19 +188,14 @@ class Machine(_Table):
 
         Drag is proportional to preload (4.3.6), so the fresh screw's pair fixes the ratio.
         """
-        rating = self.axis.dynamic_load_rating_n
-        drag, preload = self.model.preload_drag_nm, self.model.preload_n
-        if rating is None or drag is None or preload is None or drag.value == 0.0:
-            return None
-        return drag.value / (100.0 * preload.value / rating)
+        drag, fresh = self.model.preload_drag_nm, self.fresh_preload_percent
+        return drag.value / fresh if drag and drag.value and fresh else None
 
     @property
     def fresh_preload_percent(self) -> float | None:
         """The fresh screw's preload in percent of the dynamic load rating; None if unknown."""
         rating, preload = self.axis.dynamic_load_rating_n, self.model.preload_n
-        if rating is None or preload is None:
-            return None
-        return 100.0 * preload.value / rating
+        return None if rating is None or preload is None else 100.0 * preload.value / rating
 
     def missing_for_percent(self) -> str | None:
         """Key that is missing for preload in percent, or None if all are there."""

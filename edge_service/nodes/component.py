@@ -53,8 +53,7 @@ class Component:
         self.name, self._axis = name, axis
         self._publisher = bus.publisher(keys.component(name, axis, STATUS), STATUS, axis)
         self._events = bus.publisher(keys.component(name, axis, EVENT), EVENT, axis)
-        self._store = context.store
-        self._group = asyncio.TaskGroup()
+        self._store, self._group = context.store, asyncio.TaskGroup()
         self._tasks: list[asyncio.Task[None]] = []
         self.status, self.reason = ComponentStatus.STARTING, ""
         self.counters: Callable[[], dict[str, int]] = dict
@@ -63,8 +62,7 @@ class Component:
         self.is_broken: Callable[[], bool] = lambda: False
         self.restarts = 0
         self._fault, self._mended_s = "", math.inf
-        self._failures = 0
-        self._last_failure = (-math.inf, "")
+        self._failures, self._last_failure = 0, (-math.inf, "")
         self._told_s: dict[str, float] = {}
 
     def to(self, status: ComponentStatus, reason: str = "") -> None:
@@ -84,14 +82,13 @@ class Component:
         if faults and status in _SHOWN:
             status, reason = ComponentStatus.RECOVERABLE_ERROR, "; ".join(faults)
         own = {"task_restarts": self.restarts, "message_failures": self._failures}
-        down = {"tasks_down": float(bool(self._fault) or self.is_broken())}
         report = ComponentHealth(
             component=self.name,
             axis=self._axis,
             status=status,
             reason=reason,
             counters=self.counters() | own,
-            readings=self.readings() | down,
+            readings=self.readings() | {"tasks_down": float(bool(self._fault) or self.is_broken())},
         )
         self._publisher.publish(report, now_ns())
 

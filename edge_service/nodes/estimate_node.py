@@ -27,6 +27,7 @@ PART_REPLACED = "part_replaced"
 STATE = "estimate"
 """Name of the states in the store."""
 SAMPLES_PERIOD_S = 0.2
+_OF_BOTH = ImmEstimate.model_fields.keys() & PreloadEstimate.model_fields.keys()
 SAVE_PERIOD_S = 60.0
 """Longest time that a crash may cost, s; a state is some 300 kB, and disks wear."""
 
@@ -81,8 +82,7 @@ class Estimators:
         self.watch(axis, block)
         if estimate.method != THESIS_METHOD:
             estimate = self._beside[axis].take(header, block)
-        names = ImmEstimate.model_fields.keys() & PreloadEstimate.model_fields.keys()
-        told = {name: getattr(estimate, name) for name in names}
+        told = {name: getattr(estimate, name) for name in _OF_BOTH}
         engine = self._context.config.estimator.engine
         opinion = ImmEstimate(axis=axis, engine=engine, measured_time_ns=time_ns, **told)
         self._opinions[axis].publish(opinion, time_ns)

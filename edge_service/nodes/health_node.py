@@ -31,8 +31,7 @@ SAVE_PERIOD_S = 10.0
 
 def alarm_settings(config: EdgeConfig, axis: str) -> AlarmsConfig:
     warning, fault = config.limits_percent(axis)
-    own = {"warning_percent": warning, "fault_percent": fault}
-    return config.alarms.model_copy(update=own)
+    return config.alarms.model_copy(update={"warning_percent": warning, "fault_percent": fault})
 
 
 class Monitors:
@@ -165,9 +164,8 @@ class Monitors:
             return
         monitor = self.axes[axis]
         health = monitor.health(now_ns())
-        states: tuple[State, ...] = ()
-        if keeps or any(not is_chatter(event.kind) for event in events):
-            states = (State.of(STATE, axis, monitor.snapshot()),)
+        keeps |= any(not is_chatter(event.kind) for event in events)
+        states = (State.of(STATE, axis, monitor.snapshot()),) if keeps else ()
 
         def publish(kept: list[StoredEvent], problem: str) -> None:
             if axis not in self._context.gone:

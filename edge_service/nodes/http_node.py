@@ -113,6 +113,9 @@ class HttpNode:
             if event.kind in OWN_EVENTS:  # nothing else is theirs to tell
                 self.take(event)
 
+        def at(take: Callable[..., None], first: int = 0) -> Callable[..., None]:
+            return lambda *heard: take(*heard[first:], now_ns())
+
         def take_samples(axis: str, _header: Header, frame: SampleFrame) -> None:
             self._recorder.follow(axis, frame)
             samples.rest(axis, SAMPLES_PERIOD_S)
@@ -120,23 +123,11 @@ class HttpNode:
         try:
             async with component.running():
                 component.start(self._serve())
-                component.follow(
-                    preloads,
-                    lambda axis, header, each: state.on_preload(axis, header, each, now_ns()),
-                )
-                component.follow(
-                    context.subscribe(IMM),
-                    lambda axis, header, each: state.on_opinion(axis, header, each, now_ns()),
-                )
-                component.follow(
-                    context.subscribe(HEALTH),
-                    lambda _axis, header, each: state.on_health(header, each, now_ns()),
-                )
+                component.follow(preloads, at(state.on_preload))
+                component.follow(context.subscribe(IMM), at(state.on_opinion))
+                component.follow(context.subscribe(HEALTH), at(state.on_health, 1))
                 component.follow(context.subscribe(FEAT), state.on_feature)
-                component.follow(
-                    context.subscribe_to_components(STATUS),
-                    lambda _axis, _header, each: state.on_component(each, now_ns()),
-                )
+                component.follow(context.subscribe_to_components(STATUS), at(state.on_component, 2))
                 component.follow(context.subscribe(EVENT), lambda _, __, event: self.take(event))
                 component.follow(context.subscribe_to_components(EVENT), take_event_of_service)
                 component.follow(samples, take_samples)
@@ -171,8 +162,9 @@ class HttpNode:
             self.state.drop(axis)
             del self._machine_files[axis]
             return
-        settings = alarm_settings(self._context.config, axis)
-        limits = limits_of(settings, machine.fresh_preload_percent)
+        limits = limits_of(
+            alarm_settings(self._context.config, axis), machine.fresh_preload_percent
+        )
         self.state.renew(axis, limits, machine.transmission_ratio_m_per_rad)
         self._machine_files |= {each.name: each.machine for each in self._context.config.axes}
 

@@ -1,6 +1,7 @@
 """Raw samples from the bus into trace files: on request, around a disagreement, of a test."""
 
 import asyncio
+import csv
 import logging
 import math
 import signal
@@ -10,6 +11,8 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from ..bus.session import Bus
 from ..bus.settings import BusSettings
 from ..command_answer import progress
@@ -17,11 +20,10 @@ from ..config import ConfigError, EdgeConfig
 from ..downsample.rows import SampleRing
 from ..messages.event import Event
 from ..messages.features import FeatureBlock
-from ..messages.samples import SampleFrame
+from ..messages.samples import TIME, SampleFrame
 from ..messages.topics import RAW
 from ..models.commissioned import Notch
 from ..process import finished
-from ..recordings.columns import TraceError
 from ..recordings.writer import TraceWriter
 from ..threads import Threads
 
@@ -30,8 +32,7 @@ KEEP_S = 45.0
 """Samples of every axis that are held in memory."""
 BEFORE_S, AFTER_S = 2.0, 60.0
 """Of the beginning of a disagreement, and of the moment at which it was sure."""
-LONGEST_S = 150.0
-MOST_ROWS = 200_000
+LONGEST_S, MOST_ROWS = 150.0, 200_000
 MOST_WAITING = 4
 """Recordings that wait for the disk; further ones are lost."""
 MOST_KEPT = 5
@@ -124,25 +125,33 @@ class DisagreementRecorder:
         """Write what is complete until cancelled; the disk holds up no sample."""
         while True:
             axis, name, frames = await self._ready.get()
-            if await self._threads.run(self._keep, axis, name, frames):
+            if await self._keep(axis, name, frames):
                 await self._on_kept(axis, name)
             self._ready.task_done()
 
-    def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
+    async def _keep(self, axis: str, name: str, frames: list[SampleFrame]) -> bool:
         """Write a recording; one that is there stays; a full disk is logged and stops nothing."""
         path = self._folder / name
-        if path.exists():
-            return False
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            _write(path, frames)
-            kept = self._folder.glob(f"disagreement_{axis}_*.parquet")
-            for old in sorted(kept)[:-MOST_KEPT]:
-                old.unlink(missing_ok=True)
-        except (TraceError, OSError) as error:
+            await self._threads.run(lambda: self._folder.mkdir(parents=True, exist_ok=True))
+            if await self._threads.run(path.exists):
+                return False
+            with tempfile.TemporaryDirectory(prefix="edge-recording-") as folder:
+                rows = Path(folder) / "rows.csv"
+                await self._threads.run(_save, rows, frames)
+                program = (sys.executable, "-m", TraceWriter.__module__, str(rows), str(path))
+                status, said = await finished(program=program, limit_s=LONGEST_READING_S)
+            if status:
+                raise OSError(said)
+            await self._threads.run(self._drop_oldest, axis)
+        except OSError as error:
             log.warning("%s: the recording of the disagreement cannot be saved: %s", path, error)
             return False
         return True
+
+    def _drop_oldest(self, axis: str) -> None:
+        for old in sorted(self._folder.glob(f"disagreement_{axis}_*.parquet"))[:-MOST_KEPT]:
+            old.unlink(missing_ok=True)
 
 
 class Shaking:
@@ -173,8 +182,8 @@ class Shaking:
 async def notch_in(frames: list[SampleFrame]) -> Notch | None:
     """Notch of a test, None of none, read by a process that ends. ValueError: it cannot be used."""
     with tempfile.TemporaryDirectory(prefix="edge-test-") as folder:
-        path = Path(folder) / "test.parquet"
-        await Threads("test").run(_write, path, frames)
+        path = Path(folder) / "test.csv"
+        await Threads("test").run(_save, path, frames)
         program = (sys.executable, "-m", "edge_service.fingerprint.response.notch", str(path))
         status, said = await finished(program=program, limit_s=LONGEST_READING_S)
     if status:
@@ -182,8 +191,12 @@ async def notch_in(frames: list[SampleFrame]) -> Notch | None:
     return Notch.model_validate_json(said) if said else None
 
 
-def _write(path: Path, frames: list[SampleFrame]) -> None:
-    channels = dict.fromkeys(name for each in frames for name in each.channels)
-    with TraceWriter(path, tuple(channels)) as writer:
-        for frame in frames:
-            writer.write(frame)
+def _save(path: Path, frames: list[SampleFrame]) -> None:
+    """Write frames as CSV without Arrow, of which 50 MB would stay."""
+    names = list(dict.fromkeys(name for each in frames for name in each.channels))
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow([TIME, *names])
+        for each in frames:
+            columns = [each.channels.get(name, np.full(len(each), np.nan)) for name in names]
+            rows.writerows(np.column_stack([each.time_s, *columns]).tolist())

@@ -11,7 +11,6 @@ from ..atomic import replaced_file, write_whole
 from ..command_answer import Answer
 from ..config import ConfigError, EstimatorConfig, load_machine
 from ..estimate.one_encoder import OneEncoderEstimator
-from ..fingerprint.response.notch import notch_of
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
@@ -21,10 +20,8 @@ from ..recordings.conditioning import MAX_ROWS
 from ..recordings.reader import joined
 from .recordings import examine, open_recording, reported, require_sound
 
-COLUMNS = (
-    *("time_s", "preload_percent", "low", "high", "status", "drag_torque_nm", "reasons"),
-    "method",
-)
+_NUMBERS = ("time_s", "preload_percent", "low", "high")
+COLUMNS = (*_NUMBERS, "status", "drag_torque_nm", "reasons", "method")
 
 
 class OfflineEstimate:
@@ -58,16 +55,18 @@ class OfflineEstimate:
         """Estimate by a test in a recording; None without one. Raises ValueError: of no use."""
         if not isinstance(self._estimator, OneEncoderEstimator):
             return None
-        frames = []
+        from ..fingerprint.response.notch import notch_of  # 0.2 s that other axes do without
+
+        frames = list[SampleFrame]()
         with open_recording(self._machine, trace) as reader:
             for frame in reader:
                 frames.append(frame)
                 if sum(map(len, frames)) > MAX_ROWS:
                     return None
-        notch = notch_of(joined(frames)) if frames else None
-        if notch is None:
+        whole = joined(frames) if frames else None
+        if whole is None or (notch := notch_of(whole)) is None:
             return None
-        self._end_s = float(np.fmax.reduce(frames[-1].time_s))
+        self._end_s = float(np.fmax.reduce(whole.time_s))
         return self._estimator.take_test(notch, self._end_s)
 
     def estimates(self, frames: Iterable[SampleFrame]) -> Iterator[PreloadEstimate]:

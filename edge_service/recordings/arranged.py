@@ -70,16 +70,18 @@ def _groups(
     source: TextSource, first: Mapping[str, Sequence[str]], times: Sequence[str]
 ) -> dict[str, Sequence[str]]:
     """Channels by the time that they have; none where the rows are in order."""
+    names = source.names
+    at = [*map(names.index, times), len(names)]
+    groups: dict[str, Sequence[str]] = {names[a]: names[a + 1 : b] for a, b in pairwise(at)}
+    behind = at[0] == 0 and len(groups) > 1 and all(groups.values())
+    if TIME in first and not behind:
+        return {}
     import pyarrow as pa
 
     with np.errstate(all="ignore"):
         read = [floats_from_text(pa.array(first[name]), source.decimal_point)[0] for name in times]
         steps = [np.diff(each) for each in read if len(each) > 1]
     usual = [float(abs(np.median(e))) if np.all(e >= 0) or np.all(e <= 0) else 0.0 for e in steps]
-    names = source.names
-    at = [*map(names.index, times), len(names)]
-    groups: dict[str, Sequence[str]] = {names[a]: names[a + 1 : b] for a, b in pairwise(at)}
-    behind = at[0] == 0 and len(groups) > 1 and all(groups.values())
     if behind and 0.0 < max(usual, default=0.0) < _ALIKE * min(usual):
         return groups
     if TIME not in first and steps and all(np.all(each < 0.0) for each in steps):

@@ -24,8 +24,7 @@ from .sinumerik.trace import ROOT, SinumerikSource
 from .source import BYTE_ORDER_MARK, Source
 
 HEAD_BYTES, TRACE = 1 << 16, f"<{ROOT}".encode()
-_TABLES = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))
-_FOREIGN: dict[str, str] = _TABLES["foreign"]
+_FOREIGN = tomllib.loads((files(__package__) / "forms.toml").read_text("utf-8"))["foreign"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,8 +85,7 @@ def _variables(path: Path, file: IO[bytes]) -> Iterator[tuple[str, Any]]:
         if size == 0:
             continue
         rest = unpacker.decompress(unpacker.unconsumed_tail, size) if packed else file.read(size)
-        content = tag + rest
-        kind, matrix, _ = _element(content, 0, order)
+        kind, matrix, _ = _element(tag + rest, 0, order)
         if kind == _MATRIX:
             name, value = _matrix(matrix, order, 0)
             if name and not name.startswith("__"):
@@ -143,8 +142,7 @@ def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
         value = {}
         for text in texts:
             _, data, at = _element(content, at, order)
-            field = text.partition(b"\0")[0].decode("latin-1")
-            value[field] = _matrix(data, order, depth + 1)[1]
+            value[text.partition(b"\0")[0].decode("latin-1")] = _matrix(data, order, depth + 1)[1]
     elif kind == _CELL and math.prod(shape) <= MOST_COLUMNS:
         value = []
         for _ in range(math.prod(shape)):

@@ -1,6 +1,5 @@
 """Reading a trace: any supported file in, frames of canonical channels in SI units out."""
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
@@ -80,15 +79,13 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
         self.channels = tuple(channel for channel in columns if channel != TIME)
         self.rows_read = 0
         self.bad_cells = dict.fromkeys(columns, 0)
-        self._source = source
-        self._columns = columns
-        self._remarks = remarks
+        self._source, self._columns, self._remarks = source, columns, remarks
         self._text: dict[str, Text] = {}
         self._has_number: set[str] = set()
         names = dict.fromkeys(name for column in columns.values() for name in column.names)
         self.ignored = tuple(name for name in source.names if name and name not in names)
-        needed = [column.names for name, column in columns.items() if name in (TIME, *CHANNELS)]
-        self._needed = set(itertools.chain.from_iterable(needed))
+        needed = (column.names for name, column in columns.items() if name in (TIME, *CHANNELS))
+        self._needed = {name for each in needed for name in each}
         self._directions = {
             channel: DirectionSign() for channel, column in columns.items() if column.direction
         }
@@ -120,12 +117,12 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
                 raise StopIteration
             self._note_text(block)
             time_s = self._values(TIME, block)
-            channels = {name: self._values(name, block) for name in self.channels}
-            timed = ~np.isnan(time_s)
-            if timed.any():
-                self.rows_read += int(np.count_nonzero(timed))
-                kept = {name: values[timed] for name, values in channels.items()}
-                return SampleFrame(time_s[timed], kept)
+            frame = SampleFrame(time_s, {name: self._values(name, block) for name in self.channels})
+            if np.isnan(time_s).any():
+                frame = frame.part(~np.isnan(time_s))
+            self.rows_read += len(frame)
+            if len(frame):
+                return frame
 
     def close(self) -> None:
         self._source.close()
@@ -167,10 +164,9 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
             return
         untimed = self.bad_cells[TIME]
         if self.ragged_rows > untimed:
-            expected = len(self._source.names)
             raise TraceError(
-                f"{self.path}: no row has the {expected} cells that the header names "
-                f"({self.ragged_rows} rows have fewer or more)"
+                f"{self.path}: no row has the {len(self._source.names)} cells that the header "
+                f"names ({self.ragged_rows} rows have fewer or more)"
             )
         problem = f"none of {untimed} rows holds a time" if untimed else "a header but no rows"
         raise TraceError(f"{self.path}: {problem}; expected rows of numbers")

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -12,6 +13,7 @@ from ..atomic import replaced_bytes
 from ..messages.samples import CHANNELS, TIME, SampleFrame
 from .columns import TraceError
 from .parquet import PARQUET_SUFFIXES
+from .reader import open_trace
 
 _ROWS_AT_ONCE = 1 << 16
 CSV_SUFFIX, MCAP_SUFFIX = ".csv", ".mcap"
@@ -33,8 +35,7 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
     """
 
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
-        self.path = path
-        self.channels = tuple(channels)
+        self.path, self.channels = path, tuple(channels)
         self._pending: list[SampleFrame] = []
         self._place = contextlib.ExitStack()
         suffix = path.suffix.lower()
@@ -74,15 +75,11 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
 
         if not self._pending:
             return
-        columns = {TIME: np.concatenate([frame.time_s for frame in self._pending])}
-        for name in self.channels:
-            parts = [each.channels.get(name, np.full(len(each), np.nan)) for each in self._pending]
-            columns[name] = np.concatenate(parts)
-        self._pending = []
-        arrays = {
-            name: pa.array(values, type=pa.float64(), mask=~np.isfinite(values))
-            for name, values in columns.items()
-        }
+        held = [(np.full(len(e), np.nan), {TIME: e.time_s, **e.channels}) for e in self._pending]
+        self._pending, arrays = [], {}
+        for name in (TIME, *self.channels):
+            values = np.concatenate([each.get(name, none) for none, each in held])
+            arrays[name] = pa.array(values, type=pa.float64(), mask=~np.isfinite(values))
         self._sink.write_table(pa.table(arrays))
 
     @contextlib.contextmanager
@@ -185,3 +182,10 @@ def write_parts(
             writers[1].write(frame.part(is_chosen))
             rows += int(is_chosen.sum())
     return rows > 0
+
+
+if __name__ == "__main__":
+    read, written = map(Path, sys.argv[1:])
+    with open_trace(read) as reader, TraceWriter(written, reader.channels) as writer:
+        for rows in reader:
+            writer.write(rows)

@@ -54,7 +54,8 @@ def identify_inverse_dynamics(
 
     def fitted(share: float) -> InverseDynamics:
         each = replace(settings, cutoff_hz=share * settings.cutoff_hz)
-        return fit_inverse_dynamics(run for frame in recordings for run in prepare(frame, each))
+        runs = (prepare(frame, each, beside=(SETPOINT,)) for frame in recordings)
+        return fit_inverse_dynamics(run for found in runs for run in found)
 
     fast, slower = fitted(1.0), [fitted(0.5)]
     with contextlib.suppress(ValueError):
@@ -82,8 +83,7 @@ def fit_inverse_dynamics(runs: Iterable[PreparedRun]) -> InverseDynamics:
     designs, torques, instruments = [], [], []
     power, seconds = np.zeros(len(UNITS)), 0.0
     for run in runs:
-        angle = run.speed_rad_s, run.acceleration_rad_s2
-        designs.append(run.moving_rows(regressors(*angle)))
+        designs.append(run.moving_rows(regressors(run.speed_rad_s, run.acceleration_rad_s2)))
         torques.append(run.moving_rows(run.channels[TORQUE]))
         if SETPOINT in run.channels:
             ratio = run.settings.ratio_m_per_rad

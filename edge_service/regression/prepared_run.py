@@ -11,11 +11,11 @@ equation.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from ..messages.samples import (
     ANGLE,
@@ -115,18 +115,18 @@ class PreparedRun:
         if values.ndim > 1:
             return np.column_stack([self.moving_rows(column) for column in values.T])
         rows = np.where(self.moving, values, 0.0)
-        filtered: Floats = signal.decimate(rows, DECIMATION, zero_phase=True)
-        return filtered[self.moving[::DECIMATION]]
+        return anti_alias(rows, DECIMATION)[::DECIMATION][self.moving[::DECIMATION]]
 
 
 def prepare(
     frames: Iterable[SampleFrame] | SampleFrame,
     settings: PreparationSettings,
     required: tuple[str, ...] = (TORQUE,),
+    beside: Collection[str] = OPTIONAL,
 ) -> Iterator[PreparedRun]:
     """Clean, filter and differentiate one recording, run by run, in bounded memory.
 
-    Every row must have the required channels, beside a position of motor or table.
+    Every row has a position and the required channels; a run, those of `beside` that it can have.
     Raises ValueError: a channel is missing, or the low-pass lies above half of the sampling rate.
     """
     angled = with_angle(frames, settings.ratio_m_per_rad)
@@ -134,7 +134,7 @@ def prepare(
         edge, period_s = math.ceil(settings.edge_s / run.period_s), run.period_s
         if len(run) < 2 * edge + 10 * DECIMATION:
             continue
-        raw = dict(run.channels)
+        raw = {n: v for n, v in run.channels.items() if n in (ANGLE, *required, *beside)}
         if settings.torque_delay_s != 0.0 and TORQUE in raw:
             raw[TORQUE] = mean_of_held(raw[TORQUE], settings.torque_delay_s / period_s)
         smooth = {

@@ -39,7 +39,7 @@ def test_the_estimators_have_answered(name: str, monkeypatch: pytest.MonkeyPatch
 
 
 AFTER_WARMING_UP = """
-import asyncio
+import asyncio, sys
 from drivers.base import DriverContext
 from drivers.simulated import SimulatedConfig, SimulatedDriver
 from edge_service.config import DEFAULT_MACHINE, EstimatorConfig, load_machine
@@ -64,7 +64,8 @@ with install_recorder("numba:compile") as late:
         for block in downsampler.push(frame):
             estimator.update(block)
             estimator.estimate()
-print(len(late.buffer), estimator.estimate().status)
+loaded = {"scipy.constants", "scipy.linalg", "scipy.special", "pyarrow"} & {*sys.modules}
+print(len(late.buffer), estimator.estimate().status, *loaded)
 """
 
 

@@ -168,21 +168,17 @@ class ChannelCheck:
         return fault
 
     def _check_positions(self, inside: Floats, ahead: Floats) -> Verdict:
-        way = inside[:, THETA] * self._limits.ratio_m_per_rad
         state, table = self.state, inside[:, X]
         before, least, most = state.torque_nm.copy(), inside[:, U].min(), inside[:, U].max()
         state.torque_nm[:2] = least, most
         span_nm = float(np.fmax(most, before[1]) - np.fmin(least, before[0]))
         if np.isnan(table).any():
-            return self._without_table(inside, way)
+            return self._without_table(inside)
         state.trial.missing_s = 0.0
-        verdict = self._check_both(inside, ahead, span_nm)
-        state.table_run = followed(table[:-1], way[:-1], state.table_run)
-        state.angle_run = followed(way[:-1], table[:-1], state.angle_run)
-        return verdict
+        return self._check_both(inside, ahead, span_nm)
 
-    def _without_table(self, inside: Floats, way: Floats) -> Verdict:
-        state = self.state
+    def _without_table(self, inside: Floats) -> Verdict:
+        state, way = self.state, inside[:, THETA] * self._limits.ratio_m_per_rad
         known = np.flatnonzero(~np.isnan(inside[:-1, X]))
         if known.size:
             state.table_run = followed(inside[known][:, X], way[known], state.table_run)
@@ -195,7 +191,8 @@ class ChannelCheck:
 
     def _check_both(self, inside: Floats, ahead: Floats, span_nm: float) -> Verdict:
         state, limits, trial = self.state, self._limits, self.state.trial
-        pieces, found = measured(inside, ahead, self._numbers, state.table_run, state.angle_run)
+        seen = measured(inside, ahead, self._numbers, state.table_run, state.angle_run)
+        pieces, found, state.table_run, state.angle_run = seen
         fastest, speed_m_s, angle_m, table_m, open_m, noise_m, way_m, moving = found.tolist()
         if fastest > self._fastest_rad_s:
             state.agreement.interrupt()

@@ -11,7 +11,7 @@ from ...messages.samples import Floats
 from ...messages.stored import StoredFloats
 from ...models.compiled import compiled
 from .channel_limits import GROWTH_PER_LENGTH_S, MOST_GROWTH
-from .repeats import OpenRun, standing
+from .repeats import OpenRun, followed, standing
 
 CHUNKS = 10
 """Pieces of an interval: the mean of each is free of chatter, and still tells a short fault."""
@@ -74,8 +74,8 @@ class Agreement:
 @compiled
 def measured(
     inside: Floats, ahead: Floats, limits: Floats, table_run: OpenRun, angle_run: OpenRun
-) -> tuple[Floats, Floats]:
-    """Pieces of an interval, (k, 5), and its numbers, (8,); arguments as of `ChannelCheck.check`.
+) -> tuple[Floats, Floats, OpenRun, OpenRun]:
+    """Pieces of an interval, (k, 5), its numbers, (8,), and the runs in which table and angle end.
 
     Greatest step, rad/s, and speed, m/s; travel while the angle stood, while the table did, and in
     its open run, m; noise between the encoders and way of the screw, m; share in motion.
@@ -92,7 +92,8 @@ def measured(
     speeds = np.abs(pieces[:, SPEED])
     moving = np.mean(speeds > RESTING_RAD_S * limits[RATIO])
     found = (fastest, np.max(speeds), angle_m, table_m, open_m, noise_m, np.ptp(way), moving)
-    return pieces, np.array(found)
+    runs = followed(table[:-1], way[:-1], table_run), followed(way[:-1], table[:-1], angle_run)
+    return pieces, np.array(found), runs[0], runs[1]
 
 
 @compiled

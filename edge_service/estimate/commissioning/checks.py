@@ -7,14 +7,13 @@ motion that are not of the same moment, or too coarse, show by their lag, and by
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.constants import g as gravity_m_s2
 
 from ...checks.finding import looks_wrong
 from ...checks.torque import INERTIA_FACTOR
 from ...messages.features import FeatureBlock
 from ...messages.samples import TORQUE, Floats
 from ...models.commissioned import TransmissionConfig
-from ...models.machine import Machine, Quantity
+from ...models.machine import GRAVITY_M_S2, Machine, Quantity
 from .phases import CommissioningError, SteadyPhases, place_columns, robust_regression
 from .shares import SIGMAS, guide_drag, other_drag_nm
 from .torque_balance import TorqueBalance
@@ -171,7 +170,7 @@ def require_light_guides(torque: TorqueBalance, machine: Machine) -> None:
         return
     weight_n = OTHER_FACTOR * screw_nm / ratio
     if mass is not None:
-        weight_n = gravity_m_s2 * mass.value * (1.0 + SIGMAS * mass.tolerance)
+        weight_n = GRAVITY_M_S2 * mass.value * (1.0 + SIGMAS * mass.tolerance)
     bearing_nm = BEARING_NM_PER_M * (machine.axis.screw_diameter_m or 0.0)
     most_n = max(weight_n, SEALS_N, STATED_FACTOR * model.guide_force_n.value)
     most_n += max(bearing_nm, model.bearing_drag_nm.value) / ratio

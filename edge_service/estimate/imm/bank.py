@@ -93,7 +93,7 @@ class CompiledBank:
         self, step: LinearStep, measurement: Floats, now: _State
     ) -> tuple[BankOutput, _State]:
         run, state = _run(step, step.drive[None], measurement[None], now, self._boundary)
-        return BankOutput(*(getattr(run, each.name)[0] for each in fields(BankOutput))), state
+        return BankOutput(*(getattr(run, name)[0] for name in BankOutput.__slots__)), state
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; empty before the first reset."""
@@ -231,7 +231,8 @@ def _symmetric(values: Floats) -> kernel.Symmetric:
 
 def _row_major(values: Floats) -> Floats:
     """One memory layout, so that the kernel is compiled once; never read-only."""
-    return np.require(values, np.float64, ("C", "W"))
+    is_so = values.flags.carray and values.dtype == np.float64
+    return values if is_so else np.require(values, np.float64, ("C", "W"))
 
 
 def _require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
@@ -244,7 +245,7 @@ def _require_finite(name: str, values: Floats, shape: tuple[int, ...]) -> None:
 
 def _require_result(*results: Floats) -> None:
     """Require results that can be passed on; ValueError otherwise."""
-    if not all(np.isfinite(values).all() for values in results):
+    if not np.isfinite(np.concatenate([values.ravel() for values in results])).all():
         raise ValueError("step: the result is not finite; the bank keeps its state")
 
 

@@ -131,8 +131,8 @@ class DragFilter:
             seen = 0.5 * (innovation - now.last_innovation) ** 2
             now.noise_var += share * (seen - now.noise_var)
             lag = innovation * now.last_innovation / max(now.noise_var, 1e-300)
-            rate = float(np.clip(lag, -1.0, 1.0)) * WANDER_ADAPTION
-            now.haste = float(np.clip(now.haste * np.exp(rate), *HASTE_BOUNDS))
+            rate, (least, most) = min(max(lag, -1.0), 1.0) * WANDER_ADAPTION, HASTE_BOUNDS
+            now.haste = min(max(float(now.haste * np.exp(rate)), least), most)
         now.last_innovation = innovation
 
     @property

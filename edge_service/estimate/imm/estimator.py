@@ -71,7 +71,7 @@ class ImmPreloadEstimator:
     def __init__(
         self, machine: Machine, engine: Engine = "compiled", method: Method = "kf-imm"
     ) -> None:
-        self._machine, self._method = machine, method
+        self._machine, self._method, self._other = machine, method, machine.other_drag_nm
         self._levels = np.array(LEVELS_PERCENT)
         self._per_percent = machine.drag_per_percent_nm
         self._drag = DragFilter(machine)
@@ -124,7 +124,7 @@ class ImmPreloadEstimator:
 
     def _direct_percent(self, per_percent: float) -> float:
         """Preload that the drag filter's drag stands for, percent."""
-        return (self._drag.drag_nm - self._machine.other_drag_nm.value) / per_percent
+        return (self._drag.drag_nm - self._other.value) / per_percent
 
     def _step_bank(self, block: FeatureBlock) -> None:
         start_s, last_s = block.time_s - block.duration_s, self._now.last_end_s
@@ -149,8 +149,7 @@ class ImmPreloadEstimator:
             names = ", ".join(effect.name for effect in self._machine.effects)
             unused = f"effects_unused: this estimator does not use the machine file's {names}"
             reasons = (*reasons, unused)
-        reach_nm = TWO_SIDED_95 * self._drag.sigma_nm
-        drag_nm = self._drag.drag_nm
+        drag_nm, reach_nm = self._drag.drag_nm, TWO_SIDED_95 * self._drag.sigma_nm
         low, high = drag_nm - reach_nm, drag_nm + reach_nm
         common["drag_torque_nm"] = Interval(value=drag_nm, low=low, high=high)
         if self._per_percent is None:
@@ -184,10 +183,9 @@ class ImmPreloadEstimator:
         """
         drag, preload = self._machine.model.preload_drag_nm, self._machine.model.preload_n
         assert drag is not None and preload is not None
-        other = self._machine.other_drag_nm
         direct = self._direct_percent(per_percent)
         scale_sigma = direct * float(np.hypot(drag.tolerance, preload.tolerance))
-        drag_sigma = float(np.hypot(self._drag.sigma_nm, other.sigma)) / per_percent
+        drag_sigma = float(np.hypot(self._drag.sigma_nm, self._other.sigma)) / per_percent
         reach = TWO_SIDED_95 * float(np.hypot(scale_sigma, drag_sigma))
         low, high = min(percent, direct) - reach, max(percent, direct) + reach
         return max(0.0, low), max(0.0, high)

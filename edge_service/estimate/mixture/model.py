@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as gravity_m_s2
 
 from ...messages.samples import Floats
-from ...models.machine import Machine
+from ...models.machine import GRAVITY_M_S2, Machine
 from ...models.screw.nut_law import nut_deflection
 from . import state
 from .state import AxisModel, MixtureSettings, Process
@@ -118,7 +117,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     covariance += spread * _frictions(size, settings.together, settings.apart)
     load, hung = np.zeros((2, size))
     load[state.GUIDE_FRICTION], load[state.TORQUE_OFFSET] = 0.1, 0.1 * commissioned.coulomb_nm
-    weight_n = gravity_m_s2 * model.table_mass_kg
+    weight_n = GRAVITY_M_S2 * model.table_mass_kg
     if t and abs(model.hanging_n) > HANGS * weight_n:
         hung_n = math.copysign(settings.load * weight_n, model.hanging_n)
         hung[state.TORQUE_OFFSET] = model.ratio_m_per_rad * hung_n

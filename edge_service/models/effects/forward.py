@@ -64,8 +64,7 @@ class Forward:
         variable = {Over.TIME: time_s, Over.TEMPERATURE: temperature_c}
 
         def at(over: Over, curve: Curve) -> Floats:
-            found: Floats = np.nan_to_num(curve(variable[over]), nan=0.0)
-            return found
+            return np.asarray(np.nan_to_num(curve(variable[over]), nan=0.0))
 
         force, motor_dry, table_dry, viscous, resisting, strain = np.zeros((6, len(time_s)))
         for each in self.contributions:
@@ -91,10 +90,9 @@ class Forward:
     def temperature_rise_k(self, time_s: Floats) -> Floats:
         """Rise of the housing's sensor at (n,) times since the beginning, K; it acts on nothing."""
         rise = np.zeros(len(time_s))
-        for each in self.contributions:
-            if isinstance(each, Warming):
-                other = each.rise_k(time_s)
-                rise = np.where(np.abs(other) > np.abs(rise), other, rise)
+        for each in _of(Warming, self.contributions):
+            other = each.rise_k(time_s)
+            rise = np.where(np.abs(other) > np.abs(rise), other, rise)
         return rise
 
 
