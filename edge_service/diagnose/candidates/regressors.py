@@ -286,6 +286,7 @@ class Ranges:
     coldest_c: float  # of the housing; NaN where no temperature was recorded
     warmest_c: float  # the same
     lead_m: float
+    coulomb_nm: float  # of the model
 
     @property
     def span_m(self) -> float:
@@ -317,6 +318,7 @@ class Ranges:
             coldest_c=float(known_c.min()) if len(known_c) else math.nan,
             warmest_c=float(known_c.max()) if len(known_c) else math.nan,
             lead_m=2.0 * math.pi * session.baseline.ratio_m_per_rad,
+            coulomb_nm=session.baseline.coulomb_nm,
         )
 
 
@@ -331,7 +333,9 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
             values = np.geomspace(0.05, 2.0, 6) * max(ranges.duration_s, _WARMING_S)
-            values = np.unique(np.maximum(values, _WARMING_S))
+            # what the model has of dry friction may be that of an axis that is warm, or cold
+            slow = [parameter.faulty] if ranges.coulomb_nm > 0.0 else []
+            values = np.unique(np.maximum([*values, *slow], _WARMING_S))
         case "degC":
             warms = ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K
             values = np.linspace(ranges.coldest_c, ranges.warmest_c, 5) if warms else np.empty(0)
