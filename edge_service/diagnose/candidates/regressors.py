@@ -268,7 +268,7 @@ def regressors_of(effect: Effect, ranges: "Ranges") -> Iterator[EntryRegressor]:
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
     for amount in amounts:
         mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
-        grids = [[(p.name, value) for value in grid(p, ranges)] for p in mine]
+        grids = [[(p.name, value) for value in grid(p, ranges, amount)] for p in mine]
         for shape in itertools.product(*grids):
             yield entry_regressor(effect, amount, dict(shape))
 
@@ -322,7 +322,7 @@ class Ranges:
         )
 
 
-def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
+def grid(parameter: Parameter, ranges: Ranges, amount: str = "") -> Sequence[float]:
     """Values of a shape worth trying: stated, or by its unit and by what the recording covers."""
     match parameter.unit:
         case _ if parameter.tried:
@@ -334,7 +334,7 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
         case "s":
             values = np.geomspace(0.05, 2.0, 6) * max(ranges.duration_s, _WARMING_S)
             # what the model has of dry friction may be that of an axis that is warm, or cold
-            slow = [parameter.faulty] if ranges.coulomb_nm > 0.0 else []
+            slow = [parameter.faulty] * (ranges.coulomb_nm > 0.0 and amount.endswith("_nm"))
             values = np.unique(np.maximum([*values, *slow], _WARMING_S))
         case "degC":
             warms = ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K
