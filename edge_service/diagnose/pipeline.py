@@ -173,7 +173,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     bare = problem.fit(())
     stretched = problem.stretched(bare) if posterior.exceeding else {}
     chance = {name: noise.chance(name, bare.rms[name]) for name in gap}
-    for tolerances in stretched.values():  # parameters are the torque's
+    for tolerances in stretched.values() if TORQUE_GAP in posterior.exceeding else ():
         chance[TORQUE_GAP] = min(chance[TORQUE_GAP], 2.0 * NormalDist().cdf(-tolerances))
     after = {name: noise.chance(name, left_rms[name]) for name in gap} if found else chance
     misfit = Misfit.of_channels(chance, after)

@@ -142,10 +142,7 @@ def diagnose_beside_loss(
 
 
 def asked_by_torque(
-    session: Session,
-    machine: Machine,
-    course: ActiveEffect,
-    named: Sequence[NamedEffect] = (),
+    session: Session, machine: Machine, course: ActiveEffect, named: Sequence[NamedEffect] = ()
 ) -> float:
     """Probability of a loss that matters by the torque alone, fitted with all that is named."""
     causes = [active_effect(each.name, values) for each in named for values in each.entries]

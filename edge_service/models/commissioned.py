@@ -9,12 +9,9 @@ _PAIRS = BeforeValidator(lambda raw: tuple(map(tuple, raw)) if isinstance(raw, l
 
 
 class _Table(BaseModel):
+    """Table without what is not known, so that kept states of older files stay theirs."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-def _is_none(value: object) -> bool:
-    """Left out where it is not known, so that kept states of older files stay theirs."""
-    return value is None
 
 
 class TransmissionConfig(_Table):
@@ -78,11 +75,13 @@ class CommissionedConfig(_Table):
     slowest_rad_s: float | None = Field(None, gt=0.0)  # what is steady on an axis that moves slowly
     cruise_rad_s2: float | None = Field(None, gt=0.0)
     transmission: TransmissionConfig | None = None
-    sample_period_s: float | None = Field(None, gt=0.0, exclude_if=_is_none)
+    sample_period_s: float | None = Field(None, gt=0.0, exclude_if=operator.not_)
     """Time between the samples behind it; None of those as fast as a drive holds its torque."""
-    hold_s: tuple[float, float, float] | None = Field(None, exclude_if=_is_none)
+    hold_s: tuple[float, float, float] | None = Field(None, exclude_if=operator.not_)
     """For how long torque, motor angle and table repeat a value; 0: new in each sample."""
-    interval_s: float | None = Field(None, ge=0.001, le=10.0, exclude_if=_is_none)
+    interval_s: float | None = Field(None, ge=0.001, le=10.0, exclude_if=operator.not_)
     """Length of a block of features; None: 0.1 s."""
-    notch: NotchConfig | None = Field(None, exclude_if=_is_none)
-    assumed_fresh: bool | None = Field(None, exclude_if=_is_none)  # said, not shown
+    notch: NotchConfig | None = Field(None, exclude_if=operator.not_)
+    assumed_fresh: bool | None = Field(None, exclude_if=operator.not_)  # said, not shown
+    gap: dict[str, float] = Field({}, exclude_if=operator.not_)
+    """Root mean square by which the recordings behind all this part from it, by channel."""

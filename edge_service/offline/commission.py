@@ -1,6 +1,7 @@
 """Recordings of a healthy, cold axis in, a commissioned machine file out."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..models.commissioned import Notch
 from ..models.machine import Machine, ModelConfig
 from ..models.steady_limits import SteadyLimits, steady_limits
 from ..nodes.stages import make_downsampler, make_estimator
+from .diagnosis.gap import DiagnosisError, gap_of
 from .machine_text import drag_of
 from .recordings import examine, failing, open_recording, read_recording, reported, require_sound
 from .report.quantities import tolerated
@@ -89,6 +91,8 @@ def commission_to_file(
             healthy = "if it is healthy all the same: --assume-fresh"
             raise ConfigError(f"{traces[0]}: {doubt.words}; {healthy}")
         more["assumed_fresh"] = True
+    with suppress(DiagnosisError):  # runs that are too short to be compared
+        more["gap"] = gap_of(machine, traces)
     learned = machine.commissioned.model_copy(update=more)
     machine = machine.model_copy(update={"commissioned": learned})
     progress("reading the recordings back")
@@ -98,8 +102,8 @@ def commission_to_file(
         document["axis"]["number"] = axis_number
     _write_model(document, machine, stated)
     write_whole(out, tomlkit.dumps(document))
-    said = zip(traces, map(failing, recordings), strict=True)
-    failed = {str(trace): words for trace, words in said if words}
+    said = zip(map(str, traces), map(failing, recordings), strict=True)
+    failed = {name: words for name, words in said if words}
     return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated, failed)
 
 
@@ -252,14 +256,11 @@ def _learned(
             f"  {name} reads as {value} % of the fresh preload ({low} to {high}): another state of "
             "the axis, or a model that does not fit; commission without it, or expect that error"
         )
-    document = {
-        "out": str(out),
-        "motion_s": learned.motion_s,
+    document = {"out": str(out), "motion_s": learned.motion_s, "coulomb_nm": learned.coulomb_nm}
+    document |= {"guide_force_n": guides_n, "bearing_drag_nm": bearings_nm}
+    document |= {
         "inertia_kg_m2": model.inertia_kg_m2,
         "viscous_nm_s_per_rad": model.viscous_nm_s_per_rad,
-        "coulomb_nm": learned.coulomb_nm,
-        "guide_force_n": guides_n,
-        "bearing_drag_nm": bearings_nm,
         "stretch": stretch,
         "notch": learned.notch,
         "failing": failed,

@@ -56,16 +56,9 @@ def convert(
         lines.append(f"{reader.ragged_rows} rows could not be read and are left out")
     if reader.ignored:
         lines.append(f"not written: {', '.join(reader.ignored)}")
-    document = {
-        "out": str(out),
-        "rows": rows,
-        "channels": reader.channels,
-        "missing": missing,
-        "set_aside": reader.ragged_rows,
-        "ignored": reader.ignored,
-        "remarks": remarks,
-    }
-    return Answer("\n".join(lines), document)
+    document = {"out": str(out), "rows": rows, "channels": reader.channels, "missing": missing}
+    rest = {"set_aside": reader.ragged_rows, "ignored": reader.ignored, "remarks": remarks}
+    return Answer("\n".join(lines), document | rest)
 
 
 def convert_history(source: Path, out: Path) -> Answer:

@@ -268,7 +268,7 @@ def regressors_of(effect: Effect, ranges: "Ranges") -> Iterator[EntryRegressor]:
     amounts = [p.name for p in effect.parameters if p.role is Role.AMOUNT] or [""]
     for amount in amounts:
         mine = [p for p in _belonging(effect, amount) if p.role is Role.SHAPE]
-        grids = [[(p.name, value) for value in grid(p, ranges)] for p in mine]
+        grids = [[(p.name, value) for value in grid(p, ranges, amount)] for p in mine]
         for shape in itertools.product(*grids):
             yield entry_regressor(effect, amount, dict(shape))
 
@@ -286,6 +286,7 @@ class Ranges:
     coldest_c: float  # of the housing; NaN where no temperature was recorded
     warmest_c: float  # the same
     lead_m: float
+    coulomb_nm: float  # of the model
 
     @property
     def span_m(self) -> float:
@@ -317,10 +318,11 @@ class Ranges:
             coldest_c=float(known_c.min()) if len(known_c) else math.nan,
             warmest_c=float(known_c.max()) if len(known_c) else math.nan,
             lead_m=2.0 * math.pi * session.baseline.ratio_m_per_rad,
+            coulomb_nm=session.baseline.coulomb_nm,
         )
 
 
-def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
+def grid(parameter: Parameter, ranges: Ranges, amount: str = "") -> Sequence[float]:
     """Values of a shape worth trying: stated, or by its unit and by what the recording covers."""
     match parameter.unit:
         case _ if parameter.tried:
@@ -331,7 +333,9 @@ def grid(parameter: Parameter, ranges: Ranges) -> Sequence[float]:
             values = np.geomspace(0.3, max(0.25 * ranges.fastest_rad_s, 3.0), 8)
         case "s":
             values = np.geomspace(0.05, 2.0, 6) * max(ranges.duration_s, _WARMING_S)
-            values = np.unique(np.maximum(values, _WARMING_S))
+            # what the model has of dry friction may be that of an axis that is warm, or cold
+            slow = [parameter.faulty] * (ranges.coulomb_nm > 0.0 and amount.endswith("_nm"))
+            values = np.unique(np.maximum([*values, *slow], _WARMING_S))
         case "degC":
             warms = ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K
             values = np.linspace(ranges.coldest_c, ranges.warmest_c, 5) if warms else np.empty(0)

@@ -29,8 +29,6 @@ MOST_EFFECTIVE = 400.0
 LEAST_EFFECTIVE = 40.0
 DISCREPANCY = 0.05
 """Share of the gap that the best entry may still miss on a real axis."""
-TOLERANCE_OF_FLOOR = 1.0
-"""Gap beyond its floor that nobody acts on where the machine file states none, over the floor."""
 MOST_OF_TORQUE = 0.1
 """Of the torque in motion: a gap beyond that is acted on, however much else is noise."""
 TOLERANCE_OF_TORQUE = 1e-3
@@ -45,7 +43,7 @@ _SAME_RAD, _SAME_SPEED, _SAME_ACCELERATION = 0.05, 0.1, 0.3
 _SLOW_RAD_S, _SOFT_RAD_S2 = 1.0, 50.0
 _LEAST_REPEATS, _MOST_REPEATS = 200, 4000
 _REPEATS_MAY_MISS = 1.3
-"""Repeats are few and lie where the axis goes most: by so much they may be too quiet."""
+"""Repeats are few, and lie where the axis goes most: by so much they may be too quiet."""
 _MORE_THAN_NOISE = 1.5
 """Root mean square over the floor from which on a rest shows nothing of its noise."""
 _HIGHEST_ORDER = {TORQUE_GAP: 96, TRANSMISSION_GAP: 12}
@@ -146,7 +144,8 @@ def stated_tolerance(
 
     As the machine file states it; otherwise as much as the floor, in the torque no more than a
     tenth of that in motion and no less than a thousandth of the drive's greatest, and what a
-    linear encoder's own interpolation makes.
+    linear encoder's own interpolation makes. What the recordings of the commissioning have beyond
+    the floor belongs to the healthy axis.
 
     Args:
         torque_nm: root mean square of the torque in motion.
@@ -160,11 +159,13 @@ def stated_tolerance(
         TRANSMISSION_GAP: INTERPOLATION_M,
     }
     most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
-    return {
-        name: stated[name]
-        or max(min(TOLERANCE_OF_FLOOR * each, most.get(name, math.inf)), least[name])
-        for name, each in floor.items()
-    }
+    healthy = machine.commissioned.gap if machine.commissioned else {}
+    found = {}
+    for name, each in floor.items():
+        own = (_REPEATS_MAY_MISS * healthy.get(name, 0.0)) ** 2 - each**2
+        usual = min(max(each, math.sqrt(max(own, 0.0))), most.get(name, math.inf))
+        found[name] = stated[name] or max(usual, least[name])
+    return found
 
 
 def steps_nm(session: Session) -> float:
@@ -173,9 +174,7 @@ def steps_nm(session: Session) -> float:
 
 
 def noise_floor(
-    session: Session,
-    left: Mapping[str, Floats],
-    structure: Mapping[str, Floats] | None = None,
+    session: Session, left: Mapping[str, Floats], structure: Mapping[str, Floats] | None = None
 ) -> tuple[dict[str, float], dict[str, Floats]]:
     """Root mean square of the noise of a residual, and what holds it, (n,), by channel.
 
@@ -184,21 +183,17 @@ def noise_floor(
         structure: what is predicted of it, where that is known.
     """
     structure = predicted_structure(session, left) if structure is None else structure
+    # most that two encoders read apart by chance: what is smooth between samples is not
+    noise_m = max(r.noise.get(STRETCH, 0.0) * math.hypot(*r.low_pass.taps) for r in session.runs)
+    apart_m = math.hypot(_REPEATS_MAY_MISS * noise_m, INTERPOLATION_M)
     levels, noise = {}, {}
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, session.fold[name])
-        least = steps_nm(session) if name == TORQUE_GAP else 0.0
-        most = math.inf if name == TORQUE_GAP else _encoders_rms(session)
+        least, most = (steps_nm(session), math.inf) if name == TORQUE_GAP else (0.0, apart_m)
         levels[name] = max(min(ordinary_rms(rest), _REPEATS_MAY_MISS * again, most), least)
         noise[name] = rest
     return levels, noise
-
-
-def _encoders_rms(session: Session) -> float:
-    """Most that two encoders read apart by chance, m: what is smooth between samples is not."""
-    noise_m = max(r.noise.get(STRETCH, 0.0) * math.hypot(*r.low_pass.taps) for r in session.runs)
-    return math.hypot(_REPEATS_MAY_MISS * noise_m, INTERPOLATION_M)
 
 
 def ordinary_rms(values: Floats) -> float:

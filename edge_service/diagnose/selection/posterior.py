@@ -12,7 +12,6 @@ from ...models.effects.effect import Term
 from ...models.effects.registry import effects_where, error_of
 from ..candidates.regressors import FORCE, UNKNOWN, ForcePulse
 from ..residual.noise import Noise
-from ..session.session import TORQUE_GAP
 from .problem import EffectSet, SelectionProblem
 
 TIED = 5.0
@@ -78,12 +77,11 @@ class Posterior:
         """Share of each channel's energy above the floor that the best set leaves."""
         return self.problem.noise.unexplained_shares(self.problem.session, self.left_rms)
 
-    @property
-    def force_nm(self) -> Floats:
-        """Forces of the best set in the torque, N m, (n,)."""
-        pulses, coefficients = self.problem.coefficients(self.best.fit, FORCE)
-        columns = self.problem.design.columns[TORQUE_GAP]
-        return columns[:, self.problem.design.indices(pulses)].astype(np.float64) @ coefficients
+    def part(self, name: str, channel: str) -> Floats:
+        """Part of an effect of the best set in a channel's gap, N m or m, (n,)."""
+        mine, coefficients = self.problem.coefficients(self.best.fit, name)
+        columns = self.problem.design.columns[channel]
+        return columns[:, self.problem.design.indices(mine)].astype(np.float64) @ coefficients
 
     @property
     def exceeding(self) -> set[str]:

@@ -134,10 +134,7 @@ class Session:
         return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
 
     def folds(self, time_s: Floats) -> Integers:
-        """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on.
-
-        Blocks are as long as an eighth of the session, or `BLOCK_S`.
-        """
+        """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on."""
         spans_s = [np.ptp(rows.variables["time_s"]) for rows in self.channels.values()]
         block_s = min(BLOCK_S, max(*spans_s, 1e-9) / _LEAST_BLOCKS)
         found: Integers = np.floor(time_s / block_s).astype(np.int64) % FOLDS

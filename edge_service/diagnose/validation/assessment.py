@@ -22,10 +22,9 @@ from ..session.session import FOLDS, TORQUE_GAP, Rows, rms
 
 BESIDE_UNNAMED = 0.8
 """Of the probability of an effect, where something that has no name is needed beside it."""
-CONTRADICTED = 0.5
-"""The same of one that may make the gap of other motion, or of a part of this one, greater."""
-AT_BOUND = 0.5
-"""The same of one whose shape would have to leave what the library allows."""
+DOUBTED = 0.5
+"""The same of one that may make the gap of other motion, or of a part of this one, greater; whose
+shape would have to leave what the library allows; or most of whose part is another's."""
 LEAST_SHRINK = 0.04
 """Of what the other causes leave, on held-out motion: with less an effect is no cause."""
 LESSER_PART = 0.5
@@ -51,7 +50,7 @@ UNKNOWN_SHARE = 0.15
 UNKNOWN_ENTRY_SHARE = 0.6
 """The same of what the entries alone leave, without the forms that an effect takes beside them."""
 MOST_CAUSES = 3
-"""It takes more than this many causes at once only where none of them is the true one."""
+"""It takes more than this many, the greatest, or they fit each other, only where none is true."""
 LEVEL = 0.9
 PACES = (0.5, 2.0)
 """Paces at which another session may warm the axis: heat comes from motion (assumption)."""
@@ -154,13 +153,22 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
     entries_left, by_effect = contributions.left_beside_nuisances, contributions.by_effect
     if FORCE in by_effect and TORQUE_GAP in entries_left:  # a force is taken as its pulses were
         as_entry = by_effect[FORCE][TORQUE_GAP]
-        entries_left[TORQUE_GAP] = entries_left[TORQUE_GAP] + as_entry - posterior.force_nm
+        as_pulses = posterior.part(FORCE, TORQUE_GAP)
+        entries_left[TORQUE_GAP] = entries_left[TORQUE_GAP] + as_entry - as_pulses
     left_rms = {name: rms(each) for name, each in entries_left.items()}
     by_entries = problem.noise.unexplained_shares(session, left_rms)
+    crowded = False
+    for name, each in entries_left.items():
+        parts = sorted((effect[name] for effect in by_effect.values()), key=rms)
+        left_rms[name] = rms(sum(parts[:-MOST_CAUSES], each))
+        strain = math.fsum(rms(x) ** 2 for x in parts) / session.channels[name].rms ** 2
+        crowded |= len(parts) > MOST_CAUSES and strain > MOST_STRAIN
+    by_few = problem.noise.unexplained_shares(session, left_rms)
+    crowded |= any(by_few[name] - by_entries[name] > UNKNOWN_SHARE for name in by_few)
     claimed, left = set(contributions.channel_of.values()), posterior.unexplained
     found = {}
     for name in session.channels:
-        is_unknown = left[name] > UNKNOWN_SHARE or len(contributions.named) > MOST_CAUSES
+        is_unknown = crowded or left[name] > UNKNOWN_SHARE
         is_unknown |= name in claimed and by_entries[name] > UNKNOWN_ENTRY_SHARE
         found[name] = 0.5 * (1.0 - left[name]) if is_unknown else 1.0
     unnamed = problem.stretched(posterior.best.fit).keys() - contributions.named
@@ -206,7 +214,7 @@ class CrossValidation:
             found += paced.columns(session, channel) @ values.coefficients(k)
         return found
 
-    def shrink(self, name: str, channel: str) -> Shrink:
+    def shrink(self, name: str, channel: str, paces: Sequence[float] = PACES) -> Shrink:
         """Shrink of a channel by one effect beside all others, expected on other motion.
 
         The estimate is that of held-out blocks: from what the others leave to what all leave. A
@@ -220,7 +228,7 @@ class CrossValidation:
         if name != FORCE:
             without -= self.values.contribution(FORCE, channel)
         left = [without - self.held_out(name, channel)]
-        for made in (self.at_pace(name, channel, pace) for pace in PACES):
+        for made in (self.at_pace(name, channel, pace) for pace in paces):
             if made is not None:
                 left.append(without - made)
         return on_other_motion(replace(rows, gap=without), left)
@@ -261,12 +269,8 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
 
     before, after = drawn(rows.gap), [drawn(each) for each in left]
     chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
-    estimate = _shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2))
-    return _of_draws(float(estimate), _shrink(before, chosen))
-
-
-def _of_draws(estimate: float, draws: Floats) -> Shrink:
-    low, high = np.quantile(draws, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+    estimate = float(_shrink(np.sum(rows.gap**2), np.sum(left[0] ** 2)))
+    low, high = np.quantile(_shrink(before, chosen), (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
     return Shrink(estimate=estimate, low=float(min(low, estimate)), high=float(max(high, estimate)))
 
 
@@ -298,26 +302,31 @@ class Assessment:
         contributions = Contributions.of_effects(posterior, named)
         attributed = attributions(posterior, contributions)
         confidence = confidences(posterior, contributions)
+        others = sorted(posterior.best.fit.names - named - {UNKNOWN, FORCE})
         noise, estimates = posterior.problem.noise, contributions.estimates
         validation, effects = CrossValidation.of_estimates(estimates), []
         for name, attribution in attributed.items():
             channel = contributions.channel_of[name]
             trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
-            trust = trust * attribution.trust * (AT_BOUND if estimates.is_at_bound(name) else 1.0)
+            trust *= attribution.trust
             shown = sorted(estimates.shown(*estimates.of_effect(name)))
             # the least of all channels that it shows in: it must be right in each of them
             trust *= min((confidence[each] for each in shown), default=1.0)
             shrink, tolerated = validation.shrink(name, channel), noise.tolerance[channel]
-            before = rms(contributions.left[channel] + contributions.by_effect[name][channel])
-            helps = shrink.estimate * before >= tolerated >= -shrink.low * before
-            if shrink.low < 0.0 and not helps and name != FORCE:
-                trust *= CONTRADICTED
+            mine = contributions.by_effect[name][channel]
+            before = rms(contributions.left[channel] + mine)
+            low = validation.shrink(name, channel, ()).low  # at another pace it is the same cause
+            helps = shrink.estimate * before >= tolerated >= -low * before
+            contradicted = low < 0.0 and not helps and name != FORCE
+            rivals = [x for x in others if 2.0 * posterior.part(x, channel) @ mine > mine @ mine]
+            trust *= DOUBTED ** (contradicted + estimates.is_at_bound(name) + bool(rivals))
             ratios = ((each, 1.0 - validation.shrink(name, each).estimate) for each in shown)
             if sum(noise.effective[each] * math.log(left) for each, left in ratios) > 0.0:
                 trust = 0.0  # all channels together are less likely with it
             if name == FORCE:
                 gap = posterior.problem.session.channels[TORQUE_GAP].gap
-                left = float(np.sum((gap - posterior.force_nm) ** 2)) / float(np.sum(gap**2))
+                force_nm = posterior.part(FORCE, TORQUE_GAP)
+                left = float(np.sum((gap - force_nm) ** 2)) / float(np.sum(gap**2))
                 high = max(shrink.high, 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0)
                 shrink = shrink.model_copy(update={"high": high})
             effects.append(
@@ -325,7 +334,7 @@ class Assessment:
                     name=name,
                     channel=channel,
                     probability=min(posterior.probability[name], SUREST) * trust,
-                    tied=posterior.classes[name],
+                    tied=tuple(dict.fromkeys((*posterior.classes[name], *rivals))),
                     shrink=shrink,
                     parameters=estimates.parameters(name),
                     entries=estimates.entries(name),

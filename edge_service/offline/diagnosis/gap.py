@@ -85,6 +85,13 @@ def gap(machine_file: Path, traces: Sequence[Path], axis_number: int | None = No
     machine = load_machine(machine_file, axis_number)
     found = examine_within(machine, traces)
     require_sound(found, traces)
+    known = gap_of(machine, traces)
+    lines = [f"{name}: {amount(rms, CHANNEL_UNITS[name])}" for name, rms in known.items()]
+    return Answer("\n".join([*lines, *remarks_of(found)]), known)
+
+
+def gap_of(machine: Machine, traces: Sequence[Path]) -> dict[str, float]:
+    """Root mean square gap of recordings, N m or m, by channel. Raises DiagnosisError."""
     modelled = model_effects(machine)
     parts: dict[str, list[tuple[int, float, float]]] = {TORQUE_GAP: [], TRANSMISSION_GAP: []}
     with one_line():
@@ -104,5 +111,4 @@ def gap(machine_file: Path, traces: Sequence[Path], axis_number: int | None = No
             known[name] = float(np.sqrt(square))
     if not known:
         raise DiagnosisError(NOTHING_TO_COMPARE)
-    lines = [f"{name}: {amount(rms, CHANNEL_UNITS[name])}" for name, rms in known.items()]
-    return Answer("\n".join([*lines, *remarks_of(found)]), known)
+    return known

@@ -14,7 +14,7 @@ from edge_service.config import load_machine
 from edge_service.diagnose.candidates.design_matrix import DesignMatrix
 from edge_service.diagnose.candidates.normal_equations import NormalEquations
 from edge_service.diagnose.candidates.regressors import unobservable
-from edge_service.diagnose.residual.noise import INTERPOLATION_M, TOLERANCE_OF_FLOOR, Noise
+from edge_service.diagnose.residual.noise import INTERPOLATION_M, Noise
 from edge_service.diagnose.selection.problem import MOST_EFFECTS, SelectionProblem
 from edge_service.diagnose.session.session import Session
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, SampleFrame
@@ -49,7 +49,7 @@ def test_without_one_it_is_a_part_of_the_floor(machine_file: Path, tmp_path: Pat
     found = drag(machine_file, tmp_path)
     assert [each["name"] for each in found["effects"]] == ["drag_error"]
     torque, position = found["gap"]["torque_nm"], found["gap"]["transmission_m"]
-    assert torque["tolerance"] == pytest.approx(TOLERANCE_OF_FLOOR * torque["noise_floor"])
+    assert torque["tolerance"] == pytest.approx(torque["noise_floor"])
     assert position["tolerance"] == INTERPOLATION_M
 
 
