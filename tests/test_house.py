@@ -151,7 +151,7 @@ MOST_LINES = {
     "drivers": 3676,
     "estimate": 5170,
     "fingerprint": 2769,
-    "health": 4528,
+    "health": 4525,
     "http_api": 2416,
     "messages": 2024,
     "models": 5671,
