@@ -207,8 +207,7 @@ def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
 
 def test_low_and_lost_follow_the_condition():
     axis = _settled()
-    for _ in range(20):
-        axis.hear(3.9)  # 56 % of 7: below 60, by more than 15 % at once
+    axis.hear(3.9, times=20)  # 56 % of 7: below 60, by more than 15 % at once
     axis.ask("acknowledge", "sudden_drop")
     axis.tick(0.0)
     assert axis.shown() == {"preload_low": True}

@@ -64,11 +64,8 @@ def test_a_dip_that_its_own_interval_covers_is_no_alarm_of_the_rate(seed):
 
 
 def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):
-    unknown = np.full(days.size, np.nan)
-    width = np.full(days.size, 0.1)
-    return preload_trend(
-        days * DAY_S, percent, width, unknown if distance_m is None else distance_m, LIMITS
-    )
+    way_m = np.full(days.size, np.nan) if distance_m is None else distance_m
+    return preload_trend(days * DAY_S, percent, np.full(days.size, 0.1), way_m, LIMITS)
 
 
 def test_a_straight_loss_gives_its_rate_and_its_date():
