@@ -30,7 +30,7 @@ from .page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg, rendered
 from .quantities import amount, interval, percent, words
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
-LABELS = {
+LABELS = {  # label and factor of each variable for people
     "motor_speed_rad_s": ("motor speed, r/min", 30.0 / np.pi),
     "motor_acceleration_rad_s2": ("motor acceleration, rad/s²", 1.0),
     "table_position_m": ("table position, mm", 1e3),
@@ -39,7 +39,6 @@ LABELS = {
     "time_s": ("time, s", 1.0),
     "temperature_c": ("temperature, °C", 1.0),
 }
-"""Label and factor of each variable for people."""
 _POINTS = 4000
 _DPI = 130
 _CLOCK_FROM_S = 1e9  # a clock that counts from 1970 passed it in 2001

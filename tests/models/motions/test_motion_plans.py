@@ -270,7 +270,7 @@ def test_clipping_leaves_out_and_names_what_the_axis_does_not_allow(machine: Mac
     assert fastest == pytest.approx(100.0 * 0.02 / (2.0 * math.pi))
     speeds = {round(60_000.0 * each.peak_speed_m_s) for each in plan.segments}
     assert speeds >= set(TABLE_5_1_MM_PER_MIN[:7])
-    with pytest.raises(MotionError, match="signature: nothing is left of it; signature, 120 rpm"):
+    with pytest.raises(MotionError, match="signature: nothing is left of it; signature, 120 r/min"):
         plan_of("signature", changed(machine, stroke_m=0.2), clip=True)
 
 
