@@ -236,18 +236,18 @@ def caveats_of(
             "from the motion or from a repeat of it: a fault of that size would go unnoticed"
         )
     for name, each in gap.items():
-        spoken, tolerance, unit = CHANNEL_WORDS[name], each.tolerance or 0.0, each.unit
+        unit, scale = ("µm", 1e6) if each.unit == "m" else (each.unit, 1.0)
+        spoken, tolerance = CHANNEL_WORDS[name], scale * (each.tolerance or 0.0)
         if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS) and _exceeds(each, left[name]):
             beyond = math.sqrt(left[name] ** 2 - each.floor**2)
             found.append(
-                f"{spoken}: {beyond:.3g} {unit} beyond the floor are left, more than the "
+                f"{spoken}: {scale * beyond:.3g} {unit} beyond the floor are left, more than the "
                 f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
             )
         if verdict is Verdict.NO_GAP and each.matters:
             found.append(
-                f"{spoken}: {each.beyond:.3g} {unit} beyond the floor, more than the "
-                f"{tolerance:.3g} {unit} tolerated, are no more than the tolerances of the values "
-                "in the machine file allow"
+                f"{spoken}: {scale * each.beyond:.3g} {unit} beyond the floor, more than the "
+                f"{tolerance:.3g} {unit} tolerated, are what the machine file's tolerances allow"
             )
     return tuple(found)
 

@@ -10,6 +10,7 @@ from .inputs import NS_PER_S
 from .statements import clock, span
 
 _NS_PER_MS = 1_000_000
+_NAMES = {"rate": "wears fast", "model": "model does not fit", "service": "service part down"}
 
 
 def moved(time_ns: int | None, step_ns: int) -> int | None:
@@ -176,7 +177,7 @@ class AlarmLatch:
 
     def _told(self, code: Code, words: dict[str, str] | None = None, **values: str) -> Statement:
         name = self._kind.value
-        named = {"alarm": name.replace("_", " ")} | (words or {})
+        named = {"alarm": _NAMES.get(name, name.replace("_", " ")).capitalize()} | (words or {})
         return told(code, named, alarm=name, **values)
 
     def _event(

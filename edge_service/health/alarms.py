@@ -24,7 +24,6 @@ from .components import is_down
 from .consistency import CHANNEL_WORDS
 from .inputs import NS_PER_S
 from .statements import clock, condition_words, is_in_doubt, limit_words
-from .wear.trend import is_over
 
 _SPANS_H = {"year": 8766.0, "day": 24.0, "hour": 1.0, "minute": 1.0 / 60.0}
 _NIS_MEMORY = 0.98
@@ -46,7 +45,7 @@ _RULES = {
     AlarmKind.PRELOAD_LOST: AlarmRule(AxisCondition.FAULT, *_AS_THE_CONDITION),
     AlarmKind.RATE: AlarmRule(AxisCondition.WARNING, *_SLOW),
     AlarmKind.SUDDEN_DROP: AlarmRule(AxisCondition.FAULT, 0.0, 0.0, latched=True),
-    AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, _CLEAR_DELAY_S),
+    AlarmKind.MODEL: AlarmRule(AxisCondition.WARNING, 5.0, 0.0),
     AlarmKind.SERVICE: AlarmRule(AxisCondition.WARNING, *_SLOW),
 }
 _Cause = tuple[bool | None, Statement]
@@ -169,10 +168,10 @@ class AxisAlarms:
             self._down.pop(key, None)
         return (before is None) is (key in self._down)
 
-    def tick(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Event, ...]:
+    def tick(self, health: AxisHealth, now_ns: int) -> tuple[Event, ...]:
         """Let time pass, with the condition and the trend as of now."""
         events: list[Event] = []
-        for kind, (cause, words) in self._causes(health, trend, now_ns).items():
+        for kind, (cause, words) in self._causes(health, now_ns).items():
             events += self._latches[kind].update(cause, words, now_ns)
         return tuple(events)
 
@@ -200,9 +199,9 @@ class AxisAlarms:
             seen += low.acknowledge(command.user, command.note, now_ns)
         return seen
 
-    def shown(self, health: AxisHealth, trend: Trend | None, now_ns: int) -> tuple[Alarm, ...]:
+    def shown(self, health: AxisHealth, now_ns: int) -> tuple[Alarm, ...]:
         """Alarms that a person should see, the gravest first, in words as of now."""
-        causes = self._causes(health, trend, now_ns)
+        causes = self._causes(health, now_ns)
         found = (self._latches[kind].shown(words) for kind, (_, words) in causes.items())
         is_lost = self._latches[AlarmKind.PRELOAD_LOST].active  # one cause, one acknowledgement
         hidden = AlarmKind.PRELOAD_LOW if is_lost else None
@@ -223,9 +222,7 @@ class AxisAlarms:
             if kind.value in snapshot:
                 latch.restore(snapshot[kind.value], step_ns)
 
-    def _causes(
-        self, health: AxisHealth, trend: Trend | None, now_ns: int
-    ) -> dict[AlarmKind, _Cause]:
+    def _causes(self, health: AxisHealth, now_ns: int) -> dict[AlarmKind, _Cause]:
         """State of the cause of each kind (None: nobody can tell), with its words."""
         known = health.condition is not AxisCondition.UNAVAILABLE
         low = health.condition is AxisCondition.WARNING
@@ -237,32 +234,29 @@ class AxisAlarms:
         return {
             AlarmKind.PRELOAD_LOW: (None if lost or not known else low, low_words),
             AlarmKind.PRELOAD_LOST: (lost if known else None, lost_words),
-            AlarmKind.RATE: self._rate(trend, now_ns),
+            AlarmKind.RATE: self._rate(health.trend),
             AlarmKind.SUDDEN_DROP: (None, SILENT),
             AlarmKind.MODEL: self._model(health),
             AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
             AlarmKind.SERVICE: (bool(self._down), next(iter(self._down.values()), SILENT)),
         }
 
-    def _rate(self, trend: Trend | None, now_ns: int) -> _Cause:
-        is_falling = trend is not None and trend.status is TrendStatus.FALLING
-        if trend is not None and is_falling:
-            self._falling_ns = trend.until_time_ns or now_ns
+    def _rate(self, trend: Trend | None) -> _Cause:
+        if trend is not None and trend.status in (TrendStatus.FALLING, TrendStatus.FELL):
+            self._falling_ns = trend.until_time_ns
         words, at_ns = SILENT, self._falling_ns
         if at_ns is not None:
             words = told(Code.PRELOAD_FELL_LATELY, {"time": clock(at_ns)}, time=rfc3339(at_ns))
         if trend is None or trend.rate_percent_per_h is None or self._fresh is None:
             return None, words
         share, rate = -100.0 / self._fresh, trend.rate_percent_per_h
-        loss_per_h, sure_per_h = rate.value * share, slowest_loss(rate) * share
-        limit_per_h = self._rate_limit / 1000.0
-        if (is_falling and not is_over(trend, now_ns)) or (
-            sure_per_h > limit_per_h and not words.text
-        ):
+        loss_per_h, limit_per_h = rate.value * share, self._rate_limit / 1000.0
+        if trend.status is TrendStatus.FALLING:
             words = _rate_words(loss_per_h)
-        if sure_per_h > limit_per_h:
+        if slowest_loss(rate) * share > limit_per_h:
             return True, words
-        return (False if loss_per_h < 0.9 * limit_per_h else None), words
+        is_over = trend.status is TrendStatus.FELL or loss_per_h < 0.9 * limit_per_h
+        return False if is_over else None, words
 
     def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:
         if self._fit.status is None and now_ns < self._patient_until_ns:
@@ -298,8 +292,8 @@ def _lacks_data(health: AxisHealth) -> bool:
 
 def _rate_words(loss_per_h: float) -> Statement:
     """Loss in percent over the longest time in which less than everything is lost."""
-    short = [per for per, hours in _SPANS_H.items() if loss_per_h * hours < 100.0]
-    per = short[0] if short else "minute"
+    short = (per for per, hours in _SPANS_H.items() if loss_per_h * hours < 100.0)
+    per = next(short, "minute")
     rate = loss_per_h * _SPANS_H[per]
     return told(Code.PRELOAD_FALLING, {"per": f"per {per}"}, rate=rate, per=per)
 

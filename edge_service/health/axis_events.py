@@ -82,6 +82,5 @@ def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Ev
     about = "" if command.alarm is None else f" {command.alarm}"
     words = f"{command.action}{about} was refused: {reason}"
     data: Data = {"action": command.action, "outcome": "refused"}
-    asked = {"who": command.user, "origin": command.origin or "bus"}
     event = noted(axis, "command", Statement(text=words), now_ns, data)
-    return event.model_copy(update=asked)
+    return event.model_copy(update={"who": command.user, "origin": command.origin or "bus"})

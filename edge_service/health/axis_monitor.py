@@ -190,9 +190,8 @@ class AxisMonitor:
         """Condition of the axis with everything beside it, as of now."""
         health = self._judged(now_ns)
         more = {
-            "alarms": self._alarms.shown(health, self._trend, now_ns),
+            "alarms": self._alarms.shown(health, now_ns),
             "fall": self._alarms.fall,
-            "trend": None if self._trend is None else as_of(self._trend, now_ns),
             "use": self._use.use(),
             "friction": self._friction.curve(),
         }
@@ -205,9 +204,7 @@ class AxisMonitor:
     def trend_work(self) -> Callable[[], Trend]:
         """Work that makes the trend of what is known now: some ten milliseconds, for any thread."""
         limits, points = self._limits, self._series.points()
-        ahead: dict[str, float] = {}
-        if limits is not None:
-            ahead = {"warning": limits.warning_percent, "fault": limits.fault_percent}
+        ahead = {"warning": limits.warning_percent, "fault": limits.fault_percent} if limits else {}
         span_s = float(points[0][-1] - points[0][0]) if points[0].size else 0.0
         period_s = min(max(_PERIOD_SHARE * span_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
         self._trend_period_s = period_s
@@ -285,14 +282,15 @@ class AxisMonitor:
         return events
 
     def _look_at_alarms(self, now_ns: int) -> tuple[Event, ...]:
-        return self._alarms.tick(self._judged(now_ns), self._trend, now_ns)
+        return self._alarms.tick(self._judged(now_ns), now_ns)
 
     def _judged(self, now_ns: int) -> AxisHealth:
         shown: Consistency = self._consistency.shown()
         if shown.channel is not None:
             since = {"since_time_ns": self._since_ns, "recording": self._recording}
             shown = shown.model_copy(update=since)
-        return self._condition.health(now_ns).model_copy(update={"consistency": shown})
+        more = {"consistency": shown, "trend": self._trend and as_of(self._trend, now_ns)}
+        return self._condition.health(now_ns).model_copy(update=more)
 
     def _restart_trend(self) -> None:
         self._series.clear()
@@ -300,5 +298,4 @@ class AxisMonitor:
 
 
 def _digest(command: Command) -> str:
-    content = command.model_dump_json(exclude={"key", "origin"})
-    return hashlib.sha256(content.encode()).hexdigest()
+    return hashlib.sha256(command.model_dump_json(exclude={"key", "origin"}).encode()).hexdigest()

@@ -73,8 +73,7 @@ class LiveFeatures:
 
     def since(self, time_ns: int) -> Iterator[LivePoint]:
         """Intervals that end after a time, oldest first."""
-        later = (each for each in self._points if _PACKED.unpack(each)[0] > time_ns)
-        return map(_point, later)
+        return (_point(each) for each in self._points if _PACKED.unpack(each)[0] > time_ns)
 
     def channels(self) -> tuple[ChannelQuality, ...]:
         """State of each channel; empty before the first interval."""

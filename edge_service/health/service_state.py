@@ -20,6 +20,7 @@ from .store.events import EventLog
 from .store.history import History
 from .store.readers import FanOut
 from .store.store import Store
+from .wear.trend import as_of
 
 BACKLOG = 256
 """Events that may wait for one slow reader."""
@@ -94,6 +95,7 @@ class AxisState:
             "method": estimate.method,
             "measured_time_ns": self.preload.measured_ns,
             "limits": limits,
+            "trend": last.trend and as_of(last.trend, now_ns),
             "components": self._components.reports(now_ns, self.axis) or last.components,
         }
         missing = self.missing(now_ns)

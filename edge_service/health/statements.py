@@ -207,9 +207,10 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
         yield Task.PLAN_NUT
     if AlarmKind.RATE in active:
         yield Task.FIND_WEAR
-    if estimate and estimate.fault_probability.get("lubrication", 0.0) >= LIKELY_GREASE:
+    is_estimated = _status(estimate) is EstimateStatus.ESTIMATED
+    likely, said = (estimate.fault_probability, estimate.reasons) if estimate else ({}, ())
+    if is_estimated and likely.get("lubrication", 0.0) >= LIKELY_GREASE:
         yield Task.REGREASE
-    said = () if estimate is None else estimate.reasons
     yield from (Task.TEST for reason in said if reason.startswith("test_due:"))
     if health.trend is not None and health.trend.status is TrendStatus.RISING:
         yield Task.FIND_CHANGE

@@ -13,6 +13,7 @@ class TrendStatus(StrEnum):
     TOO_EARLY = "too_early"  # too little history since the trend began
     STEADY = "steady"  # no significant change
     FALLING = "falling"
+    FELL = "fell"  # until then; nothing tells of a fall since
     RISING = "rising"  # parts do not heal: something else changed
 
 
@@ -20,8 +21,7 @@ class Crossing(Frozen):
     """Time at which a limit will be reached, if the wear goes on as it does.
 
     Attributes:
-        limit: `warning` or `fault`.
-        limit_percent: the limit, percent of the dynamic load rating.
+        limit, limit_percent: `warning` or `fault`, and the limit in percent of the load rating.
         earliest_ns, likely_ns, latest_ns: UNIX times, ns: the bounds of the band and its middle;
             None where no time within the horizon can be named.
     """
@@ -38,11 +38,11 @@ class Trend(Frozen):
 
     Attributes:
         reason: one sentence for people.
-        since_time_ns, until_time_ns: start and end of the history that it rests on, UNIX ns; None
-            while there is none.
+        since_time_ns, until_time_ns: start and end of the history that it rests on, or of the fall
+            that is over, UNIX ns; None while there is none.
         basis: what the wear is counted against, `time` or `distance`.
         level: probability that each interval and band aims to hold the truth.
-        rate_percent_per_h: change of the preload, percent of the load rating per hour.
+        rate_percent_per_h: change of the preload now, percent of the load rating per hour.
         rate_fresh_percent_per_h: the same in percent of the fresh screw's preload; None where that
             is not known.
         change_fresh_percent: change over the history, in the same unit.

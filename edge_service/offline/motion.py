@@ -151,11 +151,11 @@ def _header(name: str, machine: Machine, limits: MotionLimits, plan: Plan, seed:
     assumed = ", ".join(assumed_limits(machine))
     return [
         f"motion {name}: {MOTIONS[name].purpose}",
-        f"axis {machine.axis.name}, lead {limits.lead_m:g} m, duration {plan.duration_s:.3f} s, "
-        f"seed {seed}",
-        f"position {limits.low_m:g} to {limits.high_m:g} m from the fixed-bearing end; start and "
-        f"rest at {limits.low_m:g} m",
-        f"speed {limits.speed_m_s:g} m/s, acceleration {limits.acceleration_m_s2:g} m/s2, "
+        f"axis {machine.axis.name}, lead {1e3 * limits.lead_m:g} mm, "
+        f"duration {plan.duration_s:.3f} s, seed {seed}",
+        f"position {1e3 * limits.low_m:g} to {1e3 * limits.high_m:g} mm from the fixed-bearing "
+        f"end; start and rest at {1e3 * limits.low_m:g} mm",
+        f"speed {6e4 * limits.speed_m_s:g} mm/min, acceleration {limits.acceleration_m_s2:g} m/s2, "
         f"torque {limits.torque_nm:g} N m, jerk of moves {limits.jerk_m_s3:g} m/s3",
         *((f"assumed, as the machine file lacks them: {assumed}",) if assumed else ()),
         *(f"left out: {line}" for line in plan.left_out),

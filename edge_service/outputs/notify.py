@@ -161,8 +161,7 @@ class NotifyOutput(Output):
         if self.config.language != "en" and event.code:
             told = sentence_in(words, event) or told
         alarm = words.get(f"alarm.{event.data.get('alarm')}")
-        over = " (OK)" if event.kind == "alarm_cleared" else ""
-        return f"{alarm}{over}: {told}" if alarm else told
+        return f"{alarm}: {told}" if alarm and event.kind == "alarm_raised" else told
 
 
 def _level(event: Event) -> AxisCondition:

@@ -15,8 +15,6 @@ from edge_service.messages.topics import RAW
 KEYS = MachineKeys("site", "machine")
 FRAME = SampleFrame(np.array([0.0, 1e-3]), {TORQUE: np.array([0.1, 0.2])})
 GENUINE = Header(7, 1, 0, 0)
-
-
 HOSTILE = {
     Refusal.FOREIGN: ("Q", RAW.encode("Q", GENUINE, FRAME)),
     Refusal.OVERSIZED: ("X", b"[" * (RAW.most_bytes + 1)),

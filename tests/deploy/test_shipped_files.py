@@ -26,7 +26,6 @@ FOLDER = ROOT / "deploy" / "ansible"
 RULES = document("deploy/alerts.yml")
 ALERTS = re.findall(r"- alert: (\w+)", RULES)
 PROMTOOL = shutil.which("promtool")
-
 needs_promtool = pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed")
 
 

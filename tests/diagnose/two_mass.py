@@ -11,13 +11,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-
 RATIO = 0.02 / (2.0 * np.pi)  # m/rad
 STEP_S = 5e-5
 ROW_STEPS = 20
 LOOP_STEPS = 10
 LONGEST_DELAY = 100  # loops
-
 MACHINE_TOML = """[axis]
 name = "Y"
 lead_m = 0.02

@@ -11,7 +11,6 @@ from .machine import DIAGNOSIS, Machine
 from .simulate import Case
 
 Array = NDArray[np.float64]
-
 MOTIONS: dict[str, Callable[[np.random.Generator, float], Array]] = {
     "production": lambda rng, stroke: motions.production(rng, 90.0, stroke),
     "staircase": protocol.stepped,

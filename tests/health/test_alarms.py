@@ -22,8 +22,6 @@ from ..messages.examples import estimate_of
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
 FACTS = ("X", 7.0, ScrewGeometry(0.02 / 6.283185307179586, 0.8))
-
-
 CAUSE = Statement(text="because")
 
 
@@ -51,7 +49,7 @@ def test_an_alarm_nobody_saw_stays_until_somebody_has():
     latch.update(False, CAUSE, NS)
     shown = latch.shown()
     assert not shown.active
-    assert shown.text.startswith("The alarm model held from ")
+    assert shown.text.startswith("The alarm “Model does not fit” held from ")
     assert _kinds(latch.acknowledge("Kim", "loose plug", 2 * NS)) == ["alarm_acknowledged"]
     assert latch.shown() is None
     assert latch.acknowledge("Kim", "", 3 * NS) == ()
@@ -209,8 +207,7 @@ def test_a_drop_that_takes_a_second_is_one_alarm_with_the_whole_loss():
 
 def test_low_and_lost_follow_the_condition():
     axis = _settled()
-    for _ in range(20):
-        axis.hear(3.9)  # 56 % of 7: below 60, by more than 15 % at once
+    axis.hear(3.9, times=20)  # 56 % of 7: below 60, by more than 15 % at once
     axis.ask("acknowledge", "sudden_drop")
     axis.tick(0.0)
     assert axis.shown() == {"preload_low": True}
@@ -297,6 +294,8 @@ def test_a_state_that_is_still_being_found_calls_nobody(used_s, raised):
         axis.hear(None, nis=None, data_used_s=used_s, **lost)
         axis.tick(0.0)
     assert axis.shown().get("model", False) is raised
+    axis.hear(0.5, times=2)  # the model explains it again, by a loss
+    assert not axis.shown().get("model", False)
 
 
 def test_wearing_too_fast_is_an_alarm_only_beyond_doubt():

@@ -16,8 +16,6 @@ from .conftest import Scene
 NORMAL, WARNING = AxisCondition.NORMAL, AxisCondition.WARNING
 FAULT, UNAVAILABLE = AxisCondition.FAULT, AxisCondition.UNAVAILABLE
 STANDSTILL = EstimateStatus.INSUFFICIENT_EXCITATION
-
-
 WELL, WIDE, UNBOUND = (9.5, 10), {"half_width": 1.0}, {"low": None, "high": None}
 COURSES = {
     "a healthy axis": ([(9.5, 50)], "NORMAL"),

@@ -243,6 +243,10 @@ def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> 
     axis.hear(_estimate(0.2, 0.05, 1.0, 0.95), 20)
     nut = next(each for each in axis.answer().advice if each.task is Task.REPLACE_NUT)
     assert nut.together_with == (Task.REGREASE,)
+    grease = {"lubrication": 0.95}
+    invalid = PreloadEstimate(time_s=0.0, status=EstimateStatus.INVALID, fault_probability=grease)
+    axis.hear(invalid, 1)
+    assert Task.REGREASE not in {each.task for each in axis.answer().advice}
 
 
 def test_a_test_that_is_due_is_a_task() -> None:
@@ -283,4 +287,5 @@ def test_a_fall_that_has_ended_is_told_in_the_past() -> None:
     health = axis.answer()
     assert health.alarms[0].text.startswith("The preload fell fast until ")
     assert health.trend is not None
+    assert (health.trend.status, health.trend.rate_percent_per_h) == (TrendStatus.FELL, None)
     assert health.trend.reason.startswith("The preload fell by 31.2 % of fresh from ")

@@ -15,8 +15,6 @@ from ..bench.estimator.dates import LAWS, ask_healthy, ask_of_a_law
 DAY_S = 86400.0
 NS = 1_000_000_000
 LIMITS = {"warning": 4.2, "fault": 2.1}
-
-
 SHIFT_S, HALF_WIDTH = 600, 0.6
 
 
@@ -66,11 +64,8 @@ def test_a_dip_that_its_own_interval_covers_is_no_alarm_of_the_rate(seed):
 
 
 def _trend(days: np.ndarray, percent: np.ndarray, distance_m: np.ndarray | None = None):
-    unknown = np.full(days.size, np.nan)
-    width = np.full(days.size, 0.1)
-    return preload_trend(
-        days * DAY_S, percent, width, unknown if distance_m is None else distance_m, LIMITS
-    )
+    way_m = np.full(days.size, np.nan) if distance_m is None else distance_m
+    return preload_trend(days * DAY_S, percent, np.full(days.size, 0.1), way_m, LIMITS)
 
 
 def test_a_straight_loss_gives_its_rate_and_its_date():
@@ -210,6 +205,18 @@ def test_a_fall_that_has_ended_has_soon_an_end_and_no_rate(now_s):
     assert trend.until_time_ns / NS == pytest.approx(242.0 if is_over else now_s - 4.0, abs=12.0)
     assert (trend.rate_percent_per_h.high < -36.0) is not is_over
     assert bool(trend.crossings) is not is_over
+
+
+def test_a_short_fall_before_a_long_stand_has_ended():
+    """A quarter of fresh within 15 s; since then the estimator wanders within its interval."""
+    time_s = np.arange(0.0, 160.0, 2.0)
+    percent = 5.6 - 0.1 * np.minimum(time_s, 15.0) - 0.0007 * np.maximum(time_s - 15.0, 0.0)
+    percent = percent + 0.03 * np.random.default_rng(15).standard_normal(time_s.size)
+    width, none = np.full(time_s.size, 0.25), np.full(time_s.size, np.nan)
+    told = preload_trend(time_s, percent, width, none, LIMITS, 6.85)
+    assert (told.status, told.crossings) == (TrendStatus.FELL, ())
+    assert told.until_time_ns / NS == pytest.approx(15.0, abs=4.0)
+    assert told.rate_percent_per_h.low < 0.0 < told.rate_percent_per_h.high
 
 
 def test_no_date_of_a_limit_lies_behind():

@@ -28,7 +28,6 @@ from ..messages.examples import event_of
 
 NS = 1_000_000_000
 START_NS = 1_769_860_800 * NS  # 2026-01-31T12:00:00Z
-
 ESTIMATE = PreloadEstimate(
     time_s=12.0,
     status=EstimateStatus.ESTIMATED,

@@ -25,7 +25,6 @@ from .conftest import served, until
 
 NODES: tuple[str, ...] = ("mqtt", "notify", "http", "health", "estimate", "downsample", "acquire")
 SAMPLES = {"axis": "X", "name": "a.csv", "output": "notify"}
-
 HAS_MQTT = "mqtt" in driver_names()
 MQTT_AXIS = """
 [[axes]]

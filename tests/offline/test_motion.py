@@ -53,9 +53,9 @@ def test_the_header_says_motion_machine_limits_and_what_is_assumed(
     duration_s = MOTIONS["standstill"].duration_s(motion_limits(machine))
     for part in (
         "motion standstill: rest after",
-        f"axis X, lead 0.02 m, duration {duration_s:.3f} s",
-        "position 0.04 to 0.76 m",
-        "speed 1.99899 m/s, acceleration 4 m/s2, torque 16 N m",
+        f"axis X, lead 20 mm, duration {duration_s:.3f} s",
+        "position 40 to 760 mm",
+        "speed 119939 mm/min, acceleration 4 m/s2, torque 16 N m",
         "assumed, as the machine file lacks them: axis.max_speed_rad_s, "
         "axis.max_acceleration_m_s2, axis.max_torque_nm",
     ):
@@ -63,7 +63,7 @@ def test_the_header_says_motion_machine_limits_and_what_is_assumed(
     known = {"max_speed_rad_s": 314.0, "max_acceleration_m_s2": 2.0, "max_torque_nm": 10.0}
     write_motion("standstill", changed(machine, **known), out)
     header = "\n".join(rows_of(out)[0])
-    assert "speed 0.999493 m/s, acceleration 2 m/s2, torque 10 N m" in header
+    assert "speed 59969.6 mm/min, acceleration 2 m/s2, torque 10 N m" in header
     assert "assumed" not in header
 
 
@@ -73,7 +73,7 @@ def test_what_is_left_out_is_named_in_the_file_and_in_the_answer(
     out = tmp_path / "setpoints.csv"
     slow = changed(machine, max_speed_rad_s=200.0)
     answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).words
-    line = "left out: friction, 3000 rpm over 1 rev: speed: asks for 1 m/s, the axis allows 0.6366"
+    line = "left out: friction, 3000 r/min over 1 rev: speed: asks for 1 m/s, the axis allows 0.63"
     assert line in answer
     assert line in "\n".join(rows_of(out)[0])
 

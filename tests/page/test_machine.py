@@ -139,10 +139,13 @@ MODEL_ALARM = f"""(health) => ({{ ...health, alarms: [{{
 
 @pytest.mark.slow
 def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_page: Any) -> None:
-    """Meanwhile no axis is claimed to be anything, and no alarm to be there or not."""
+    """Meanwhile no axis or part is claimed to be anything, and no alarm to be there or not."""
     service = make_service(axes=dict.fromkeys("XYZ", HEALTHY))
-    seen = [open_page(f"{service.address}{place}") for place in ("", "#/X")]
-    machine, axis = (each.page for each in seen)
+    places = ("", "#/X", "#/X/why", "#/service")
+    seen = [open_page(f"{service.address}{place}") for place in places]
+    machine, axis, why, parts = (each.page for each in seen)
+    why.wait_for_selector("#model :text('Yes.')")
+    parts.wait_for_selector("#service-state")
     doctored(machine, MODEL_ALARM)
     machine.wait_for_selector("#machine-alarms:has-text('X: Model does not fit')")
     axis.wait_for_selector("#answer[data-level=NORMAL]")
@@ -155,6 +158,8 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
         claims = "NORMAL|FAULT|UNAVAILABLE|No alarm|Model does|judged|% of fresh"
         assert not re.search(claims, page.inner_text(part))
         assert page.title() == "connection lost"
+    why.wait_for_selector("#why", state="hidden")
+    parts.wait_for_selector("#parts", state="hidden")
     service.start()
     for page in (machine, axis):
         page.wait_for_selector("#banner", state="hidden")

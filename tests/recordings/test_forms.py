@@ -16,8 +16,6 @@ from .form_files import GREEDY, LYING, RIGHT
 
 AXIS = ControllerAxis(number=None, lead_m=0.01)
 NAMES = [form.name for form in FORMS]
-
-
 RIGHTS = [(name, k) for name in NAMES for k in range(len(RIGHT[name]()) if name in RIGHT else 0)]
 
 

@@ -94,7 +94,6 @@ def test_a_page_that_unpacks_to_too_much_is_refused_and_many_pages_are_not(tmp_p
 
 
 mcap_reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
-
 TORQUES = np.array([0.1, np.nan, 1e-300, -2.5])
 ANGLES = np.array([1.0, np.pi, 2.0 / 3.0, np.inf])
 

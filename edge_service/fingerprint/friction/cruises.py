@@ -106,7 +106,7 @@ def measure_equability(runs: Iterable[PreparedRun]) -> Contents:
         figures[f"ripple_{rpm}_rpm_nm"] = mean_of(rms_nm, errors_nm, "N m")
     speeds_rpm = np.array(sorted(map(float, ripples)))
     levels_nm = np.array([figure.value for figure in figures.values()])
-    labels = ("screw speed, rpm", "torque ripple, N m rms")
+    labels = ("screw speed, r/min", "torque ripple, N m rms")
     return figures, (Curve("ripple", speeds_rpm, levels_nm, *labels),)
 
 
@@ -147,11 +147,11 @@ def measure_signature(runs: Iterable[PreparedRun], balls: BallPassOrders | None 
     }
     figures |= _ball_figures(balls, power, order, rpm, highest[rpm])
     if not any(figure.determined for figure in figures.values()):
-        raise ValueError(f"at {rpm} rpm, the slowest, every order lies above the low-pass")
+        raise ValueError(f"at {rpm} r/min, the slowest, every order lies above the low-pass")
     shown = (order >= LOWEST_ORDER) & (order <= highest[rpm])
     amplitude = np.sqrt(2.0 * np.mean(power, axis=0))
     labels = ("order, per revolution of the screw", "torque amplitude, N m")
-    return figures, (Curve(f"{rpm} rpm", order[shown], amplitude[shown], *labels),)
+    return figures, (Curve(f"{rpm} r/min", order[shown], amplitude[shown], *labels),)
 
 
 def _ball_figures(
@@ -170,7 +170,7 @@ def _ball_figures(
         half = max(BALL_SLIP * centre, 1.0 / SEGMENT_REVOLUTIONS)
         key, note = f"{name}_{rpm}_rpm_nm", f"{name.replace('_', ' ')} {centre:.1f}/rev"
         if centre + half > highest:
-            figures[key] = undetermined("N m", f"{note} lies above the low-pass at {rpm} rpm")
+            figures[key] = undetermined("N m", f"{note} lies above the low-pass at {rpm} r/min")
         else:
             about = np.abs(order - centre) <= half
             figures[key] = replace(_band_rms(power[:, about]), note=note)

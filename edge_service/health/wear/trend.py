@@ -31,11 +31,11 @@ _OPEN = 20.0
 """A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
-_NEWEST = (2.0, 3.0, 4.0, 6.0, 8.0)
+_NEWEST = (2.0, 3.0, 4.0, 6.0, 8.0, 1.75, 1.5, 1.3, 1.2, 1.1, 1.05)
 """Parts of a history whose newest one may show that a fall has ended."""
-_STILL = 0.1
+_STILL = 0.2
 """Rate, of that before, from which down a fall has ended."""
-_FEWEST_STILL, _SETTLES = 8, 0.02  # points, and share of a fall that takes its time
+_FEWEST_FALLING, _FEWEST_STILL, _SETTLES = 4, 8, 0.02  # points, and share that takes its time
 _SIGMAS = 3.0
 _OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
 """Age of the newest estimate from which on a trend is told as past: this, and of its length."""
@@ -43,6 +43,7 @@ _SENTENCES = {
     TrendStatus.FALLING: "The preload is falling.",
     TrendStatus.RISING: "The preload is rising, which wear cannot do: something else has changed.",
     TrendStatus.STEADY: "No clear trend.",
+    TrendStatus.FELL: "The preload fell by {fall:.3g} % of fresh from {since} to {until}.",
 }
 
 
@@ -177,19 +178,18 @@ def preload_trend(
         status = TrendStatus.FALLING
     elif np.mean(future.slope > 0.0) >= CERTAIN:
         status = TrendStatus.RISING
-    crossings: list[Crossing] = []
-    for name, limit in limits_percent.items() if status is TrendStatus.FALLING else ():
-        found = _crossing(name, limit, future, now_s, now_s - float(time_s[0]))
-        crossings += [] if found is None else [found]
+    span_s, limits = now_s - float(time_s[0]), limits_percent.items()
+    dates = (_crossing(name, limit, future, now_s, span_s) for name, limit in limits)
+    crossings = tuple(filter(None, dates)) if status is TrendStatus.FALLING else ()
     low, middle, high = _quantiles(future.slope * future.age_per_s * 3600.0)
     worked = distance_m if future.basis == "distance" else time_s
-    rate, until_s = Interval(value=middle, low=low, high=high), now_s
-    ended = end_of_fall(time_s, percent, float(np.median(half_width_percent)), worked)
-    if ended is not None and status is TrendStatus.FALLING:
-        (until_s, rate), crossings = ended, []
+    until_s, rate = now_s, Interval(value=middle, low=low, high=high)
+    if status is TrendStatus.FALLING:
+        ended = end_of_fall(time_s, percent, float(np.median(half_width_percent)), worked)
+        until_s, rate = ended or (until_s, rate)
     ends = max(round(_ENDS * percent.size), 1)
     change = float(np.mean(percent[-ends:]) - np.mean(percent[:ends]))
-    return Trend(
+    trend = Trend(
         status=status,
         reason=_SENTENCES[status],
         since_time_ns=since_ns,
@@ -199,8 +199,9 @@ def preload_trend(
         rate_percent_per_h=rate,
         rate_fresh_percent_per_h=rate.times(100.0 / fresh_percent) if fresh_percent else None,
         change_fresh_percent=100.0 / fresh_percent * change if fresh_percent else None,
-        crossings=tuple(crossings),
+        crossings=crossings,
     )
+    return trend if until_s == now_s else _as_past(trend)
 
 
 def end_of_fall(
@@ -208,9 +209,9 @@ def end_of_fall(
 ) -> tuple[float, Interval] | None:
     """Time at which a fall ended, s, and the rate since, percent per hour; None while it lasts.
 
-    It has ended where the newest part of the work, for a minute at least, wears beyond doubt by
-    less than a tenth of what the part before did, and an error of the estimator, which errs anew
-    after ten minutes, cannot hide the rest; no law of wear slows down so much so soon.
+    It has ended where the newest part of the work, for a minute at least, wears by less than a
+    fifth of what the part before did, and stands still as far as an error of the estimator, which
+    errs anew after ten minutes, lets tell, or rises, while that fell and would fall by more.
 
     Args:
         error_percent: Half the width of an estimate's 95 % interval.
@@ -219,18 +220,25 @@ def end_of_fall(
     for parts in _NEWEST:
         newest = worked >= worked[-1] - (worked[-1] - worked[0]) / parts
         still_s, way = float(np.ptp(time_s[newest])), float(np.ptp(worked[newest]))
-        fewest = min(newest.sum(), (~newest).sum())
-        if fewest < _FEWEST_STILL or still_s * NS_PER_S <= _OVER_NS or way == 0.0:
-            return None
+        enough = newest.sum() >= _FEWEST_STILL and (~newest).sum() >= _FEWEST_FALLING
+        if not enough or still_s * NS_PER_S <= _OVER_NS or way == 0.0:
+            continue
         before, _ = _line(worked[~newest], percent[~newest])
         slope, sigma = _line(worked[newest], percent[newest])
-        moved = 2.0 * error_percent * math.sqrt(1.0 - math.exp(-still_s / MEMORY_S))
-        if -before * way > moved and slope - _SIGMAS * sigma > _STILL * before:
-            low, high = slope - _SIGMAS * sigma, slope + _SIGMAS * sigma
+        fell, moved = -before * float(np.ptp(worked[~newest])), slope * way
+        error, own = (_own(error_percent, each) for each in (time_s[~newest], time_s[newest]))
+        is_seen = fell > error and -before * way > own > max(-moved, 0.0)
+        if is_seen and slope - _SIGMAS * sigma > _STILL * before:
+            wide = _SIGMAS * sigma * way + own
+            rate = Interval(value=moved, low=moved - wide, high=moved + wide)
             least = percent[newest].max() + _SETTLES * float(np.ptp(percent))
-            begun_s = float(time_s[percent <= least][0])
-            return begun_s, Interval(value=slope, low=low, high=high).times(3600.0 * way / still_s)
+            return float(time_s[percent <= least][0]), rate.times(3600.0 / still_s)
     return None
+
+
+def _own(error_percent: float, time_s: Floats) -> float:
+    """Change within times that may be the estimator's own, percent."""
+    return 2.0 * error_percent * math.sqrt(1.0 - math.exp(-float(np.ptp(time_s)) / MEMORY_S))
 
 
 def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
@@ -238,28 +246,24 @@ def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
     return float(line[0]), math.sqrt(covariance[0, 0])
 
 
-def is_over(trend: Trend, now_ns: int) -> bool:
-    """The newest estimate behind the trend is old: what it tells was, and may not be."""
-    since_ns, until_ns = trend.since_time_ns, trend.until_time_ns
-    if since_ns is None or until_ns is None:
-        return False
-    return now_ns - until_ns > max(_OVER_NS, _OVER_SHARE * (until_ns - since_ns))
-
-
 def as_of(trend: Trend, now_ns: int) -> Trend:
-    """Trend as told now: a fall that may have ended is one that was, and no date lies behind."""
-    change = trend.change_fresh_percent
+    """Trend as told now: a fall whose newest estimate is old was one, and no date lies behind."""
     since_ns, until_ns = trend.since_time_ns, trend.until_time_ns
     if trend.status is not TrendStatus.FALLING or since_ns is None or until_ns is None:
         return trend
-    if not is_over(trend, now_ns):
+    if now_ns - until_ns <= max(_OVER_NS, _OVER_SHARE * (until_ns - since_ns)):
         ahead = tuple(_from_now(each, now_ns) for each in trend.crossings)
         return trend.model_copy(update={"crossings": ahead})
-    reason = "No clear trend."
-    if change is not None and change < 0.0:
-        words = "The preload fell by {fall:.3g} % of fresh from {since} to {until}."
-        reason = words.format(fall=-change, **span(since_ns, until_ns))
-    return trend.model_copy(update={"reason": reason, "crossings": ()})
+    unknown = {"rate_percent_per_h": None, "rate_fresh_percent_per_h": None}
+    return _as_past(trend).model_copy(update=unknown)
+
+
+def _as_past(trend: Trend) -> Trend:
+    change = trend.change_fresh_percent or 0.0
+    status = TrendStatus.FELL if change < 0.0 else TrendStatus.STEADY
+    words = {"fall": -change, **span(trend.since_time_ns or 0, trend.until_time_ns or 0)}
+    told = {"status": status, "reason": _SENTENCES[status].format(**words), "crossings": ()}
+    return trend.model_copy(update=told)
 
 
 def _from_now(crossing: Crossing, now_ns: int) -> Crossing:

@@ -83,7 +83,7 @@ class CommandBody(Frozen):
 class CommandAnswer(Frozen):
     """It was done, and is kept."""
 
-    outcome: str = Field(examples=["alarm sudden drop acknowledged by Kim: seen"])
+    outcome: str = Field(examples=["alarm “Sudden drop” acknowledged by Kim: seen"])
 
 
 ReadStroke = Callable[[str, PreloadAnswer], Stroke | None]

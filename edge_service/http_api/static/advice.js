@@ -7,7 +7,6 @@ import { statementWords } from "./sentence.js";
 import { has, language, named, t } from "./strings.js";
 
 const NEAR_S = 172800;
-const [OVER_MS, OVER_SHARE] = [60000, 0.02];
 
 const codeOf = (reason) => reason.split(":")[0];
 
@@ -81,7 +80,7 @@ export function trendSentence(trend, hasLimitAhead) {
   if (!trend || trend.status === "too_early") return t("trend.too_early");
   const since = clock(trend.since);
   if (trend.status === "steady") return t("trend.steady");
-  if (trend.status === "falling" && trend.change_fresh_percent < 0 && isOver(trend)) return t("trend.fell", { part: significant(-trend.change_fresh_percent, 3), since, until: clock(trend.until) });
+  if (trend.status === "fell") return t("trend.fell", { part: significant(-trend.change_fresh_percent, 3), since, until: clock(trend.until) });
   const parts = [t(`trend.${trend.status}`, { since, level: significant(100 * trend.level), ...readableRate(trend) })];
   for (const limit of ["warning", "fault"]) {
     const when = crossing(trend, limit);
@@ -89,12 +88,6 @@ export function trendSentence(trend, hasLimitAhead) {
   }
   if (trend.status === "falling" && !trend.crossings.length && hasLimitAhead) parts.push(t("trend.undated"));
   return parts.join(" ");
-}
-
-// A fall whose newest estimate is old is told as one that was.
-function isOver({ since, until }) {
-  const span = Date.parse(until) - Date.parse(since);
-  return serverMs() - Date.parse(until) > Math.max(OVER_MS, OVER_SHARE * span);
 }
 
 function readableRate(trend) {

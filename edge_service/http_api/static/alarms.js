@@ -36,7 +36,8 @@ function together(alarms) {
 function alarmNode(alarm, place) {
   const name = named("alarm", alarm.alarm);
   const { text, lang } = statementWords(alarm);
-  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), " – ", element("span", lang ? { lang } : {}, text));
+  const said = alarm.active ? [" – ", element("span", lang ? { lang } : {}, text)] : []; // one that is over says so below
+  const title = element("p", {}, element("b", {}, `${alarm.active ? "▲" : "△"} ${place ? `${place}: ` : ""}${name}`), ...said);
   return element("div", { class: `alarm ${alarm.level}`, "data-active": alarm.active }, title, element("p", { class: "quiet" }, ...aboutParts(alarm)), buttonsNode(alarm, place ? `${place} ${name}` : name));
 }
 

@@ -135,7 +135,7 @@ def _accepts_revolutions(route: Route, rpm: float, revolutions: int) -> bool:
     speed = rpm / 60.0 * limits.lead_m
     rise_s = rise_time(speed, limits.acceleration_m_s2, limits.jerk_m_s3)
     return route.accepts(
-        f"{rpm:g} rpm over {revolutions} rev",
+        f"{rpm:g} r/min over {revolutions} rev",
         speed_m_s=speed,
         acceleration_m_s2=min(limits.acceleration_m_s2, 2.0 * speed / rise_s),
         length_m=run_length(limits, speed, revolutions),

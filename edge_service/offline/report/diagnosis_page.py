@@ -30,14 +30,14 @@ from .page import ESTIMATE, MUTED, STYLE, TRUTH, as_svg, rendered
 from .quantities import amount, interval, percent, words
 
 SHOWN = {"torque_nm": ("torque gap, N m", 1.0), "transmission_m": ("position gap, µm", 1e6)}
-LABELS = {
-    "motor_speed_rad_s": "motor speed, rad/s",
-    "motor_acceleration_rad_s2": "motor acceleration, rad/s²",
-    "table_position_m": "table position, m",
-    "direction": "direction of motion",
-    "motor_angle_rad": "angle within a turn, rad",
-    "time_s": "time, s",
-    "temperature_c": "temperature, °C",
+LABELS = {  # label and factor of each variable for people
+    "motor_speed_rad_s": ("motor speed, r/min", 30.0 / np.pi),
+    "motor_acceleration_rad_s2": ("motor acceleration, rad/s²", 1.0),
+    "table_position_m": ("table position, mm", 1e3),
+    "direction": ("direction of motion", 1.0),
+    "motor_angle_rad": ("angle within a turn, °", 180.0 / np.pi),
+    "time_s": ("time, s", 1.0),
+    "temperature_c": ("temperature, °C", 1.0),
 }
 _POINTS = 4000
 _DPI = 130
@@ -81,7 +81,7 @@ def draw_replay(channel: str, gap: ReplayedSeries) -> str:
     for series, color, name in ((gap.before, MUTED, "measured"), simulated):
         shown = np.insert(factor * series[window], pauses, np.nan)
         axes.plot(np.insert(time_s, pauses, np.nan), shown, color=color, label=name)
-    axes.set_xlabel(LABELS["time_s"])
+    axes.set_xlabel(LABELS["time_s"][0])
     axes.set_ylabel(label)
     return _svg(figure, axes, "replay")
 
@@ -96,12 +96,13 @@ def draw_gap(channel: str, session: Session, found: Diagnosis) -> str:
     figure = Figure(figsize=(7.6, 2.9), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, variable in zip(panels, ("time_s", best), strict=True):
-        values = rows.variables[variable][pick]
+        x_label, x_factor = LABELS[variable]
+        values = x_factor * rows.variables[variable][pick]
         look: Any = {"markersize": 1.6, "rasterized": True, "linestyle": "", "marker": "."}
         axes.plot(values, factor * rows.gap[pick], color=MUTED, label="before", **look)
         if found.verdict is not Verdict.UNKNOWN and found.effects:
             axes.plot(values, factor * left[pick], color=ESTIMATE, label="after", **look)
-        axes.set_xlabel(LABELS[variable])
+        axes.set_xlabel(x_label)
         axes.xaxis.set_major_locator(MaxNLocator(6))
     panels[0].set_ylabel(label)
     return _svg(figure, panels[0], "gap")
@@ -146,7 +147,6 @@ def render(
         replays=replays,
         gaps=gaps,
         channels=CHANNEL_WORDS,
-        labels=LABELS,
         describe=lambda name: get_effect(name).description,
     )
 
@@ -242,8 +242,7 @@ def _over(variable: str, mine: Sequence[Place], m_per_rad: float) -> str:
     label, factor = {
         "motor_speed_rad_s": ("table speed, mm/min", 6e4 * m_per_rad),
         "motor_acceleration_rad_s2": ("table acceleration, m/s²", m_per_rad),
-        "table_position_m": ("table position, mm", 1e3),
-    }.get(variable, (LABELS[variable], 1.0))
+    }.get(variable, LABELS[variable])
     if round(m_per_rad, 4) == _ROTARY_M_PER_RAD:
         factor *= 1e3 if "m/s²" in label else 1.0
         label = label.replace("mm", "°").replace("m/s²", "°/s²")

@@ -28,7 +28,7 @@ _PARTS = {"Coulomb": "#12857a", "viscous": "#7b2d8b", "Stribeck": "#c0392b"}
 _ONLY_NOW = {*_POINTS, *_PARTS, "measured"}
 """Curves of a baseline that are not drawn beneath those of now."""
 _COLD_TO_WARM, _WARMEST = mpl.colormaps["plasma"], 0.85
-_RPM = ("screw speed, rpm", 60.0 / (2.0 * math.pi))
+_RPM = ("screw speed, r/min", 60.0 / (2.0 * math.pi))
 _SHOWN = {
     "stiffness, N/m": ("stiffness, N/µm", 1e-6),
     "lost motion, m": ("lost motion, µm", 1e6),

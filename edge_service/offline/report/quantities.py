@@ -6,17 +6,18 @@ from ...diagnose.result import ParameterValue
 from ...models.machine import Quantity
 from ...regression.interval_estimate import IntervalEstimate
 
-SHOWN_UNITS = {
+SHOWN_UNITS = {  # SI unit -> the unit that people read, and its factor
     "m": ("µm", 1e6),
     "N/m": ("N/µm", 1e-6),
+    "m/N": ("µm/kN", 1e9),
+    "rad": ("°", 180.0 / math.pi),
+    "rad/s": ("r/min", 30.0 / math.pi),
     "kg m^2": ("kg cm²", 1e4),
     "s": ("ms", 1e3),
     "1": ("", 1.0),
     "degC": ("°C", 1.0),
 }
-"""SI unit -> the unit that people read, and its factor."""
-_MOST_DECIMALS = {"m": 3}
-"""Unit -> decimals shown at most: nobody wants to know less than a nanometre."""
+_MOST_DECIMALS = {"m": 3}  # shown at most: nobody wants to know less than a nanometre
 
 
 def estimate(figure: IntervalEstimate) -> str:
@@ -61,8 +62,8 @@ def amount(value: float, unit: str) -> str:
 
     >>> amount(7.22e-7, "m")
     '0.722 µm'
-    >>> amount(5e-4, "kg m^2")
-    '5 kg cm²'
+    >>> amount(2.16e-8, "m/N")
+    '21.6 µm/kN'
     """
     shown_unit, factor = SHOWN_UNITS.get(unit, (unit, 1.0))
     return f"{factor * value:.3g} {shown_unit}"

@@ -219,25 +219,25 @@ REFUSALS: dict[str, tuple[str, dict[str, float], str]] = {
     "speed": (
         "friction",
         {"max_speed_rad_s": 100.0},
-        "friction, 1200 rpm over 1 rev: speed: asks for 0.4 m/s, the axis allows 0.3183 m/s",
+        "friction, 1200 r/min over 1 rev: speed: asks for 0.4 m/s, the axis allows 0.3183 m/s",
     ),
     # 1 rev at 1 m/s, 0.1 s to settle, 1 / 4 + 4 / 200 s to rise at a mean of half the speed, twice
     "stroke": (
         "friction",
         {"stroke_m": 0.4},
-        "friction, 3000 rpm over 1 rev: stroke: asks for 0.39 m, the axis allows 0.36 m",
+        "friction, 3000 r/min over 1 rev: stroke: asks for 0.39 m, the axis allows 0.36 m",
     ),
     # half of the torque for inertia; 5e-3 * 314.16 viscous and 0.146 drag
     "torque": (
         "friction",
         {"max_torque_nm": 3.0},
-        "friction, 3000 rpm over 1 rev: torque: asks for 3.217 N m, the axis allows 3 N m",
+        "friction, 3000 r/min over 1 rev: torque: asks for 3.217 N m, the axis allows 3 N m",
     ),
     # 20 rev at 0.04 m/s, 0.1 s to settle, 2 sqrt(0.04 / 200) s to rise
     "revolutions": (
         "signature",
         {"stroke_m": 0.4},
-        "signature, 120 rpm over 20 rev: stroke: asks for 0.4051 m, the axis allows 0.36 m",
+        "signature, 120 r/min over 20 rev: stroke: asks for 0.4051 m, the axis allows 0.36 m",
     ),
     # 5 times 2 * (0.01 + 0.02) m/s over 0.02 + 0.02 s of rise; 1 m/s2 still fits
     "sections": (
@@ -264,13 +264,13 @@ def test_a_refusal_says_which_limit_what_was_asked_and_what_is_allowed(
 def test_clipping_leaves_out_and_names_what_the_axis_does_not_allow(machine: Machine) -> None:
     plan = plan_of("friction", changed(machine, max_speed_rad_s=100.0), clip=True)
     assert [line.split(":")[0] for line in plan.left_out] == [
-        f"friction, {rpm} rpm over 1 rev" for rpm in (1200, 1500, 3000)
+        f"friction, {rpm} r/min over 1 rev" for rpm in (1200, 1500, 3000)
     ]
     fastest = max(each.peak_speed_m_s for each in plan.segments)
     assert fastest == pytest.approx(100.0 * 0.02 / (2.0 * math.pi))
     speeds = {round(60_000.0 * each.peak_speed_m_s) for each in plan.segments}
     assert speeds >= set(TABLE_5_1_MM_PER_MIN[:7])
-    with pytest.raises(MotionError, match="signature: nothing is left of it; signature, 120 rpm"):
+    with pytest.raises(MotionError, match="signature: nothing is left of it; signature, 120 r/min"):
         plan_of("signature", changed(machine, stroke_m=0.2), clip=True)
 
 

@@ -25,7 +25,6 @@ NOW_NS = MEASURED_NS + 5_000_000
 CONTEXT = OutputContext("mtconnect", "hall", "mill", ("X", "Y_Z", "1.b"))
 DEVICES = mtconnect.devices_xml(CONTEXT, NOW_NS)
 NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
-
 FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
 
 

@@ -24,7 +24,6 @@ from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 
 FOREIGN = Path(__file__).parent / "foreign_client.py"
 PATIENCE_S = 60.0
-
 FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
 
 

@@ -74,7 +74,7 @@ def _load_windup(compliance_m_per_n: float, share: float) -> MotionCurve:
 
 EFFECT = Effect(
     name="compliance",
-    description="The drive train gives more under load: a loose coupling, bearing or nut.",
+    description="The drive gives more under load: too stiff a model, or a loose coupling or nut.",
     source="thesis (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
     kind=Kind.LOST_MOTION,
     parameters=(
