@@ -24,7 +24,7 @@ NODES = 41
 NO_MODEL = {
     *("noise_density_nm2_s", "noise_slow_rad_s", "noise_density_m2_s", "edge_noise_rad2_s2"),
     *("motion_s", "slowest_rad_s", "cruise_rad_s2", "assumed_fresh"),
-    *("sample_period_s", "interval_s", "hold_s"),
+    *("sample_period_s", "interval_s", "hold_s", "gap"),
     *("stretch_sigma_s2", "map_sigma_m", "nut_share", "nut_share_sigma"),
 }
 """Values of certainty, noise and steadiness; the nut's share of a spring known as a whole."""
