@@ -155,7 +155,7 @@ MOST_LINES = {
     "http_api": 2416,
     "messages": 2024,
     "models": 5670,
-    "nodes": 2899,
+    "nodes": 2898,
     "offline": 5644,
     "outputs": 1783,
     "recordings": 3264,

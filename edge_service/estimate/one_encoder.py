@@ -30,8 +30,7 @@ from .mixture.posterior import FAULTS, LOST_SHARE, UNDETERMINED_HIGH_SHARE
 from .mixture.torque_alone import CELLS, below, cells, prior, quantile, weigh
 
 EXPONENTS = {1 / 3: 0.4, 0.28: 0.3, 0.22: 0.2, 1 / 6: 0.1}
-"""Assumption: exponent of the nut's stiffness over preload with its probability, from balls
-(5.3.11) to rollers."""
+"""Assumption: exponent of stiffness over preload, its probability; balls (5.3.11) to rollers."""
 OTHER_REST = 0.1
 """Assumption: probability that the rest has changed, by any share of the compliance alike."""
 WORN_PER_DAY, OTHER_NUT = 0.05, 0.02

@@ -1,7 +1,6 @@
 """Raw samples from the bus into trace files: on request, around a disagreement, of a test."""
 
 import asyncio
-import csv
 import logging
 import math
 import signal
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..atomic import replaced_file
 from ..bus.session import Bus
 from ..bus.settings import BusSettings
 from ..command_answer import progress
@@ -194,9 +194,8 @@ async def notch_in(frames: list[SampleFrame]) -> Notch | None:
 def _save(path: Path, frames: list[SampleFrame]) -> None:
     """Write frames as CSV without Arrow, of which 50 MB would stay."""
     names = list(dict.fromkeys(name for each in frames for name in each.channels))
-    with path.open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow([TIME, *names])
+    with replaced_file(path) as file:
+        file.write(",".join([TIME, *names]) + "\n")
         for each in frames:
             columns = [each.channels.get(name, np.full(len(each), np.nan)) for name in names]
-            rows.writerows(np.column_stack([each.time_s, *columns]).tolist())
+            np.savetxt(file, np.column_stack([each.time_s, *columns]), "%.17g", ",")

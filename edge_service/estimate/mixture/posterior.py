@@ -35,8 +35,7 @@ reaches down to none, for a clearance may be there; any reaches up to the second
 OPENING = 2.0**1.5
 """Axial force over the preload from which on one half of the nut is unloaded (Hertz contacts)."""
 READ_ABOVE = 0.15
-"""Reach of ln(preload) above its bound for the median: cut there, a fresh preload would be told too
-low by half its error."""
+"""Reach of ln(preload) above its bound for the median: cut there, a fresh one would read low."""
 LOST_SHARE, SLICK_SHARE, PAYLOAD_SHARE, LOOSE_SHARE = 0.1, 0.2, 0.1, 0.1
 """Changes since commissioning that count as faults: of preload, friction, mass, compliance."""
 LASTED_S = 1.0
