@@ -191,7 +191,6 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps[state.LUBRICATION, state.TORQUE_SCALE, state.TORQUE_SCALE] = settings.scale**2
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
-        jumps[state.LUBRICATION, state.PRELOAD, state.PRELOAD] = settings.hidden**2
         for i in (state.LOOSENESS, state.COUPLING):
             jumps[:, i, i] += _loosened(model, settings) ** 2
     return jumps

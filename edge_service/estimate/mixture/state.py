@@ -126,7 +126,6 @@ class MixtureSettings(NamedTuple):
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
     lubricated_apart: float = 0.08
-    hidden: float = 0.1  # loss of ln(preload) that passes for a lubricant until the stretch tells
     scale: float = 0.3
     load: float = 0.4
     loosened: float = 0.15  # of each joint, over the compliance of the axis

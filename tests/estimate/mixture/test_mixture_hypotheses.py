@@ -178,7 +178,7 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     for _ in range(40):
         hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
-    torques = {PRELOAD, *range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
+    torques = {*range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: torques}
     touched[LOAD] = {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}
     touched[LOOSENING] = touched[LARGE_LOOSENING] = {LOOSENESS, COUPLING}
