@@ -149,7 +149,7 @@ MOST_LINES = {
     "diagnose": 4963,
     "downsample": 1183,
     "drivers": 3676,
-    "estimate": 5164,
+    "estimate": 5163,
     "fingerprint": 2769,
     "health": 4525,
     "http_api": 2416,

@@ -164,10 +164,7 @@ def raised_intervals(level: Floats, weight: Floats) -> list[tuple[int, int]]:
     """Half-open intervals [i, j) of cells whose level is raised, the strongest first.
 
     Raised cells are nearer to the mean of the raised ones than to that of the others (Ridler and
-    Calvard, 1978), among neighbours that mostly are.
-
-    Args:
-        level, weight: of each cell, (n,).
+    Calvard, 1978), among neighbours that mostly are. `level`, `weight`: of each cell, (n,).
     """
     smooth = ndimage.median_filter(level, _NEIGHBOURS, mode="nearest")
     bound = float(np.average(smooth, weights=weight))

@@ -10,7 +10,7 @@ from ..models.machine import Machine
 from ..regression import FALSE_ALARMS, chance_of_misfit
 from .candidates.regressors import UNKNOWN
 from .localisation import where
-from .residual.noise import LEAST_EFFECTIVE, steps_nm
+from .residual.noise import LEAST_EFFECTIVE, healthy_gap, steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
     SURE,
@@ -134,11 +134,7 @@ def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 
 def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagnosis:
-    """Reach the verdict on assessed effects, and replay them.
-
-    Args:
-        loss: of the preload that was known before; it is replayed with them.
-    """
+    """Reach the verdict on assessed effects, and replay them; with them, a `loss` known before."""
     posterior, contributions = assessment.posterior, assessment.contributions
     problem, session, left = posterior.problem, posterior.problem.session, contributions.left
     noise = problem.noise
@@ -201,7 +197,11 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall=contributions.waterfall(),
-        caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict), *off),
+        caveats=(
+            *[COARSE] * coarse,
+            *caveats_of(gap, left_rms, torque_rms_nm, verdict, healthy_gap(problem.machine)),
+            *off,
+        ),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         # noise of the torque is no greater than the torque; a gap may be
         is_blind=blind and gap[TORQUE_GAP].before <= torque_rms_nm,
@@ -221,13 +221,16 @@ def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
 
 
 def caveats_of(
-    gap: Mapping[str, ChannelGap], left: Mapping[str, float], torque_nm: float, verdict: Verdict
+    gap: Mapping[str, ChannelGap],
+    left: Mapping[str, float],
+    torque_nm: float,
+    verdict: Verdict,
+    healthy: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """Lines about what the verdict leaves open.
+    """Lines about what the verdict leaves open, from root mean squares, by channel.
 
-    Args:
-        left: root mean square that the causes leave, and what a healthy axis may have, by channel.
-        torque_nm: root mean square of the torque in motion.
+    `left` by causes and what a healthy axis may have; of the torque in motion; of the `healthy` gap
+    that commissioning has kept.
     """
     found = []
     if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > NOISY_SHARE * torque_nm:
@@ -248,6 +251,12 @@ def caveats_of(
             found.append(
                 f"{spoken}: {scale * each.beyond:.3g} {unit} beyond the floor, more than the "
                 f"{tolerance:.3g} {unit} tolerated, are what the machine file's tolerances allow"
+            )
+        own = scale * healthy.get(name, 0.0)
+        if verdict is Verdict.NO_GAP and own and not each.matters and each.beyond > each.floor:
+            found.append(
+                f"{spoken}: the gap is about what it was at commissioning ({own:.3g} {unit}), "
+                "and its cause is not sought"
             )
     return tuple(found)
 

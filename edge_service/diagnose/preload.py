@@ -1,8 +1,7 @@
 """Preload that is lost: what the estimator knows of it, and what it does to a gap.
 
 A loss beyond doubt is taken off first, if the torque asks for it, and the rest is sought beside it.
-Lower friction that nothing else explains may be a lost preload or a lubricant that rubs less: both
-are named.
+Lower friction that nothing else explains may be a lost preload or a lubricant: both are named.
 """
 
 import math

@@ -185,11 +185,7 @@ def _columns(regressors: Sequence[CandidateRegressor], session: Session, channel
 
 
 def force_pulses(session: Session, left: Floats) -> Iterator[ForcePulse]:
-    """Spans of time in which what is left of the torque has a mean of its own, strongest first.
-
-    Args:
-        left: residual of the session's torque, N m, (n,).
-    """
+    """Spans in which the torque `left`, N m, (n,), has a mean of its own, strongest first."""
     rows = session.channels[TORQUE_GAP]
     order = np.argsort(rows.variables["time_s"], kind="stable")
     time_s, left = rows.variables["time_s"][order], left[order]

@@ -195,8 +195,7 @@ class ForcePulse:
 
 
 CandidateRegressor = EntryRegressor | EmpiricalShape | ForcePulse
-"""Candidate: an effect at one shape, whose strength is linear. Those of one name and form differ by
-their shapes alone."""
+"""An effect at one shape, whose strength is linear; of one name and form, shapes alone differ."""
 
 
 def most_shapes(name: str) -> int:

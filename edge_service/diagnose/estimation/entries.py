@@ -144,11 +144,7 @@ class Entries:
 
 
 def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Entries:
-    """Entries of the library for the named effects, fitted alone, with refined shapes.
-
-    Args:
-        best: the best set, with all its shapes.
-    """
+    """Entries of the library for the named effects of the `best` set, with refined shapes."""
     system, entries = WeightedLeastSquares.of_fit(problem, best), {}
     for k in problem.design.of_effects(named):
         each = problem.design.regressors[k]

@@ -137,6 +137,11 @@ class Noise:
         return found
 
 
+def healthy_gap(machine: Machine) -> dict[str, float]:
+    """Root mean square of the gap of the commissioned axis, by channel; empty if not known."""
+    return machine.commissioned.gap if machine.commissioned else {}
+
+
 def stated_tolerance(
     machine: Machine, floor: Mapping[str, float], torque_nm: float
 ) -> dict[str, float]:
@@ -159,8 +164,7 @@ def stated_tolerance(
         TRANSMISSION_GAP: INTERPOLATION_M,
     }
     most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
-    healthy = machine.commissioned.gap if machine.commissioned else {}
-    found = {}
+    healthy, found = healthy_gap(machine), {}
     for name, each in floor.items():
         own = (_REPEATS_MAY_MISS * healthy.get(name, 0.0)) ** 2 - each**2
         usual = min(max(each, math.sqrt(max(own, 0.0))), most.get(name, math.inf))

@@ -92,9 +92,8 @@ def adapt_hypotheses(
         _restart(bank, state.STEADY, state.WEARING)
         _restart(bank, state.WEARING, state.STEADY)
         for k in state.CHALLENGERS:
-            anew = (
-                surprised if k == state.LUBRICATION else k >= state.LOOSENING and nis[k] > _SURPRISE
-            )
+            is_own = k >= state.LOOSENING and nis[k] > _SURPRISE
+            anew = is_own or (surprised and k == state.LUBRICATION)
             _spawn_unless_running(bank, process, k, base, leader, priors[k], anew)
 
 

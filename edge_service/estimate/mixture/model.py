@@ -140,13 +140,10 @@ def process_of(
     machine: Machine, model: AxisModel, start: Start, settings: MixtureSettings
 ) -> Process:
     """Process model: changes that the axis may undergo between two phases."""
-    commissioned = machine.commissioned
-    assert commissioned is not None
-    rating = machine.axis.dynamic_load_rating_n
-    assert rating is not None
+    commissioned, rating = machine.commissioned, machine.axis.dynamic_load_rating_n
+    assert commissioned is not None and rating is not None
     size, coulomb = len(start.mean), commissioned.coulomb_nm
-    two = size > state.TORQUE_STATES
-    wander_m2 = start.covariance[state.STRETCH_WANDER, state.STRETCH_WANDER] if two else 0.0
+    two, sigma = size > state.TORQUE_STATES, np.sqrt(np.diag(start.covariance))
     moving_walk = np.full(state.HYPOTHESES, settings.preload_walk**2)
     moving_walk[state.WEARING] = settings.wear_walk**2
     return Process(
@@ -155,9 +152,10 @@ def process_of(
         moving_walk=moving_walk,
         together=2.0 * settings.together**2 / settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
-        stretch_wander_m=math.sqrt(wander_m2),
+        stretch_wander_m=float(sigma[state.STRETCH_WANDER]) if two else 0.0,
         axial_n=settings.axial * coulomb / model.ratio_m_per_rad,
         loose_m=2e-6 if two else 0.0,
+        mass_sigma=float(sigma[state.TABLE_MASS]) if two else 1.0,
         jumps=_jumps(size, start, model, settings),
         priors=_priors(state.CHALLENGERS, settings.hazard, two),
         stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, two),

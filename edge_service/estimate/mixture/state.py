@@ -169,6 +169,7 @@ class Process(NamedTuple):
     stretch_wander_m: float  # standard deviation
     axial_n: float  # standard deviation of axial friction from phase to phase
     loose_m: float  # clearance of a nut without preload
+    mass_sigma: float  # standard deviation of TABLE_MASS as commissioned
     jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
     priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop

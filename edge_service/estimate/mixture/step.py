@@ -17,7 +17,7 @@ from ...models.compiled import compiled, inlined
 from . import state
 from .hypotheses import FORCED, STOP_S, accepted, adapt_hypotheses, leader_of, normalise
 from .physics import Innovation, innovate, mapped, noise_of
-from .state import AxisModel, Bank, MixtureSettings, Process, Reading
+from .state import AxisModel, Bank, Process, Reading
 
 _INERTIA_S = 30.0
 _MOST_INERTIA_ERROR = 0.4
@@ -240,15 +240,16 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
             behind = min(most - assessed.log_likelihood[k], process.assumed.most_nats)
             behind -= assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
             bank.log_weight[k] -= process.assumed.evidence * behind
-            cost = (1.0 - process.assumed.evidence) * _improbability(bank.mean[k], process.assumed)
+            cost = (1.0 - process.assumed.evidence) * _improbability(bank.mean[k], process)
             bank.log_weight[k] += bank.cost[k] - cost
             bank.cost[k] = cost
     normalise(bank, process.assumed.floor)
 
 
 @inlined
-def _improbability(x: Floats, assumed: MixtureSettings) -> float:
+def _improbability(x: Floats, process: Process) -> float:
     """Half of the squared distance of the frictions from commissioned ones, by what they may do."""
+    assumed = process.assumed
     together, apart = assumed.together * assumed.together, assumed.apart * assumed.apart
     if together <= 0.0 or apart <= 0.0:
         return 0.0
@@ -259,7 +260,7 @@ def _improbability(x: Floats, assumed: MixtureSettings) -> float:
     distance = (square - together * total * total / (apart + 5.0 * together)) / apart
     if x.shape[0] > state.TORQUE_STATES:
         distance += (x[state.REVERSAL] / assumed.reversal) ** 2
-        distance += (x[state.TABLE_MASS] / assumed.twist - 1.0) ** 2
+        distance += ((x[state.TABLE_MASS] - assumed.twist) / process.mass_sigma) ** 2
     return float(0.5 * distance)
 
 
