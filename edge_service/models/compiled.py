@@ -71,10 +71,11 @@ if "scipy.linalg" not in sys.modules:  # which Numba looks for at once; kernels 
     import numba.np.arraymath
 
     del sys.modules["scipy.linalg"]
-# Numba compiles its counters of arrays at once, 20 MB of LLVM's code; kept kernels hold their own.
-_runtime = cast(Any, numba).core.runtime
-_compile = _runtime.nrtdynmod.compile_nrt_functions
-_runtime.nrtdynmod.compile_nrt_functions = lambda context: cache(partial(_compile, context))
-type(_runtime.rtsys).library = property(lambda runtime: runtime._library())
+if numba.__version__.startswith("0.68."):  # others are left alone: nobody promises these names
+    # its counters of arrays cost 20 MB of LLVM's code at once; kept kernels hold their own
+    _runtime = cast(Any, numba).core.runtime
+    _compile = _runtime.nrtdynmod.compile_nrt_functions
+    _runtime.nrtdynmod.compile_nrt_functions = lambda context: cache(partial(_compile, context))
+    type(_runtime.rtsys).library = property(lambda runtime: runtime._library())
 if not os.environ.get("NUMBA_CACHE_DIR"):
     cast(Any, numba.config).CACHE_DIR = str(cache_folder() or "")

@@ -39,8 +39,7 @@ class Move:
 
     Rest-to-rest double S in closed form (Biagiotti and Melchiorri, Trajectory Planning for
     Automatic Machines and Robots, 2008, section 3.4). A distance too short for the given speed or
-    acceleration lowers what is reached. The second half mirrors the first in time, so the end is
-    exact.
+    acceleration lowers what is reached. The second half is the first in reverse: it ends exactly.
     """
 
     distance_m: float
