@@ -198,18 +198,20 @@ def _spawn_unless_running(
 ) -> None:
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
-    A step of the preload shows within seconds; the others run on for as long as they gain, and
-    each while it explains what the likeliest takes for a force, unless it shall begin `anew`.
-    `prior` is the log-probability of a step since the last challenger was spawned.
+    A loss shows within seconds, and makes room once it says what is accepted; others run on while
+    they gain, each while it explains what the likeliest takes for a force, unless it shall begin
+    `anew`. `prior` is the log-probability of a step since the last challenger was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
     gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     is_stale = anew and bank.age_s[slot] > 2.0 * _SOON_S
-    goes_on = (gains or explains) and not is_stale
-    running = bank.alive[slot] and (slot == leader or ahead > -_ALIVE or goes_on)
-    if not running and prior > -math.inf:
+    goes_on = ahead > -_ALIVE or ((gains or explains) and not is_stale)
+    if slot == state.LOSS and bank.age_s[slot] > lasts_s:
+        apart = abs(bank.mean[slot, state.PRELOAD] - bank.mean[base, state.PRELOAD])
+        goes_on &= apart > math.sqrt(bank.covariance[slot, state.PRELOAD, state.PRELOAD])
+    if not (bank.alive[slot] and (slot == leader or goes_on)) and prior > -math.inf:
         spawn_challenger(bank, process, slot, base, bank.log_weight[base] + prior)
 
 

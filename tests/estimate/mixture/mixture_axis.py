@@ -18,10 +18,7 @@ from edge_service.models.commissioned import CommissionedConfig, TransmissionCon
 from edge_service.models.machine import AxisConfig, Machine, ModelConfig, Quantity
 
 SETTINGS = ASSUMED
-FRESH = 7.0
-FRESH_N = 700.0
-RATING_N = 10_000.0
-LEAD_M = 0.02
+FRESH, FRESH_N, RATING_N, LEAD_M = 7.0, 700.0, 10_000.0, 0.02
 RATIO = LEAD_M / (2.0 * math.pi)
 PER_PERCENT_NM = 0.03
 BEARING_NM, GUIDE_N, HANGING_NM = 0.05, 60.0, 0.01
