@@ -99,14 +99,14 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     rows = np.flatnonzero(bank.alive)
     weight = np.exp(bank.log_weight[rows])
     weight /= np.sum(weight)
-    _doubt_new(bank, rows, weight, limits.assumed)
+    firm = _doubt_new(bank, rows, weight, limits.assumed)
     mean, sigma = _log_preloads(bank, model, limits, rows)
     values[3], values[4], values[5] = _drag(bank, model, rows, weight)
     wide = sigma * limits.widening
     values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, wide)
     of_laws, mean, sigma = _by_laws(weight, mean, sigma, model)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
-    values[0] = min(_quantile(0.5, of_laws, mean, sigma, most + READ_ABOVE), model.fresh_percent)
+    values[0] = min(_quantile(0.5, firm, mean, sigma, most + READ_ABOVE), model.fresh_percent)
     sigma *= limits.widening
     values[1], values[2] = _interval(of_laws, mean, sigma, most, model)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
@@ -135,29 +135,29 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
 
 
 @compiled
-def _doubt_new(bank: Bank, rows: Rows, weight: Floats, assumed: MixtureSettings) -> None:
+def _doubt_new(bank: Bank, rows: Rows, weight: Floats, assumed: MixtureSettings) -> Floats:
     """Let challengers only widen the answer that are new, by a force or upwards.
 
-    New: they have led in one direction, or for less than the shortest time that confirms a step.
-    By a force: of their own, or of one that has acted for longer than they are there.
-
-    What errs along the way, as a screw that grows unevenly does, looks like a step until the axis
-    turns, and a preload does not come back by itself.
+    New: they have led in one direction, or for less than the shortest time that confirms a step
+    (a screw that grows unevenly looks like one until the axis turns). By a force: of their own, or
+    of one that has acted for longer. Returns the median's weights, by laws: none of a fall.
     """
-    doubted, log_percent = np.zeros(len(rows)), bank.mean[:, state.PRELOAD]
-    believed, share = accepted(bank), 0.0
+    believed, doubted = accepted(bank), np.zeros(len(rows))
+    rises = bank.mean[:, state.PRELOAD][rows] > bank.mean[believed, state.PRELOAD]
     forced_s, least_s = bank.moments[state.BELIEVED_FORCED_S], TOTAL_SHARE * assumed.confirm_s
-    for i in range(len(rows)):
+    for i in range(len(rows) * (bank.moments[state.LEARNING] == 0.0)):
         k = rows[i]
-        rises = log_percent[k] > log_percent[believed]
         by_force = bank.force[k] > FORCED or forced_s > bank.age_s[k] + LASTED_S
         new = bank.directions[k] != BOTH or (by_force and bank.age_s[k] < least_s)
-        if k > state.WEARING and new and (by_force or rises):
+        if k > state.WEARING and new and (by_force or rises[i]):
             doubted[i] = weight[i]
-            share += weight[i]
-    if share > DOUBTED and bank.moments[state.LEARNING] == 0.0:
+    own, share = np.searchsorted(rows, believed), np.sum(doubted)
+    if share > DOUBTED:
         weight -= (1.0 - DOUBTED / share) * doubted
-        weight[np.searchsorted(rows, believed)] += share - DOUBTED
+        weight[own] += share - DOUBTED
+    firm = weight * ((doubted == 0.0) | rises)
+    firm[own] += 1.0 - np.sum(firm)
+    return np.outer(firm, LAW_WEIGHTS).ravel()
 
 
 @compiled
