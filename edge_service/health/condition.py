@@ -242,7 +242,7 @@ class ConditionMonitor:
             status=EstimateStatus.UNESTIMATED if estimate is None else estimate.status,
             method=None if estimate is None else estimate.method,
             of_fresh=number,
-            measured_time_ns=heard.measured_ns,
+            measured_time_ns=heard.measured_ns(now_ns),
             limits=limits,
             reasons=reasons,
             since_time_ns=self._since_ns if condition is self._condition else now_ns,
