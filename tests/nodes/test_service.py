@@ -85,6 +85,19 @@ async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
         assert ready.json()["reasons"]
 
 
+async def test_each_pass_of_a_looped_recording_is_a_session_and_no_fault(trace_path: Path) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 20.0, "loop": True})
+
+    def passed(health: dict[str, Any]) -> Any:
+        is_third = any(each["counters"].get("restarts", 0) > 1 for each in health["components"])
+        return is_third and health["status"] == "estimated" and health
+
+    async with served(config) as (_, client):
+        assert (await once(client, "axes/X/health", passed))["data_faults"] == {}
+        log = (await client.get("api/v1/log?kind=data_fault")).json()
+        assert log["items"] == []
+
+
 async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:
     config = config_of("replay", {"path": str(trace_path), "speed": 0.0})
     with open_trace(trace_path) as frames:
