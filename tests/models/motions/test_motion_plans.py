@@ -219,13 +219,14 @@ REFUSALS: dict[str, tuple[str, dict[str, float], str]] = {
     "speed": (
         "friction",
         {"max_speed_rad_s": 100.0},
-        "friction, 1200 r/min over 1 rev: speed: asks for 0.4 m/s, the axis allows 0.3183 m/s",
+        "friction, 1200 r/min over 1 rev: speed: asks for 24000 mm/min, the axis allows 19100 "
+        "mm/min",
     ),
     # 1 rev at 1 m/s, 0.1 s to settle, 1 / 4 + 4 / 200 s to rise at a mean of half the speed, twice
     "stroke": (
         "friction",
         {"stroke_m": 0.4},
-        "friction, 3000 r/min over 1 rev: stroke: asks for 0.39 m, the axis allows 0.36 m",
+        "friction, 3000 r/min over 1 rev: stroke: asks for 390 mm, the axis allows 360 mm",
     ),
     # half of the torque for inertia; 5e-3 * 314.16 viscous and 0.146 drag
     "torque": (
@@ -237,17 +238,17 @@ REFUSALS: dict[str, tuple[str, dict[str, float], str]] = {
     "revolutions": (
         "signature",
         {"stroke_m": 0.4},
-        "signature, 120 r/min over 20 rev: stroke: asks for 0.4051 m, the axis allows 0.36 m",
+        "signature, 120 r/min over 20 rev: stroke: asks for 405.1 mm, the axis allows 360 mm",
     ),
     # 5 times 2 * (0.01 + 0.02) m/s over 0.02 + 0.02 s of rise; 1 m/s2 still fits
     "sections": (
         "acceleration",
         {"stroke_m": 0.01},
-        "acceleration, 2 m/s2 held for 0.02 s in 5 sections: stroke: asks for 0.012 m, the axis "
-        "allows 0.009 m",
+        "acceleration, 2 m/s2 held for 0.02 s in 5 sections: stroke: asks for 12 mm, the axis "
+        "allows 9 mm",
     ),
-    "reversals": ("reversals", {"stroke_m": 0.03}, "asks for 0.03 m, the axis allows 0.027 m"),
-    "standstill": ("standstill", {"stroke_m": 0.06}, "asks for 0.06 m, the axis allows 0.054 m"),
+    "reversals": ("reversals", {"stroke_m": 0.03}, "asks for 30 mm, the axis allows 27 mm"),
+    "standstill": ("standstill", {"stroke_m": 0.06}, "asks for 60 mm, the axis allows 54 mm"),
 }
 
 
