@@ -189,13 +189,13 @@ class ConditionMonitor:
             self._tracker.update(estimate, header.source_time_ns)
         changed: tuple[Event, ...] = ()
         if before is None or before.status is not estimate.status:
-            reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
-            invalid = estimate.status is EstimateStatus.INVALID
+            reason = f": {estimate.reasons[0]}" if estimate.reasons else "."
+            status, invalid = estimate.status, estimate.status is EstimateStatus.INVALID
             level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
-            text = f"estimate is {estimate.status.replace('_', ' ')}{reason}"
-            data = {"from": None if before is None else before.status, "to": estimate.status}
-            about = (now_ns, data, level)
-            changed = (noted(self.axis, "status_changed", Statement(text=text), *about),)
+            known = "" if status is EstimateStatus.ESTIMATED else "not "
+            about = {"from": None if before is None else before.status, "to": status}, level
+            text = f"The preload is {known}estimated{reason}"
+            changed = (noted(self.axis, "status_changed", Statement(text=text), now_ns, *about),)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
