@@ -82,13 +82,6 @@ def test_a_straight_loss_gives_its_rate_and_its_date():
         assert crossing.earliest_ns <= crossing.likely_ns <= crossing.latest_ns
 
 
-def test_without_a_change_there_is_no_date():
-    rng = np.random.default_rng(2)
-    trend = _trend(np.arange(100.0), 7.0 + 0.1 * rng.standard_normal(100))
-    assert trend.status is TrendStatus.STEADY
-    assert trend.crossings == ()
-
-
 def test_a_healthy_year_has_no_date_and_no_alarm_and_rarely_a_fall():
     """Errors of the session, the weeks and the season, asked after each of 16 sessions."""
     asked = list(ask_healthy(range(500, 506)))

@@ -13,7 +13,7 @@ from edge_service.health.store.events import EventLog, StoredEvent
 from edge_service.health.store.outbox import Outbox
 from edge_service.health.store.store import Store
 from edge_service.http_api.app import words_in
-from edge_service.messages.event import AxisCondition, Event
+from edge_service.messages.event import AxisCondition
 from edge_service.messages.health import ComponentStatus
 from edge_service.nodes.output_node import OutputNode, due
 from edge_service.outputs.base import Events, Output
@@ -91,14 +91,12 @@ def test_letters_are_gathered_and_twelve_an_hour(
     assert due(notify, [], deque()) == []
 
 
-async def test_an_event_that_cannot_be_put_into_words_holds_up_no_other(
+async def test_an_event_that_cannot_be_told_holds_up_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def letter(_: Output, events: list[Event]) -> tuple[str, str]:
-        return events[0].text, f"{events[0].values['number']:.3g}"
-
+    told = lambda _, events: (f"{events[0].values['number']:.3g}", "")  # noqa: E731
     monkeypatch.setattr(NotifyOutput, "gather_s", 0.0)
-    monkeypatch.setattr(NotifyOutput, "letter", letter)
+    monkeypatch.setattr(NotifyOutput, "letter", told)
     receiver = Receiver(free_port())
     await receiver.start()
     notify = made(tmp_path, f"json://127.0.0.1:{receiver.port}/", level="NORMAL")
@@ -106,11 +104,10 @@ async def test_an_event_that_cannot_be_put_into_words_holds_up_no_other(
     component: Any = SimpleNamespace(status=ComponentStatus.OK, publish=lambda: None, name="notify")
     outbox = Outbox(log.store, notify.queue(who), notify.kinds, log)
     assert outbox.waiting(1) == []
-    events = [event().model_copy(update={"values": each}) for each in ({}, {"number": 1.0})]
-    log.add([each.model_copy(update={"time_ns": now_ns()}) for each in events], now_ns())
+    for values in ({}, {"number": 1.0}):
+        log.add([event().model_copy(update={"values": values, "time_ns": now_ns()})], now_ns())
     task = asyncio.create_task(OutputNode(notify, component, log, ()).deliver(who))
-    await until(lambda: receiver.taken or task.done())
-    await until(lambda: not outbox.waiting(1))
+    await until(lambda: task.done() or not outbox.waiting(1))
     assert (outbox.counts().dead, len(receiver.taken), task.done()) == (1, 1, False)
     task.cancel()
     await receiver.stop()
