@@ -94,7 +94,7 @@ def test_letters_are_gathered_and_twelve_an_hour(
 async def test_an_event_that_cannot_be_told_holds_up_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = lambda _, events: (f"{events[0].values['number']:.3g}", "")  # noqa: E731
+    told = lambda _, events: ("a title", f"{events[0].values['number']:.3g}")  # noqa: E731
     monkeypatch.setattr(NotifyOutput, "gather_s", 0.0)
     monkeypatch.setattr(NotifyOutput, "letter", told)
     receiver = Receiver(free_port())
@@ -107,7 +107,8 @@ async def test_an_event_that_cannot_be_told_holds_up_no_other(
     for values in ({}, {"number": 1.0}):
         log.add([event().model_copy(update={"values": values, "time_ns": now_ns()})], now_ns())
     task = asyncio.create_task(OutputNode(notify, component, log, ()).deliver(who))
-    await until(lambda: task.done() or not outbox.waiting(1))
-    assert (outbox.counts().dead, len(receiver.taken), task.done()) == (1, 1, False)
+    await until(lambda: task.done() or not outbox.waiting(1), 60.0)  # the machine may be busy
+    is_done = task.done()
     task.cancel()
     await receiver.stop()
+    assert (outbox.counts().dead, bool(receiver.taken), is_done) == (1, True, False)
