@@ -26,8 +26,6 @@ from .rows import FRAME_S, FrameCutter, Pace
 
 FLAT_OUT_FRAME_S = 0.5
 """Axis time per frame, where it is played as fast as possible."""
-LOOP_GAP_S = 1.0
-"""Axis time between the end of a recording and its next pass: the position jumps there."""
 LONGEST_STEP_S = 2.0
 """A jump of the recorded clock is waited for no longer than this, in axis time."""
 
@@ -123,17 +121,11 @@ class ReplayDriver:
             yield cutter.rest
 
     async def _blocks(self) -> AsyncGenerator[SampleFrame, None]:
-        """Runs of rows as they are read; each further pass follows the one before in time."""
-        newest_s, shift_s = -np.inf, 0.0
+        """Runs of rows as they are read, for ever in a loop: then their clock begins anew."""
         while (reader := self._rows.reader) is not None:
-            starts = newest_s > -np.inf
             try:
                 while (block := await self._rows.next(reader)) is not None:
-                    if starts:
-                        shift_s, starts = newest_s + LOOP_GAP_S - float(block.time_s[0]), False
-                    shifted = SampleFrame(block.time_s + shift_s, block.channels)
-                    newest_s = max(newest_s, float(shifted.time_s.max()))
-                    yield shifted
+                    yield block
             except TraceError as error:
                 raise DriverMisconfiguredError("path", str(error)) from None
             if self._rows.reader is not reader or not self._config.loop:

@@ -148,20 +148,20 @@ MOST_LINES = {
     "config": 583,
     "diagnose": 4963,
     "downsample": 1183,
-    "drivers": 3676,
+    "drivers": 3668,
     "estimate": 5163,
     "fingerprint": 2769,
     "health": 4525,
     "http_api": 2416,
     "messages": 2024,
     "models": 5670,
-    "nodes": 2898,
+    "nodes": 2896,
     "offline": 5644,
     "outputs": 1783,
     "recordings": 3264,
     "regression": 1003,
     "beside the rooms": 760,
-    "tests": 44991,
+    "tests": 44990,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

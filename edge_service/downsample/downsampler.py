@@ -163,7 +163,7 @@ class Downsampler:
         blocks: list[FeatureBlock] = []
         for part in state.screen.split(table_of(frame, self._ratio)):
             if part.new_clock:
-                blocks += self._end_segment(Fault.TIME_BACKWARDS)
+                blocks += self._end_segment(Fault.NONE)
                 state.period_s = None
                 self._channels.state = ChannelState()
                 state.absent.clear()
@@ -287,10 +287,10 @@ class Downsampler:
         return block
 
     def _end_segment(self, reason: Fault) -> list[FeatureBlock]:
-        """Close the segment: its last, open interval carries the reason as fault."""
+        """Close the segment: its last, open interval carries the reason as fault, or is none."""
         blocks = self._cut(look_ahead=0)
         state, segment = self._state, self._state.segment
-        if state.period_s is not None and len(segment.rows) - 1 > segment.first:
+        if reason and state.period_s is not None and len(segment.rows) - 1 > segment.first:
             segment.fault[-1] |= int(reason)
             blocks.append(self._summarise(len(segment.rows) - 1))
         elif len(segment.rows):

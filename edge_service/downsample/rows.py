@@ -67,8 +67,8 @@ class RowScreen:
             return [Screened(rows, np.zeros(len(rows), dtype=np.int64), new_clock=False)]
         parts = []
         for part in clock_parts(rows[:, T], self.newest_s):
-            if part.new_clock:
-                self.pending = int(Fault.TIME_BACKWARDS)
+            if part.new_clock:  # its source has begun anew
+                self.pending = int(Fault.NONE)
             parts.append(self._screen(rows[part.rows], part))
         return parts
 

@@ -37,7 +37,7 @@ _START_S = 30
 _BEGINNING_S = 20.0
 """So much motion an estimator needs to learn in which state it finds an axis."""
 _BEYOND_DOUBT = 2.5
-"""Times the 90 % interval of a rate, 4.1 sigma: it is looked at all day."""
+"""Times the interval of a rate, 4 sigma or 5: it is looked at all day."""
 _DATA_CODES = ("no_input", "stale_input", "no_data")
 _SLOW, _AS_THE_CONDITION = (0.0, _CLEAR_DELAY_S), (0.0, 0.0)
 _RULES = {

@@ -189,13 +189,13 @@ class ConditionMonitor:
             self._tracker.update(estimate, header.source_time_ns)
         changed: tuple[Event, ...] = ()
         if before is None or before.status is not estimate.status:
-            reason = f": {estimate.reasons[0]}" if estimate.reasons else ""
-            invalid = estimate.status is EstimateStatus.INVALID
+            reason = f": {estimate.reasons[0]}" if estimate.reasons else "."
+            status, invalid = estimate.status, estimate.status is EstimateStatus.INVALID
             level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
-            text = f"estimate is {estimate.status.replace('_', ' ')}{reason}"
-            data = {"from": None if before is None else before.status, "to": estimate.status}
-            about = (now_ns, data, level)
-            changed = (noted(self.axis, "status_changed", Statement(text=text), *about),)
+            known = "" if status is EstimateStatus.ESTIMATED else "not "
+            about = {"from": None if before is None else before.status, "to": status}, level
+            text = f"The preload is {known}estimated{reason}"
+            changed = (noted(self.axis, "status_changed", Statement(text=text), now_ns, *about),)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
@@ -242,7 +242,7 @@ class ConditionMonitor:
             status=EstimateStatus.UNESTIMATED if estimate is None else estimate.status,
             method=None if estimate is None else estimate.method,
             of_fresh=number,
-            measured_time_ns=heard.measured_ns,
+            measured_time_ns=heard.measured_ns(now_ns),
             limits=limits,
             reasons=reasons,
             since_time_ns=self._since_ns if condition is self._condition else now_ns,

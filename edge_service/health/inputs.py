@@ -41,10 +41,10 @@ class Heard(Generic[T]):
             return True
         return now_ns - self.header.source_time_ns > self._stale_after_ns
 
-    @property
-    def measured_ns(self) -> int | None:
-        """UNIX time of the newest sample, ns; None before the first."""
-        return None if self.header is None else self.header.source_time_ns
+    def measured_ns(self, now_ns: int) -> int | None:
+        """UNIX time of the newest sample, ns; None before the first, or of a clock set back."""
+        at_ns = None if self.header is None else self.header.source_time_ns
+        return None if at_ns and at_ns > now_ns and self.is_stale(now_ns) else at_ns
 
     @property
     def stale_since_ns(self) -> int:

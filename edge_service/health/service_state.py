@@ -76,7 +76,7 @@ class AxisState:
         return AxisAnswer(
             axis=self.axis,
             estimate=self.readable(now_ns),
-            measured_ns=self.preload.measured_ns,
+            measured_ns=self.preload.measured_ns(now_ns),
             health=self.told(started_ns, now_ns),
             is_heard=not self.missing(now_ns),
             header=self.preload.header,
@@ -93,7 +93,7 @@ class AxisState:
         changes: dict[str, object] = {
             "status": estimate.status,
             "method": estimate.method,
-            "measured_time_ns": self.preload.measured_ns,
+            "measured_time_ns": self.preload.measured_ns(now_ns),
             "limits": limits,
             "trend": last.trend and as_of(last.trend, now_ns),
             "components": self._components.reports(now_ns, self.axis) or last.components,

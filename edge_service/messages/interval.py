@@ -97,10 +97,10 @@ def printed(value: float, low: float, high: float, decimals: int = 0) -> tuple[s
     Where the usual decimals would put the value on a bound, some are added; a value that truly is
     its bound is printed so.
 
-    >>> printed(98.0, 90.4, 104.6)
-    ('98', '90', '105')
     >>> printed(103.6, 97.2, 103.9)
     ('103.6', '97.2', '103.9')
+    >>> printed(0.4, 0.0, 4.0)
+    ('0.4', '0', '4')
     """
     for more in range(decimals, decimals + _MOST_MORE + 1):
         middle, least, most = _scaled(value, low, high, 10**more)
@@ -108,7 +108,7 @@ def printed(value: float, low: float, high: float, decimals: int = 0) -> tuple[s
             decimals = more
             break
     whole = _scaled(value, low, high, 10**decimals)
-    middle_text, least_text, most_text = (f"{each / 10**decimals:.{decimals}f}" for each in whole)
+    middle_text, least_text, most_text = (f"{each / 10**decimals:.9g}" for each in whole)
     return middle_text, least_text, most_text
 
 

@@ -199,8 +199,8 @@ class OutputNode:
                         if broken < MOST_BROKEN:
                             continue
                         refusal = f"the connection broke at it {broken} times"
-                except RefusedError as error:
-                    refusal = str(error)
+                except (RefusedError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+                    refusal = " ".join(str(error).split()) or type(error).__name__
                     self._works(who, retry)
                 broken, sent_before = 0, self.sent
                 hour.append(time.monotonic())

@@ -21,9 +21,7 @@ from ..process import end_with_parent, finished
 from ..threads import Threads
 from .estimated_axis import identity_of
 
-PREPARING = (
-    "numeric kernels are being compiled; after an installation or upgrade that takes a minute"
-)
+PREPARING = "numeric kernels are being loaded, or compiled, for a minute after an upgrade"
 THESIS_METHOD = "kf-imm"
 _WARM_RAD_S = 10.0
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +14,8 @@ from edge_service.health.store.store import FILE_NAME, Store
 from edge_service.health.store.tokens import Tokens
 from edge_service.http_api.recordings import Recordings
 from edge_service.nodes.http_rights import check_access
+
+from ..documents import ROOT
 
 OTHER = 65_534
 pytestmark = pytest.mark.skipif(os.getuid() != 0, reason="only root can be two users")
@@ -74,3 +77,20 @@ async def test_files_of_the_service_are_its_own(folder: Path) -> None:
     (folder / "edge.toml").write_text(f'[store]\nfolder = "{state}"\n')
     config = load_config(folder / "edge.toml")
     assert "no TLS, tokens cannot be read" in str(as_another(lambda: check_access(config)))
+
+
+MADE_ALONE = {"mkdtemp", "TemporaryDirectory", "TemporaryFile"}
+"""What of `tempfile` makes a file or folder that nobody can have made before."""
+UNSAFE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
+
+
+def test_nothing_is_read_from_a_place_or_a_scheduler_that_any_user_can_make() -> None:
+    shared, schedulers = [], []
+    for path in [*ROOT.glob("edge_service/**/*.py"), *ROOT.glob("drivers/**/*.py")]:
+        text = path.read_text("utf-8")
+        used = {*re.findall(r"tempfile\.(\w+)", text)} - MADE_ALONE
+        used |= UNSAFE & {*re.findall(r"(?m)^\s*(?:import|from) (\w+)", text)}
+        used |= {*re.findall(r"[\"'](?:/var)?/(?:tmp|dev/shm)\b", text)}
+        shared += [(path.name, sorted(used))] if used else []
+        schedulers += [path.name] if re.search(r"LocalCluster|[\"']distributed[\"']", text) else []
+    assert (shared, schedulers) == ([], ["batch.py"])  # which wants TLS, or --insecure

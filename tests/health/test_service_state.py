@@ -82,6 +82,8 @@ def test_condition_is_unavailable_as_soon_as_the_preload_is_stale():
     health = state.health("X", now_ns)
     assert health.condition is AxisCondition.UNAVAILABLE
     assert health.since_time_ns == START_NS + 2 * NS  # the topic's stale-after
+    assert health.measured_time_ns == START_NS
+    assert state.health("X", START_NS - 3600 * NS).measured_time_ns is None  # a clock set back
 
 
 def test_condition_is_unavailable_when_it_is_not_renewed():

@@ -16,25 +16,31 @@ from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.clock import now_ns
 from edge_service.command_answer import LISTENER
-from edge_service.config import DEFAULT_MACHINE, EdgeConfig, load_config, load_machine
+from edge_service.config import (
+    DEFAULT_MACHINE,
+    ConfigError,
+    EdgeConfig,
+    load_config,
+    load_machine,
+)
 from edge_service.config_tables import StoreConfig
 from edge_service.downsample.vibration import MOST_SENSORS
 from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus
-from edge_service.messages.features import Fault
 from edge_service.messages.health import Command, ComponentStatus
-from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame, Waveform
-from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS, WAVE
+from edge_service.messages.samples import ANGLE, Waveform
+from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS, WAVE
 from edge_service.nodes.context import NodeContext, header
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
+from edge_service.nodes.stub_node import make_stub, stub_axis
 from edge_service.offline.estimate import OfflineEstimate
 from edge_service.offline.replay import replay_trace
 from edge_service.recordings.reader import open_trace, read_trace
 from tests.programs import serving
 
 from ..messages.examples import estimate_of
-from .conftest import PATIENCE_S, config_of, done, once, reported, running, served, until
+from .conftest import PATIENCE_S, config_of, done, once, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
@@ -83,6 +89,19 @@ async def test_when_the_drive_falls_silent_nothing_stale_is_shown() -> None:
         ready = await client.get("readyz")
         assert ready.status_code == 503
         assert ready.json()["reasons"]
+
+
+async def test_each_pass_of_a_looped_recording_is_a_session_and_no_fault(trace_path: Path) -> None:
+    config = config_of("replay", {"path": str(trace_path), "speed": 20.0, "loop": True})
+
+    def passed(health: dict[str, Any]) -> Any:
+        is_third = any(each["counters"].get("restarts", 0) > 1 for each in health["components"])
+        return is_third and health["status"] == "estimated" and health
+
+    async with served(config) as (_, client):
+        assert (await once(client, "axes/X/health", passed))["data_faults"] == {}
+        log = (await client.get("api/v1/log?kind=data_fault")).json()
+        assert log["items"] == []
 
 
 async def test_a_replay_gives_the_bytes_of_the_offline_run(trace_path: Path) -> None:
@@ -187,25 +206,6 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     assert counters["fault_repeat"] >= 1
     assert counters["fault_gap"] >= 1
     assert counters["fault_time_backwards"] >= 1
-
-
-async def test_an_axis_that_begins_anew_meets_nothing_of_its_clock_before() -> None:
-    def moved(from_s: float) -> SampleFrame:
-        time_s = from_s + np.arange(1000) / 1000.0
-        return SampleFrame(time_s, {TORQUE: np.full(1000, 0.2), ANGLE: 10.0 * time_s})
-
-    async with running(config_of("simulated", HEALTHY), ("downsample",)) as service:
-        context, heard = service.context, service.context.subscribe(FEAT)
-        publisher = context.publisher("X", RAW)
-        await reported(service, "downsample", ComponentStatus.OK)
-        async with asyncio.timeout(30.0):
-            publisher.publish(moved(101.0), now_ns())
-            context.renew(context.config.axes[0], context.machines["X"])
-            publisher.publish(moved(0.0), now_ns())
-            async for _, _, block in heard:
-                assert Fault.TIME_BACKWARDS not in block.fault
-                if 0.5 < block.time_s < 50.0:
-                    break
 
 
 async def test_a_recording_of_the_bus_is_what_was_published(
@@ -425,3 +425,31 @@ async def test_a_command_with_a_key_is_done_once_however_it_comes(tmp_path: Path
             found = (await client.get("api/v1/log?kind=note&kind=command")).json()["items"]
             notes.append([each["text"] for each in found])
     assert notes == [["greased (Kim)"]] * 2
+
+
+STUBBED = config_of(
+    "modbus",
+    {
+        "url": "modbus://127.0.0.1:1",
+        "poll_groups": {"all": 0.02},
+        "registers": [{"channel": "torque_command_nm", "address": 0}],
+    },
+)
+
+
+async def test_a_stub_plays_the_samples_of_a_recording(tmp_path: Path) -> None:
+    trace = tmp_path / "short.csv"
+    time_s = np.arange(40) * 0.002
+    rows = np.column_stack([time_s, np.sin(time_s), 3.0 * time_s])
+    trace.write_text("time_s,torque_command_nm,motor_angle_rad\n")
+    with trace.open("a") as file:
+        np.savetxt(file, rows, delimiter=",")
+    axis = stub_axis(STUBBED.axes[0], "healthy", trace, None)
+    frames = [frame async for frame in axis.source]
+    played = np.concatenate([frame.channels["torque_command_nm"] for frame in frames])
+    np.testing.assert_allclose(played, rows[:, 1])
+
+
+def test_a_recording_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"--trace .*: no such file"):
+        make_stub("modbus", STUBBED, None, "healthy", tmp_path / "none.csv")

@@ -15,7 +15,7 @@ from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import Task
 from edge_service.messages.topics import HEALTH
 from edge_service.nodes import stages
-from tests.programs import ran
+from tests.programs import printed, ran
 
 from .conftest import PATIENCE_S, config_of, running
 
@@ -112,3 +112,24 @@ async def test_kernels_are_compiled_once_in_a_process_that_ends(
     stages.warm_up(other.estimator, machines)
     await stages.prepare(other, machines)
     assert finished.await_count == 1
+
+
+HEAVY = (
+    *("scipy.signal", "scipy.linalg", "scipy.stats", "scipy.special", "pyarrow", "matplotlib"),
+    *("filterpy", "httpx", "rich", "pymodbus", "asyncua", "aiomqtt", "google.protobuf", "mcap"),
+    *("jinja2", "tomlkit", "edge_service.diagnose", "edge_service.offline"),
+    "edge_service.fingerprint",
+)
+
+
+@pytest.mark.slow
+def test_the_nodes_load_no_library_before_it_is_needed() -> None:
+    code = (
+        "import sys; import edge_service.cli.entry, edge_service.nodes.service;"
+        "from drivers.base import load_driver; load_driver('simulated');"
+        "from edge_service import config; from edge_service.nodes.stages import warm_up;"
+        "file = config.DEFAULT_MACHINE.with_name('commissioned.toml');"
+        "warm_up(config.EstimatorConfig(), [config.load_machine(file)]);"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    assert printed(sys.executable, "-c", code).strip() == "[]"

@@ -73,7 +73,7 @@ def test_what_is_left_out_is_named_in_the_file_and_in_the_answer(
     out = tmp_path / "setpoints.csv"
     slow = changed(machine, max_speed_rad_s=200.0)
     answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).words
-    line = "left out: friction, 3000 r/min over 1 rev: speed: asks for 1 m/s, the axis allows 0.63"
+    line = "left out: friction, 3000 r/min over 1 rev: speed: asks for 60000 mm/min, the axis"
     assert line in answer
     assert line in "\n".join(rows_of(out)[0])
 
@@ -211,4 +211,4 @@ def test_the_list_names_each_motion_with_its_duration_on_this_axis(machine: Mach
     assert re.search(r"friction +131 s  ten speeds of Table 5\.1", lines[2])
     assert re.search(r"warmup +endless  rapids", "\n".join(lines))
     short = list_motions(changed(machine, stroke_m=0.2)).words
-    assert re.search(r"signature +refused .* asks for 0\.4051 m, the axis allows 0\.18 m", short)
+    assert re.search(r"signature +refused .* asks for 405\.1 mm, the axis allows 180 mm", short)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ...messages.stored import StoredFloats
 from ...messages.trend import Crossing, Trend, TrendStatus
 from ..inputs import NS_PER_S
 from ..statements import span
-from .wear_laws import MEMORY_S, WearProjection, project_wear
+from .wear_laws import WearProjection, project_wear
 
 _MOST_STEPS = 400
 MOST_POINTS = 64
@@ -21,22 +22,20 @@ _COLUMNS = 5
 _LONGEST_STEP_S = 1e9
 _WIDE = 2.0
 """Estimates with intervals wider than this many times the middle one only begin to know."""
-LEVEL = 0.9
-"""Of every interval and band."""
 CERTAIN = 0.95
-"""Probability of a fall (or rise) from which it is called one."""
+"""Probability of a fall (or rise) from which it is called one, and on each side of a band."""
+_YOUNG_S, _CERTAIN_YOUNG = 86400.0, 0.98
+"""Less than a day is looked at hundreds of times, and some looks err."""
 _HORIZON = 4.0
 """A limit that is likely further away than this many times the history's length has no date."""
 _OPEN = 20.0
 """A band whose end is further away than this many times the history's length is open."""
 _ENDS = 0.1
 """Share of a history whose mean stands for its beginning, or its end."""
-_NEWEST = (2.0, 3.0, 4.0, 6.0, 8.0, 1.75, 1.5, 1.3, 1.2, 1.1, 1.05)
-"""Parts of a history whose newest one may show that a fall has ended."""
-_STILL = 0.2
-"""Rate, of that before, from which down a fall has ended."""
-_FEWEST_FALLING, _FEWEST_STILL, _SETTLES = 4, 8, 0.02  # points, and share that takes its time
-_SIGMAS = 3.0
+_FEWEST_STILL, _SETTLES = 4, 0.05  # points since a fall, and share of it that takes its time
+_STILL = 0.2  # rate, of that before, from which down a fall has ended
+_ANEW_S = 120.0
+"""Assumption: within so long an estimator may err anew, as far as a stand is concerned."""
 _OVER_NS, _OVER_SHARE = 60 * NS_PER_S, 0.02
 """Age of the newest estimate from which on a trend is told as past: this, and of its length."""
 _SENTENCES = {
@@ -172,21 +171,22 @@ def preload_trend(
     if future is None:
         reason = "Too little history for a trend."
         return Trend(status=TrendStatus.TOO_EARLY, reason=reason, since_time_ns=since_ns)
-    now_s = float(time_s[-1])
-    status = TrendStatus.STEADY
-    if np.mean(future.slope < 0.0) >= CERTAIN:
-        status = TrendStatus.FALLING
-    elif np.mean(future.slope > 0.0) >= CERTAIN:
-        status = TrendStatus.RISING
-    span_s, limits = now_s - float(time_s[0]), limits_percent.items()
-    dates = (_crossing(name, limit, future, now_s, span_s) for name, limit in limits)
-    crossings = tuple(filter(None, dates)) if status is TrendStatus.FALLING else ()
-    low, middle, high = _quantiles(future.slope * future.age_per_s * 3600.0)
+    now_s, falls = float(time_s[-1]), float(np.mean(future.slope < 0.0))
+    span_s = now_s - float(time_s[0])
     worked = distance_m if future.basis == "distance" else time_s
-    until_s, rate = now_s, Interval(value=middle, low=low, high=high)
-    if status is TrendStatus.FALLING:
+    until_s, status, ended = now_s, TrendStatus.STEADY, None
+    certain = _CERTAIN_YOUNG if span_s < _YOUNG_S else CERTAIN
+    low, middle, high = _quantiles(future.slope * future.age_per_s * 3600.0, certain)
+    rate = Interval(value=middle, low=low, high=high)
+    if falls >= CERTAIN:
         ended = end_of_fall(time_s, percent, float(np.median(half_width_percent)), worked)
         until_s, rate = ended or (until_s, rate)
+    if ended or falls >= certain:
+        status = TrendStatus.FALLING
+    elif np.mean(future.slope > 0.0) >= certain:
+        status = TrendStatus.RISING
+    ahead = limits_percent.items() if status is TrendStatus.FALLING else ()
+    crossings = (_crossing(each, future, now_s, span_s, certain) for each in ahead)
     ends = max(round(_ENDS * percent.size), 1)
     change = float(np.mean(percent[-ends:]) - np.mean(percent[:ends]))
     trend = Trend(
@@ -195,11 +195,11 @@ def preload_trend(
         since_time_ns=since_ns,
         until_time_ns=round(until_s * NS_PER_S),
         basis=future.basis,
-        level=LEVEL,
+        level=2.0 * certain - 1.0,
         rate_percent_per_h=rate,
         rate_fresh_percent_per_h=rate.times(100.0 / fresh_percent) if fresh_percent else None,
         change_fresh_percent=100.0 / fresh_percent * change if fresh_percent else None,
-        crossings=crossings,
+        crossings=tuple(filter(None, crossings)),
     )
     return trend if until_s == now_s else _as_past(trend)
 
@@ -210,35 +210,34 @@ def end_of_fall(
     """Time at which a fall ended, s, and the rate since, percent per hour; None while it lasts.
 
     It has ended where the newest part of the work, for a minute at least, wears by less than a
-    fifth of what the part before did, and stands still as far as an error of the estimator, which
-    errs anew after ten minutes, lets tell, or rises, while that fell and would fall by more.
+    fifth of what the steepest part before did that took half as long, and no more than an error of
+    the estimator explains, while that fell by more and would fall by more again.
 
     Args:
         error_percent: Half the width of an estimate's 95 % interval.
         worked: what the wear is counted against, time in s or way in m, (n,).
     """
-    for parts in _NEWEST:
-        newest = worked >= worked[-1] - (worked[-1] - worked[0]) / parts
-        still_s, way = float(np.ptp(time_s[newest])), float(np.ptp(worked[newest]))
-        enough = newest.sum() >= _FEWEST_STILL and (~newest).sum() >= _FEWEST_FALLING
-        if not enough or still_s * NS_PER_S <= _OVER_NS or way == 0.0:
+    for first in range(time_s.size - _FEWEST_STILL, 0, -1):
+        still_s, way = (float(each[-1] - each[first]) for each in (time_s, worked))
+        if still_s * NS_PER_S <= _OVER_NS or way == 0.0:
             continue
-        before, _ = _line(worked[~newest], percent[~newest])
-        slope, sigma = _line(worked[newest], percent[newest])
-        fell, moved = -before * float(np.ptp(worked[~newest])), slope * way
-        error, own = (_own(error_percent, each) for each in (time_s[~newest], time_s[newest]))
-        is_seen = fell > error and -before * way > own > max(-moved, 0.0)
-        if is_seen and slope - _SIGMAS * sigma > _STILL * before:
-            wide = _SIGMAS * sigma * way + own
+        slope, sigma = _line(worked[first:], percent[first:])
+        fell = percent[:first] - percent[first:].mean()
+        took = np.maximum(worked[first] - worked[:first], 0.5 * way)
+        is_seen = fell > _own(error_percent, time_s[first] - time_s[:first])
+        before = -float(np.max(fell / took, where=is_seen, initial=0.0))
+        own, moved = float(_own(error_percent, still_s)), slope * way
+        if -before * way > own > max(-moved, 0.0) and slope - sigma > _STILL * before:
+            wide = 3.0 * sigma * way + own
             rate = Interval(value=moved, low=moved - wide, high=moved + wide)
-            least = percent[newest].max() + _SETTLES * float(np.ptp(percent))
+            least = percent[first:].max() + _SETTLES * float(np.ptp(percent))
             return float(time_s[percent <= least][0]), rate.times(3600.0 / still_s)
     return None
 
 
-def _own(error_percent: float, time_s: Floats) -> float:
+def _own(error_percent: float, time_s: Any) -> Any:
     """Change within times that may be the estimator's own, percent."""
-    return 2.0 * error_percent * math.sqrt(1.0 - math.exp(-float(np.ptp(time_s)) / MEMORY_S))
+    return 2.0 * error_percent * np.sqrt(1.0 - np.exp(-time_s / _ANEW_S))
 
 
 def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
@@ -273,19 +272,20 @@ def _from_now(crossing: Crossing, now_ns: int) -> Crossing:
     return crossing.model_copy(update=update | ({} if is_ahead else {"latest_ns": None}))
 
 
-def _quantiles(draws: Floats) -> tuple[float, float, float]:
-    shares = [0.5 * (1.0 - LEVEL), 0.5, 0.5 * (1.0 + LEVEL)]
+def _quantiles(draws: Floats, certain: float) -> tuple[float, float, float]:
+    shares = [1.0 - certain, 0.5, certain]
     low, middle, high = np.quantile(draws, shares, method="nearest")
     return float(low), float(middle), float(high)
 
 
 def _crossing(
-    name: str, limit_percent: float, future: WearProjection, now_s: float, span_s: float
+    limit: tuple[str, float], future: WearProjection, now_s: float, span_s: float, certain: float
 ) -> Crossing | None:
     """Dates of a limit; None where it lies behind, or further ahead than can be told."""
+    name, limit_percent = limit
     if np.mean(future.level_percent < limit_percent) >= CERTAIN:
         return None
-    earliest_s, likely_s, latest_s = _quantiles(future.seconds_to(limit_percent))
+    earliest_s, likely_s, latest_s = _quantiles(future.seconds_to(limit_percent), certain)
     if likely_s > _HORIZON * span_s:
         return None
     return Crossing(

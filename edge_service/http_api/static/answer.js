@@ -88,7 +88,7 @@ function renderFacts(state, reading, nowMs) {
   const facts = [
     [t("fact.condition"), isHeard(state) ? t(`condition.${state.condition}`) : "–"],
     [t("fact.measured"), ageText(state, nowMs)],
-    [t("fact.drag"), drag ? t("fact.drag.value", { value: number(drag.value, 3), low: number(drag.low, 3), high: number(drag.high, 3) }) : "–"],
+    [t("fact.drag"), drag ? t("fact.drag.value", printed(drag, 3)) : "–"],
     [t("fact.force"), reading?.preload_n == null ? "–" : t("unit.n", { n: number(reading.preload_n) })],
   ];
   refill(parts.facts, JSON.stringify(facts), () => facts.map(([name, text]) => element("div", {}, element("dt", {}, name), element("dd", {}, text))));

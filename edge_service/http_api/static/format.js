@@ -36,6 +36,6 @@ export function printed({ value, low, high }, digits = 0) {
   };
   const isOff = ([middle, least, most]) => least < middle && middle < most;
   const used = [0, 1, 2, 3].map((more) => digits + more).find((more) => isOff(rounded(more))) ?? digits;
-  const [middle, least, most] = rounded(used).map((each) => number(each / 10 ** used, used));
-  return { value: middle, bounds: t("between", { low: least, high: most }) };
+  const [middle, least, most] = rounded(used).map((each) => (each / 10 ** used).toLocaleString(locale, { maximumFractionDigits: used }));
+  return { value: middle, low: least, high: most, bounds: t("between", { low: least, high: most }) };
 }

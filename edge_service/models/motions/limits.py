@@ -14,8 +14,7 @@ DEFAULT_ACCELERATION_M_S2 = 4.0
 RAPID_M_S = 0.5  # speed of ordinary moves; only tests that name their speeds go beyond it
 STROKE_MARGIN = 0.05
 """Share of the stroke that a motion leaves free at either end."""
-TORQUE_SHARE = 0.5
-"""Of the torque limit, for acceleration; the rest is left to friction, forces and control."""
+TORQUE_SHARE = 0.5  # of its limit, for acceleration; the rest is for friction, forces and control
 _ROUNDING = 1.0 + 1e-9
 
 
@@ -63,13 +62,14 @@ class MotionLimits:
         """The first limit that magnitudes break, with what is asked and allowed; None if none."""
         torque_nm = self.taken_nm(speed_m_s, acceleration_m_s2)
         for name, unit, asked, allowed in (
-            ("speed", "m/s", speed_m_s, self.speed_m_s),
+            ("speed", "mm/min", 6e4 * speed_m_s, 6e4 * self.speed_m_s),
             ("acceleration", "m/s2", acceleration_m_s2, self.acceleration_m_s2),
-            ("stroke", "m", length_m, self.span_m),
+            ("stroke", "mm", 1e3 * length_m, 1e3 * self.span_m),
             ("torque", "N m", torque_nm, self.torque_nm),
         ):
             if asked > allowed * _ROUNDING:
-                return f"{name}: asks for {asked:.4g} {unit}, the axis allows {allowed:.4g} {unit}"
+                much, most = (f"{float(f'{each:.4g}'):g} {unit}" for each in (asked, allowed))
+                return f"{name}: asks for {much}, the axis allows {most}"
         return None
 
 

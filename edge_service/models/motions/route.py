@@ -88,8 +88,8 @@ class Route:
         end_m = self.position_m + segment.distance_m
         if not limits.low_m - _ON_THE_STROKE_M <= end_m <= limits.high_m + _ON_THE_STROKE_M:
             excess = (
-                f"stroke: asks for {end_m:.4g} m, the axis allows {limits.low_m:.4g} to "
-                f"{limits.high_m:.4g} m"
+                f"stroke: asks for {1e3 * end_m:.4g} mm, the axis allows "
+                f"{1e3 * limits.low_m:.4g} to {1e3 * limits.high_m:.4g} mm"
             )
         if excess is not None:
             raise MotionError(f"{self.name}: {excess}")

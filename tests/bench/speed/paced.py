@@ -10,8 +10,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.replay import LOOP_GAP_S
-
 from ...drivers.bench import free_port
 from ..table import BenchError
 from .process_meter import Program, ServiceProcess, Usage, get, usage_of, wait_until
@@ -78,7 +76,7 @@ def measure_paced(
         after, span_s = usage_of(ours.pid), time.monotonic() - begun_s
         peer_after = peer.look() if peer else (0.0, 0)
         samples = sum(_samples(*address)) - samples
-    if samples < _KEPT_UP * (span_s - LOOP_GAP_S) * RATE_HZ * axes:
+    if samples < _KEPT_UP * span_s * RATE_HZ * axes:
         raise BenchError(f"{axes} axes: the service does not keep up with their samples")
     us = 1e6 * (after.cpu_s - before.cpu_s) / samples
     count = peer_after[1] - peer_before[1]

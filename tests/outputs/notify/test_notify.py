@@ -1,19 +1,27 @@
 """Letters about events: gathered, bounded, by level, in two languages, to each URL by itself."""
 
+import asyncio
 from collections import deque
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from edge_service.clock import now_ns
-from edge_service.health.store.events import StoredEvent
+from edge_service.health.store.events import EventLog, StoredEvent
+from edge_service.health.store.outbox import Outbox
+from edge_service.health.store.store import Store
 from edge_service.http_api.app import words_in
 from edge_service.messages.event import AxisCondition
-from edge_service.nodes.output_node import due
+from edge_service.messages.health import ComponentStatus
+from edge_service.nodes.output_node import OutputNode, due
 from edge_service.outputs.base import Events, Output
+from edge_service.outputs.notify import NotifyOutput
 from edge_service.plugins import MisconfiguredError
 
 from ...drivers.bench import free_port
+from ...nodes.conftest import until
 from ..bench import SECRET, event, output
 from .receiver import Receiver
 
@@ -81,3 +89,26 @@ def test_letters_are_gathered_and_twelve_an_hour(
     assert due(notify, waiting(31.0), deque([3000.0] * 12)) == []
     assert len(due(notify, waiting(31.0), deque([300.0] * 6 + [3000.0] * 6))) == 2
     assert due(notify, [], deque()) == []
+
+
+async def test_an_event_that_cannot_be_told_holds_up_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = lambda _, events: ("a title", f"{events[0].values['number']:.3g}")  # noqa: E731
+    monkeypatch.setattr(NotifyOutput, "gather_s", 0.0)
+    monkeypatch.setattr(NotifyOutput, "letter", told)
+    receiver = Receiver(free_port())
+    await receiver.start()
+    notify = made(tmp_path, f"json://127.0.0.1:{receiver.port}/", level="NORMAL")
+    (who,), log = notify.receivers, EventLog(Store(None))
+    component: Any = SimpleNamespace(status=ComponentStatus.OK, publish=lambda: None, name="notify")
+    outbox = Outbox(log.store, notify.queue(who), notify.kinds, log)
+    assert outbox.waiting(1) == []
+    for values in ({}, {"number": 1.0}):
+        log.add([event().model_copy(update={"values": values, "time_ns": now_ns()})], now_ns())
+    task = asyncio.create_task(OutputNode(notify, component, log, ()).deliver(who))
+    await until(lambda: task.done() or not outbox.waiting(1), 60.0)  # the machine may be busy
+    is_done = task.done()
+    task.cancel()
+    await receiver.stop()
+    assert (outbox.counts().dead, bool(receiver.taken), is_done) == (1, True, False)
