@@ -16,20 +16,14 @@ from edge_service.bus.session import Bus
 from edge_service.bus.settings import BusSettings
 from edge_service.clock import now_ns
 from edge_service.command_answer import LISTENER
-from edge_service.config import (
-    DEFAULT_MACHINE,
-    ConfigError,
-    EdgeConfig,
-    load_config,
-    load_machine,
-)
+from edge_service.config import DEFAULT_MACHINE, ConfigError, EdgeConfig, load_config, load_machine
 from edge_service.config_tables import StoreConfig
 from edge_service.downsample.vibration import MOST_SENSORS
 from edge_service.health.store.store import FILE_NAME
 from edge_service.messages.estimate import EstimateStatus
 from edge_service.messages.health import Command, ComponentStatus
-from edge_service.messages.samples import ANGLE, Waveform
-from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, STATUS, WAVE
+from edge_service.messages.samples import ANGLE, TORQUE, SampleFrame, Waveform
+from edge_service.messages.topics import COMMAND, FEAT, HEALTH, OUTCOME, PRELOAD, RAW, STATUS, WAVE
 from edge_service.nodes.context import NodeContext, header
 from edge_service.nodes.record_node import record_axis
 from edge_service.nodes.service import PIPELINE, reread, run_nodes
@@ -40,7 +34,7 @@ from edge_service.recordings.reader import open_trace, read_trace
 from tests.programs import serving
 
 from ..messages.examples import estimate_of
-from .conftest import PATIENCE_S, config_of, done, once, running, served, until
+from .conftest import PATIENCE_S, config_of, done, once, reported, running, served, until
 
 HEALTHY = {"scenario": "healthy", "speed": 20.0}
 TRUTH_PERCENT = 100.0 * 510.0 / 7450.0
@@ -206,6 +200,25 @@ async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_pat
     assert counters["fault_repeat"] >= 1
     assert counters["fault_gap"] >= 1
     assert counters["fault_time_backwards"] >= 1
+
+
+async def test_an_axis_that_begins_anew_meets_nothing_of_its_clock_before() -> None:
+    def moved(from_s: float) -> SampleFrame:
+        time_s = from_s + np.arange(1000) / 1000.0
+        return SampleFrame(time_s, {TORQUE: np.full(1000, 0.2), ANGLE: 10.0 * time_s})
+
+    async with running(config_of("simulated", HEALTHY), ("downsample",)) as service:
+        context, heard = service.context, service.context.subscribe(FEAT)
+        publisher = context.publisher("X", RAW)
+        await reported(service, "downsample", ComponentStatus.OK)
+        async with asyncio.timeout(30.0):
+            publisher.publish(moved(101.0), now_ns())
+            context.renew(context.config.axes[0], context.machines["X"])
+            publisher.publish(moved(0.0), now_ns())
+            async for _, _, block in heard:
+                assert block.time_s < 50.0
+                if block.time_s > 0.5:
+                    break
 
 
 async def test_a_recording_of_the_bus_is_what_was_published(
