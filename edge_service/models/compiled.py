@@ -24,8 +24,8 @@ def compiled(function: _Function, *, reordered: bool = False) -> _Function:
     a safe folder each process compiles anew.
     """
     kept, long = bool(cast(Any, numba.config).CACHE_DIR), ".models." in function.__module__
-    loose = {"error_model": "numpy", "fastmath": {"reassoc"} if reordered else False}
-    made = cast(Any, numba.njit)(nogil=long or reordered, cache=kept, **loose)
+    free = {"nogil": long or reordered, "fastmath": {"reassoc"} if reordered else False}
+    made = cast(Any, numba.njit)(error_model="numpy", cache=kept, **free)
     return cast(_Function, made(function))
 
 
