@@ -143,7 +143,7 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 812,
-    "checks": 3487,
+    "checks": 3485,
     "cli": 1334,
     "config": 583,
     "diagnose": 4963,
@@ -154,14 +154,14 @@ MOST_LINES = {
     "health": 4525,
     "http_api": 2416,
     "messages": 2024,
-    "models": 5670,
-    "nodes": 2896,
+    "models": 5669,
+    "nodes": 2893,
     "offline": 5644,
     "outputs": 1783,
     "recordings": 3264,
-    "regression": 1003,
+    "regression": 1000,
     "beside the rooms": 760,
-    "tests": 44990,
+    "tests": 44985,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

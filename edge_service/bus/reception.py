@@ -113,7 +113,7 @@ class KeyRings:
     def admits(self, key: str, now_s: float) -> bool:
         """Count a payload against the rate of its key; False where it came too soon."""
         with self._lock:
-            ring = self._rings.setdefault(key, _Ring(self._most_hz, now_s))
+            ring = self._rings.get(key) or self._rings.setdefault(key, _Ring(self._most_hz, now_s))
             earned = (now_s - ring.credited_s) * self._most_hz
             ring.credit, ring.credited_s = min(ring.credit + earned, self._most_hz), now_s
             admitted = ring.credit >= 1.0

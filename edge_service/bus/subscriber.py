@@ -7,6 +7,7 @@ came before, and of the axis that its key names. Everything else is refused, and
 import asyncio
 import threading
 import time
+from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Collection
 from typing import Any, Generic
 
@@ -42,7 +43,8 @@ class Subscriber(Generic[T]):
         self._keys = keys
         self._received = 0
         self._rings = KeyRings(depth, topic.most_hz)
-        self._senders: dict[str, Sender] = {}
+        patience_s = _PATIENCE_SHARE * topic.stale_after_s if topic.rate_hz else 0.0
+        self._senders = defaultdict[str, Sender](lambda: Sender(patience_s))
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._wake = asyncio.Event()
@@ -155,9 +157,7 @@ class Subscriber(Generic[T]):
             return Refusal.MALFORMED
         if told[0] != axis_of(arrival.key):
             return Refusal.MISPLACED
-        patience_s = _PATIENCE_SHARE * self.topic.stale_after_s if self.topic.rate_hz else 0.0
-        sender = self._senders.setdefault(arrival.key, Sender(patience_s))
-        refusal = sender.judge(told[1], arrival.arrival_s)
+        refusal = self._senders[arrival.key].judge(told[1], arrival.arrival_s)
         return told if refusal is None else refusal
 
     def close(self) -> None:

@@ -1,8 +1,7 @@
 """Examination of recordings: every check that holds them against the machine file and each other.
 
 Commands that learn from a recording or judge it ask this before they answer; `doctor` prints it.
-Every finding is a number with an interval, held against the machine file, in one sentence:
-"torque sign looks inverted", "lead looks like 10 mm, not 20".
+Every finding is a number with an interval, held against the machine file, in one sentence.
 """
 
 import tomllib
@@ -25,7 +24,7 @@ SLACK_S = 1.0
 class Check:
     """One entry of the registry."""
 
-    run: Callable[[Machine, Sequence[SampleFrame]], Finding]
+    run: Callable[[Machine, positions.Recordings], Finding]
     compared: str  # what is held against what
     remedy: str  # what to do where it doubts
     needed: Sequence[str] = ()  # channels without which there is nothing to check
@@ -51,14 +50,12 @@ def check_plausibility(
     channels = {name for frame in recordings for name in frame.channels}
     found = [] if unread is None else [signals.check_columns(channels, unread)]
     has_limits = bool(machine.axis.max_speed_rad_s or machine.axis.max_torque_nm)
-    for check in CHECKS:
-        if channels.issuperset(check.needed):
-            found.append(_lasting(check, machine, recordings))
-    positions.encoders.cache_clear()  # which keeps the recordings
+    known, able = positions.Recordings(recordings), [c for c in CHECKS if channels >= {*c.needed}]
+    found += [_lasting(check, machine, known) for check in able]
     return [each for each in found if each.name != "limits" or has_limits or each.is_doubtful]
 
 
-def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _lasting(check: Check, machine: Machine, recordings: positions.Recordings) -> Finding:
     """Finding of a check; a mistake of unit or sign is in the first half and in the second.
 
     What comes or goes in between is a fault of the machine or of a sensor, and for the answer.
@@ -67,13 +64,13 @@ def _lasting(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) 
     if not found.forbids:
         return found
     long = [frame for frame in recordings if np.ptp(frame.time_s) > 2.0 * SLACK_S]
-    first = [frame.part(slice(0, len(frame) // 2)) for frame in long]
-    second = [frame.part(slice(len(frame) // 2, None)) for frame in long]
+    first = positions.Recordings(frame.part(slice(0, len(frame) // 2)) for frame in long)
+    second = positions.Recordings(frame.part(slice(len(frame) // 2, None)) for frame in long)
     halves = [_judged(check, machine, half).verdict for half in (first, second) if half]
     return replace(found, forbids=Verdict.FITS not in halves)
 
 
-def _judged(check: Check, machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def _judged(check: Check, machine: Machine, recordings: positions.Recordings) -> Finding:
     try:
         found = check.run(machine, recordings)
     except ValueError as error:

@@ -4,7 +4,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -40,8 +40,17 @@ LONGEST_FILTER_S = 2e-3
 """Drives filter their speed by 0.3 to 1 ms."""
 
 
-def check_lead(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    lead = encoders(*recordings).factor.scaled(2e3 * math.pi, "mm")
+class Recordings(tuple[SampleFrame, ...]):
+    """Recordings of one axis, with what several checks ask of them."""
+
+    @cached_property
+    def encoders(self) -> ChannelRegression:
+        """Regression of the linear on the rotary encoder. ValueError: as `regress_channel`."""
+        return regress_channel(self, TABLE_POSITION, ANGLE, mechanics=True)
+
+
+def check_lead(machine: Machine, recordings: Recordings) -> Finding:
+    lead = recordings.encoders.factor.scaled(2e3 * math.pi, "mm")
     expected = 1e3 * machine.axis.lead_m
     found = judge_factor("lead", lead, expected, f"lead is {lead.value:.6g} mm")
     if found.verdict is not Verdict.DOUBTFUL:
@@ -63,15 +72,15 @@ def other_lead(ratio: float, stated_mm: float) -> str:
     return said + (angle if "degrees" in angle else usual_mistake(ratio, both))
 
 
-def angle_is_misread(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
+def angle_is_misread(machine: Machine, recordings: Recordings) -> bool:
     """Flag of a rotary encoder that contradicts a linear one which agrees with the setpoints."""
     with contextlib.suppress(ValueError):
         return check_lead(machine, recordings).sentence.startswith(ANGLE)
     return False
 
 
-def check_encoder_lag(_machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
-    lag, least_ms = encoders(*recordings).lag.scaled(1e3, "ms"), 1e3 * LEAST_LAG_S
+def check_encoder_lag(_machine: Machine, recordings: Recordings) -> Finding:
+    lag, least_ms = recordings.encoders.lag.scaled(1e3, "ms"), 1e3 * LEAST_LAG_S
     verdict, sentence = Verdict.FITS, "both encoders are read at the same time"
     if not lag.determined:
         verdict, sentence = Verdict.UNKNOWN, f"cannot tell: {lag.note}"
@@ -104,14 +113,7 @@ def check_setpoint(machine: Machine, recordings: Sequence[SampleFrame]) -> Findi
     return Finding("setpoint", Verdict.UNKNOWN, sentence, factor, 1.0)
 
 
-@lru_cache(maxsize=1)
-def encoders(*recordings: SampleFrame) -> ChannelRegression:
-    """Regression of the linear on the rotary encoder, which several checks ask for."""
-    return regress_channel(recordings, TABLE_POSITION, ANGLE, mechanics=True)
-
-
 def _table_is_right(machine: Machine, recordings: Sequence[SampleFrame]) -> bool:
-    """Flag of a linear encoder that agrees with the setpoints."""
     with contextlib.suppress(ValueError):
         return check_setpoint(machine, recordings).verdict is Verdict.FITS
     return False

@@ -29,7 +29,7 @@ from .finding import FACTOR_TOLERANCE, Finding, Verdict
 from .live.channel_check import LONGER
 from .live.excursions import longest_rows, mend
 from .live.repeats import held
-from .positions import SPEEDS
+from .positions import SPEEDS, Recordings
 from .sampling import GAP_PERIODS, clock_of, motion_speeds, wrap_of
 from .torque import INERTIA_FACTOR, measured_inertia
 
@@ -58,7 +58,7 @@ FEW = 5e-4
 """Share of samples that may seem to be none of a drive's."""
 
 
-def check_rate(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def check_rate(machine: Machine, recordings: Recordings) -> Finding:
     """Rate, gaps and jitter, and a unit of time that speeds and inertia contradict."""
     clock = clock_of([frame.time_s for frame in recordings])
     said = clock.as_text()
@@ -73,7 +73,7 @@ def check_rate(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
     return Finding("rate", Verdict.FITS, said)
 
 
-def _other_unit(machine: Machine, recordings: Sequence[SampleFrame]) -> str:
+def _other_unit(machine: Machine, recordings: Recordings) -> str:
     """Unit that every witness needs; nothing where there is none, or one contradicts.
 
     A speed is too large by the factor of the clock, an inertia by its square.

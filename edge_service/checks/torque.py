@@ -12,7 +12,7 @@ from ..regression.inverse_dynamics import InverseDynamics, identify_inverse_dyna
 from ..regression.prepared_run import DECIMATION, PreparationSettings, prepare
 from .channel_regression import CUTOFF_HZ, STANDSTILL_SHARE
 from .finding import Finding, Verdict, usual_mistake, wrongly
-from .positions import angle_is_misread
+from .positions import Recordings, angle_is_misread
 from .sampling import clock_of, motion_speeds
 
 INERTIA_FACTOR = 2.0
@@ -51,7 +51,7 @@ _BORROWED_SIGN = Finding(
 )
 
 
-def check_torque(machine: Machine, recordings: Sequence[SampleFrame]) -> Finding:
+def check_torque(machine: Machine, recordings: Recordings) -> Finding:
     if TORQUE in machine.columns and machine.columns[TORQUE].direction:
         return _BORROWED_SIGN
     able, settings = _readable(machine, recordings)
@@ -96,7 +96,7 @@ def _judged_size(machine: Machine, fit: InverseDynamics) -> Finding | None:
     return None
 
 
-def measured_inertia(machine: Machine, recordings: Sequence[SampleFrame]) -> IntervalEstimate:
+def measured_inertia(machine: Machine, recordings: Recordings) -> IntervalEstimate:
     """Inertia of the whole axis that the torque shows, kg m2. Raises ValueError: no motion."""
     return identify_inverse_dynamics(*_readable(machine, recordings)).parameters["inertia"]
 
@@ -161,12 +161,12 @@ def _judged_drag(
 
 
 def _readable(
-    machine: Machine, recordings: Sequence[SampleFrame]
+    machine: Machine, recordings: Recordings
 ) -> tuple[list[SampleFrame], PreparationSettings]:
     """Channels of recordings with a torque that its model needs, and how to prepare them."""
     able = [frame for frame in recordings if TORQUE in frame.channels]
     used = {TORQUE, TABLE_POSITION, SETPOINT}
-    used |= set() if angle_is_misread(machine, able) else {ANGLE}
+    used |= set() if angle_is_misread(machine, recordings) else {ANGLE}
     able = [SampleFrame(f.time_s, {n: v for n, v in f.channels.items() if n in used}) for f in able]
     settings = PreparationSettings.sampled(machine.transmission_ratio_m_per_rad, able, CUTOFF_HZ)
     speeds = np.abs(motion_speeds(machine, able))

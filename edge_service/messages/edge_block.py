@@ -200,7 +200,7 @@ class FeatureTopic(BlockTopic[FeatureBlock]):
 
     def check(self, payload: FeatureBlock) -> None:
         numbers = (*_numbers_of(payload), *(each.value for each in payload.vibration))
-        if any(abs(number) > FURTHEST for number in numbers):
+        if any(map(FURTHEST.__lt__, map(abs, numbers))):
             raise CodecError("an interval with numbers that nobody can measure")
         if not (0.0 < payload.duration_s <= LONGEST_S and abs(payload.time_s) <= LONGEST_S):
             raise CodecError("an interval at an impossible time")

@@ -16,14 +16,17 @@ _KERNEL_ROOMS = ("models", "checks", "downsample", "estimate")
 _ROOM_BYTES = 50_000_000
 
 
-def compiled(function: _Function) -> _Function:
+def compiled(function: _Function, *, reordered: bool = False) -> _Function:
     """Compile `function` with numba, on its first call for each set of argument types.
 
     Division by zero gives inf or nan, as in numpy. `.py_func` is the plain Python function. Kernels
-    of the models let other threads work. Without a safe folder each process compiles anew.
+    of the models let other threads work, and those whose sums may be `reordered` for speed. Without
+    a safe folder each process compiles anew.
     """
     kept, long = bool(cast(Any, numba.config).CACHE_DIR), ".models." in function.__module__
-    return cast(_Function, numba.njit(error_model="numpy", nogil=long, cache=kept)(function))
+    free = {"nogil": long or reordered, "fastmath": {"reassoc"} if reordered else False}
+    made = cast(Any, numba.njit)(error_model="numpy", cache=kept, **free)
+    return cast(_Function, made(function))
 
 
 def inlined(function: _Function) -> _Function:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..atomic import replaced_file
 from ..bus.session import Bus
 from ..bus.settings import BusSettings
 from ..command_answer import progress
@@ -137,7 +136,7 @@ class DisagreementRecorder:
             if await self._threads.run(path.exists):
                 return False
             with tempfile.TemporaryDirectory(prefix="edge-recording-") as folder:
-                rows = Path(folder) / "rows.csv"
+                rows = Path(folder) / "rows.npz"
                 await self._threads.run(_save, rows, frames)
                 program = (sys.executable, "-m", TraceWriter.__module__, str(rows), str(path))
                 status, said = await finished(program=program, limit_s=LONGEST_READING_S)
@@ -182,7 +181,7 @@ class Shaking:
 async def notch_in(frames: list[SampleFrame]) -> Notch | None:
     """Notch of a test, None of none, read by a process that ends. ValueError: it cannot be used."""
     with tempfile.TemporaryDirectory(prefix="edge-test-") as folder:
-        path = Path(folder) / "test.csv"
+        path = Path(folder) / "test.npz"
         await Threads("test").run(_save, path, frames)
         program = (sys.executable, "-m", "edge_service.fingerprint.response.notch", str(path))
         status, said = await finished(program=program, limit_s=LONGEST_READING_S)
@@ -192,10 +191,8 @@ async def notch_in(frames: list[SampleFrame]) -> Notch | None:
 
 
 def _save(path: Path, frames: list[SampleFrame]) -> None:
-    """Write frames as CSV without Arrow, of which 50 MB would stay."""
+    """Write frames for `handed` in another process: 50 MB of Arrow would stay in this one."""
     names = list(dict.fromkeys(name for each in frames for name in each.channels))
-    with replaced_file(path) as file:
-        file.write(",".join([TIME, *names]) + "\n")
-        for each in frames:
-            columns = [each.channels.get(name, np.full(len(each), np.nan)) for name in names]
-            np.savetxt(file, np.column_stack([each.time_s, *columns]), "%.17g", ",")
+    held = [(np.full(len(e), np.nan), {TIME: e.time_s, **e.channels}) for e in frames]
+    rows = {n: np.concatenate([each.get(n, no) for no, each in held]) for n in (TIME, *names)}
+    np.savez(path, allow_pickle=False, **rows)

@@ -13,7 +13,7 @@ from ..atomic import replaced_bytes
 from ..messages.samples import CHANNELS, TIME, SampleFrame
 from .columns import TraceError
 from .parquet import PARQUET_SUFFIXES
-from .reader import open_trace
+from .reader import handed
 
 _ROWS_AT_ONCE = 1 << 16
 CSV_SUFFIX, MCAP_SUFFIX = ".csv", ".mcap"
@@ -53,12 +53,8 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
 
         Raises TraceError: the frame holds a channel that the header lacks, or the disk is full.
         """
-        for name in frame.channels:
-            if name not in self.channels:
-                raise TraceError(
-                    f"{self.path}: channel {name!r} came after the header was written; expected "
-                    f"{', '.join(self.channels)}"
-                )
+        if late := [name for name in frame.channels if name not in self.channels]:
+            raise TraceError(f"{self.path}: channel {late[0]!r} came after the header was written")
         self._pending.append(frame)
         if sum(map(len, self._pending)) >= _ROWS_AT_ONCE:
             with self._one_line_errors():
@@ -146,10 +142,8 @@ class McapSink:
                 self._zero_s = min(time_s, 0.0)
             log_time_ns = round((time_s - self._zero_s) * 1e9)
             if not 0 <= log_time_ns < 1 << 64:
-                raise TraceError(
-                    f"row {number + 1}: {time_s:g} s cannot be a log time of MCAP, which counts "
-                    "ns from 0"
-                )
+                unable = "cannot be a log time of MCAP, which counts ns from 0"
+                raise TraceError(f"row {number + 1}: {time_s:g} s {unable}")
             content = json.dumps(row).encode()
             self._writer.add_message(self._channel_id, log_time_ns, content, log_time_ns, number)
         self._rows += len(table)
@@ -186,6 +180,6 @@ def write_parts(
 
 if __name__ == "__main__":
     read, written = map(Path, sys.argv[1:])
-    with open_trace(read) as reader, TraceWriter(written, reader.channels) as writer:
-        for rows in reader:
-            writer.write(rows)
+    rows = handed(read)
+    with TraceWriter(written, tuple(rows.channels)) as writer:
+        writer.write(rows)

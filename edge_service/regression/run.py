@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -54,23 +55,19 @@ class Filter:
 
     def at(self, values: Floats, rows: Integers) -> Floats:
         """Filtered rows by their numbers, (k,): what is thinned costs nothing."""
-        return _weighed(np.ascontiguousarray(values), self.taps, self.step * rows)
+        reach = len(self.taps) // 2
+        return _weighed(np.pad(values, reach, mode="edge"), self.taps, self.step * rows)
 
 
-@compiled
-def _weighed(values: Floats, taps: Floats, middles: Integers) -> Floats:
-    """Means around some places by the weights of the taps, (k,); the ends go on for ever."""
-    count, last = taps.shape[0], values.shape[0] - 1
-    found = np.empty(middles.shape[0])
-    for k in range(middles.shape[0]):
-        start = middles[k] - count // 2
-        if start >= 0 and start + count <= values.shape[0]:
-            found[k] = np.dot(values[start : start + count], taps)
-        else:
-            total = 0.0
-            for j in range(count):
-                total += taps[j] * values[min(max(start + j, 0), last)]
-            found[k] = total
+@partial(compiled, reordered=True)
+def _weighed(values: Floats, taps: Floats, starts: Integers) -> Floats:
+    """Sums of what begins at some places, by the weights of the taps, (k,)."""
+    found, count = np.empty(starts.shape[0]), taps.shape[0]
+    for k in range(starts.shape[0]):
+        total, part = 0.0, values[starts[k] : starts[k] + count]
+        for j in range(count):
+            total += taps[j] * part[j]
+        found[k] = total
     return found
 
 

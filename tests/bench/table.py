@@ -1,9 +1,7 @@
 """Tables of the benchmarks, and the work behind them spread over processes."""
 
-import contextlib
 import math
 import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -14,7 +12,6 @@ from edge_service.exit_status import BadInputError
 Progress = Callable[[str], None]
 """Takes a line that says how far it is."""
 Result = TypeVar("Result")
-_THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 class BenchError(BadInputError):
@@ -137,13 +134,13 @@ def mean_of(values: Sequence[float]) -> float:
 def in_processes(
     jobs: Sequence[Callable[[], Result]], processes: int = 2
 ) -> Iterator[tuple[int, Result]]:
-    """Number and result of each job, as they end, in processes of one thread each.
+    """Number and result of each job, as they end, in processes.
 
     Args:
         jobs: can be pickled.
     """
     context = multiprocessing.get_context("spawn")
-    with _one_thread_each(), ProcessPoolExecutor(processes, context) as pool:
+    with ProcessPoolExecutor(processes, context) as pool:
         started = {pool.submit(job): number for number, job in enumerate(jobs)}
         for done in as_completed(started):
             yield started[done], done.result()
@@ -151,17 +148,3 @@ def in_processes(
 
 def listed(seeds: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(set(seeds))))
-
-
-@contextlib.contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes begun meanwhile leave the other cores to each other."""
-    before = {name: os.environ.get(name) for name in _THREAD_COUNTS}
-    os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value

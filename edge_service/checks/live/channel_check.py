@@ -5,6 +5,7 @@ the screw for a while, and its level counts as new then.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,6 +38,7 @@ _MISSING_CODES = {
 }
 
 
+@lru_cache(256)
 def channel_reasons(fault: Fault) -> tuple[str, ...]:
     """Caveats on the channels of an interval; for the table, the first that keeps it out."""
     without = (list(fault & WITHOUT_TABLE) or list(fault & Fault.NO_TABLE))[:1]
@@ -54,9 +56,6 @@ class Verdict:
     fault: Fault  # bits of Fault
     has_table: bool  # the linear encoder may be read
     has_stretch: bool  # both encoders may be compared in the phases
-
-
-_MISSING = Verdict(Fault.NONE, False, False)
 
 
 @dataclass(slots=True)
@@ -187,7 +186,7 @@ class ChannelCheck:
         state.trial.missing_s += float(inside[-1, T] - inside[0, T])
         if state.trial.missing_s >= LOST_S:
             _doubt(state)
-        return _MISSING
+        return Verdict(Fault.NONE, False, False)
 
     def _check_both(self, inside: Floats, ahead: Floats, span_nm: float) -> Verdict:
         state, limits, trial = self.state, self._limits, self.state.trial

@@ -16,7 +16,7 @@ from ...messages.samples import ANGLE, SETPOINT, TORQUE, Floats, SampleFrame
 from ...models.commissioned import Notch
 from ...process import end_with_parent
 from ...recordings.conditioning import UniformRun, uniform_runs
-from ...recordings.reader import read_trace
+from ...recordings.reader import handed
 from .control_response import modes_of
 from .frequency_response import FrequencyResponse, drive_response, sampling_correction
 from .two_mass_fit import LOWEST_HZ, TwoMassFit, fit_two_mass, modes, shakes
@@ -143,5 +143,5 @@ def _check(measured: FrequencyResponse, fit: TwoMassFit, notch_hz: float) -> Non
 
 if __name__ == "__main__":
     end_with_parent()
-    found = notch_of(read_trace(Path(sys.argv[1])))
+    found = notch_of(handed(Path(sys.argv[1])))
     sys.stdout.write("" if found is None else found.model_dump_json())

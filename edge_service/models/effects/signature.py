@@ -76,8 +76,6 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             torque = _shift_torque(contribution, motion, baseline)
         case Change(quantity, value) if quantity in _CHANGED_TORQUE:
             torque = _CHANGED_TORQUE[quantity](value, motion, baseline)
-        case _:
-            pass
     return torque
 
 
@@ -106,8 +104,6 @@ def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline
             shift = _lost_motion(contribution, motion, baseline)
         case Change(quantity, value) if quantity in _CHANGED_TRANSMISSION:
             shift = _CHANGED_TRANSMISSION[quantity](value, motion, baseline)
-        case _:
-            pass
     return shift
 
 

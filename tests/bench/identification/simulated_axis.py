@@ -11,11 +11,11 @@ from edge_service.messages.samples import CHANNELS
 from edge_service.recordings.writer import TraceWriter
 
 
-def write_recording(path: Path, duration_s: float) -> None:
+def write_recording(path: Path, duration_s: float, rate_hz: float = 1000.0) -> None:
     """Record the healthy axis of the default machine for whole seconds of axis time."""
 
     async def record() -> None:
-        config = SimulatedConfig(scenario="healthy", speed=0.0)
+        config = SimulatedConfig(scenario="healthy", speed=0.0, rate_hz=rate_hz)
         driver = SimulatedDriver(config, DriverContext("X", load_machine(DEFAULT_MACHINE)))
         driver.frame_s = 1.0
         await driver.open()

@@ -1,14 +1,14 @@
 """Speed of the service, each figure beside a peer or the bare parts in the same run."""
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from ..table import Figure, Progress, Table, figures_table
 from .bare import request_costs_us
 from .delay import PreloadPoller, sample_delays_s
 from .estimator_cost import estimator_us
-from .paced import MOSQUITTO, Paced, measure_paced, service
+from .paced import MOSQUITTO, RATE_HZ, Paced, measure_paced, service
 from .parts_of import SPEED_PARTS
-from .process_meter import PATIENCE_S, ServiceProcess, read_stolen_s
+from .process_meter import PATIENCE_S, ServiceProcess, cpu_s, read_stolen_s, usage_of
 from .replay_speed import replay_figures
 from .soak import soak
 
@@ -64,16 +64,10 @@ class SpeedBench:
             time.sleep(self._warm_up_s)
             yield process
 
-    def _measured(self, axes: int, *, beside_peer: bool = True) -> Paced:
-        return measure_paced(
-            self._folder,
-            self._kernels,
-            self._recording,
-            axes,
-            self._warm_up_s,
-            self._window_s,
-            beside_peer=beside_peer,
-        )
+    def _measured(self, axes: int, recording: Path | None = None, rate_hz: float = 0.0) -> Paced:
+        """Beside the peer, unless a rate is given."""
+        places = self._folder, self._kernels, recording or self._recording
+        return measure_paced(*places, axes, self._warm_up_s, self._window_s, rate_hz)
 
     def _paced(self) -> list[Figure]:
         figures = []
@@ -91,20 +85,38 @@ class SpeedBench:
         return figures
 
     def _growth(self) -> list[Figure]:
-        """Exponents of cost and memory over the number of axes, the fixed part included."""
+        """Exponents over axes, rate and length of recordings, the fixed part included."""
         axes = (1, 4) if self._quick else (1, 4, 16, 64)
-        found = [self._measured(each, beside_peer=False) for each in axes]
+        found = [self._measured(each, rate_hz=RATE_HZ) for each in axes]
         cores = [1e-3 * each.us_per_sample * n for each, n in zip(found, axes, strict=True)]
         memory = [each.usage.own_mb for each in found]
         figures = [
             Figure(f"{axes[-1]} axes: cores", cores[-1], ""),
             Figure(f"{axes[-1]} axes: memory", memory[-1], "MB"),
         ]
-        for what, values in (("processor", cores), ("memory", memory)):
-            exponent = float(np.polyfit(np.log(axes), np.log(values), 1)[0])
-            name = f"{what} from 1 to {axes[-1]} axes: exponent"
-            figures.append(Figure(name, exponent, "", at_most=1.0))
-        return figures
+        figures += [_exponent("processor", axes, "axes", cores)]
+        figures += [_exponent("memory", axes, "axes", memory)]
+        rates, cores, trace = (500, 1000, 2000, 4000, 8000), [], self._folder / "grown.csv"
+        for rate_hz in rates:
+            write_recording(trace, 60.0, rate_hz)
+            cores.append(1e-6 * self._measured(1, trace, rate_hz).us_per_sample * rate_hz)
+        figures.append(_exponent("processor", rates, "Hz", cores))
+        spans, spent = (10, 60) if self._quick else (60, 600, 3600), []
+        for span_s in (10, *spans):  # the first for the kernels
+            write_recording(trace, span_s)
+            spent.append(self._spent("estimate", str(trace), "--out", "estimates.csv"))
+        _, spent_s, mb = zip(*spent[1:], strict=True)
+        figures.append(Figure(f"`estimate` of {spans[-1]} s: memory", mb[-1], "MB", at_most=250.0))
+        figures += [_exponent("`estimate`, processor", spans, "s", spent_s)]
+        return [*figures, _exponent("`estimate`, memory", spans, "s", mb)]
+
+    def _jobs(self) -> list[Figure]:
+        traces = [self._folder / f"case{k}.csv" for k in range(4)]
+        for each in traces:
+            write_recording(each, 60.0)
+        line = "diagnose", *map(str, traces), "--out", "cases", "--each", "--jobs"
+        one_s, two_s = (self._spent(*line, jobs)[0] for jobs in ("1", "2"))
+        return [Figure("four recordings, two jobs", two_s, "s", one_s, "one job", at_least=1.6)]
 
     def _saturated(self) -> list[Figure]:
         return replay_figures(self._folder, self._kernels, 60.0 if self._quick else 300.0)
@@ -151,9 +163,8 @@ class SpeedBench:
             for percent in (50, 99):
                 name = f"sample to `/preload`, {_axes(axes)}: {percent}th percentile"
                 delay_ms = 1e3 * float(np.percentile(delays_s, percent))
-                figures.append(
-                    Figure(name, delay_ms, "ms", at_most=110.0 if percent == 99 else None)
-                )
+                most = 110.0 if percent == 99 else None
+                figures.append(Figure(name, delay_ms, "ms", at_most=most))
         return figures
 
     def _diagnosis(self) -> list[Figure]:
@@ -162,32 +173,39 @@ class SpeedBench:
         write_recording(trace, 60.0 if self._quick else 190.0)
         self._spent("diagnose", "--help")
         line = ("diagnose", str(trace), "--out", str(self._folder / "diagnosis"))
-        new, again = (self._spent(*line)[1] for _ in range(2))
+        (_, new, _), (_, again, mb) = (self._spent(*line) for _ in range(2))
         return [
             Figure("diagnosis, machine never met: processor", new, "s", at_most=10.0),
             Figure("the same again: processor", again, "s", at_most=6.0),
+            Figure("the same again: memory", mb, "MB", at_most=400.0),
         ]
 
     def _soak(self) -> list[Figure]:
         return soak(self._folder, self._kernels, 5.0 if self._quick else 60.0)
 
-    def _spent(self, *line: str) -> tuple[float, float]:
-        """Elapsed time, and processor time of a command with all that it starts, s.
+    def _spent(self, *line: str) -> tuple[float, float, float]:
+        """Elapsed and processor time, s, and peak memory, MB, of a command and what it starts.
 
         Bytecode is on the disk, as in an installation: a checkout may forbid it.
         """
         kept = {"PYTHONDONTWRITEBYTECODE": "", "NUMBA_CACHE_DIR": str(self._kernels)}
         kept["PYTHONPYCACHEPREFIX"] = str(self._kernels / "bytecode")
-        before, begun_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-        subprocess.run(
-            [sys.executable, "-m", "edge_service", *line],
-            cwd=self._folder,
-            env=os.environ | kept,
-            capture_output=True,
-            check=False,
-        )
-        elapsed_s, after = time.monotonic() - begun_s, resource.getrusage(resource.RUSAGE_CHILDREN)
-        return elapsed_s, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        command, none = [sys.executable, "-m", "edge_service", *line], subprocess.DEVNULL
+        told = {"cwd": self._folder, "env": os.environ | kept, "stdout": none, "stderr": none}
+        begun_s, process = time.monotonic(), subprocess.Popen(command, **cast(Any, told))
+        peak_mb, ended = 0.0, os.WEXITED | os.WNOHANG | os.WNOWAIT
+        while os.waitid(os.P_PID, process.pid, ended) is None:
+            peak_mb = max(peak_mb, usage_of(process.pid).peak_mb)
+            time.sleep(0.05)
+        spent_s, elapsed_s = cpu_s(process.pid), time.monotonic() - begun_s
+        process.wait()
+        return elapsed_s, spent_s, peak_mb
+
+
+def _exponent(what: str, sizes: Sequence[float], unit: str, values: Sequence[float]) -> Figure:
+    """Slope of the logarithms of values over those of sizes."""
+    name = f"{what} from {sizes[0]} to {sizes[-1]} {unit}: exponent"
+    return Figure(name, float(np.polyfit(np.log(sizes), np.log(values), 1)[0]), "", at_most=1.0)
 
 
 def _axes(count: int) -> str:

@@ -55,17 +55,16 @@ def measure_paced(
     axes: int,
     warm_up_s: float,
     window_s: float,
-    *,
-    beside_peer: bool = True,
+    rate_hz: float = 0.0,
 ) -> Paced:
-    """Let the service work, a peer beside it unless not wanted, and look at both over one window.
+    """Let the service work, a peer beside it unless a rate is given, and look over one window.
 
     Raises BenchError where the service does not keep up with its samples.
     """
     with ExitStack() as stack:
         ours = stack.enter_context(service(folder, kernels, recording, axes))
         address = ours.wait_for_address()
-        peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO and beside_peer else None
+        peer = stack.enter_context(_peer(folder, axes)) if MOSQUITTO and not rate_hz else None
         read = f"{axes} axes: not all of them are read"
         wait_until(lambda: sum(map(bool, _samples(*address))) >= axes, read, 1.0)
         time.sleep(warm_up_s)
@@ -76,7 +75,7 @@ def measure_paced(
         after, span_s = usage_of(ours.pid), time.monotonic() - begun_s
         peer_after = peer.look() if peer else (0.0, 0)
         samples = sum(_samples(*address)) - samples
-    if samples < _KEPT_UP * span_s * RATE_HZ * axes:
+    if samples < _KEPT_UP * span_s * (rate_hz or RATE_HZ) * axes:
         raise BenchError(f"{axes} axes: the service does not keep up with their samples")
     us = 1e6 * (after.cpu_s - before.cpu_s) / samples
     count = peer_after[1] - peer_before[1]

@@ -52,14 +52,8 @@ def read(bank: Bank, one_encoder: bool = False) -> Posterior:
 
 def flat(found: Posterior) -> Floats:
     stiffness = found.stiffness or ()
-    numbers = (
-        *found.preload,
-        *found.drag,
-        *stiffness,
-        *found.levels.values(),
-        *found.faults.values(),
-    )
-    return np.array(numbers)
+    numbers = (*found.preload, *found.drag, *stiffness, *found.levels.values())
+    return np.array([*numbers, *found.faults.values()])
 
 
 JOINTS = {state.LOOSENESS: 1.0, state.COUPLING: 1.0}
@@ -264,17 +258,11 @@ def test_torque_alone_leaves_every_preload_that_friction_may_hide(level: float) 
     """The belief and a rival that is not accepted; the numbers are those of drawn frictions."""
     bank = empty_bank(state.TORQUE_STATES)
     start = axis.parts(True)[1]
-    for slot, change, weight in (
-        (state.STEADY, level - 1.0, 0.7),
-        (state.TOTAL_LOSS, level - 1.3, 0.3),
-    ):
+    bearings, wander = axis.COULOMB_NM / axis.parts(True)[0].bearing_nm, state.TORQUE_WANDER
+    for slot, change, weight in ((state.STEADY, -1.0, 0.7), (state.TOTAL_LOSS, -1.3, 0.3)):
         bank.mean[slot], bank.covariance[slot] = start.mean, 1e-4 * start.covariance
-        bank.mean[slot, state.BEARING_FRICTION] = (
-            change * axis.COULOMB_NM / axis.parts(True)[0].bearing_nm
-        )
-        bank.covariance[slot, state.TORQUE_WANDER, state.TORQUE_WANDER] = (
-            0.03 * axis.COULOMB_NM
-        ) ** 2
+        bank.mean[slot, state.BEARING_FRICTION] = (level + change) * bearings
+        bank.covariance[slot, wander, wander] = (0.03 * axis.COULOMB_NM) ** 2
         bank.alive[slot], bank.log_weight[slot] = 1, math.log(weight)
     drawn_ones = TorqueAlone(bank)
     value, low, high = read(bank, one_encoder=True).preload
