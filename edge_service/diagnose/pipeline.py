@@ -70,14 +70,24 @@ def diagnose_session(
         calmer = each.taken_from(others)
         shaken.append((each, each.as_cause(others, calmer)))
         others = calmer
-    progress("signatures of the library")
-    problem = SelectionProblem.of_session(others, machine, searched)  # candidates, noise, priors
-    progress("sets of effects")
-    posterior = select_model(problem)  # stepwise, exhaustive, weighed
-    progress("values and held-out motion")
-    assessment = assess_causes(posterior)  # estimation and cross validation of what is material
-    found = conclude(assessment, loss)
-    return _shaking(found, shaken, session, others) if shaken else found
+
+    def by_effects(of: Session) -> Diagnosis:
+        progress("signatures of the library")
+        problem = SelectionProblem.of_session(of, machine, searched)  # candidates, noise, priors
+        progress("sets of effects")
+        posterior = select_model(problem)  # stepwise, exhaustive, weighed
+        progress("values and held-out motion")
+        return conclude(assess_causes(posterior), loss)  # estimation and cross validation
+
+    found = by_effects(others)
+    if not shaken:
+        return found
+    own, channels = by_effects(session), {vibration.channel for vibration, _ in shaken}
+    is_own = all(own.gap[each].after <= found.gap[each].after for each in channels)
+    # what follows an axis also where it shakes is no cause beside its own
+    if is_own and own.effects and own.verdict is not Verdict.UNKNOWN:
+        return own
+    return _shaking(found, shaken, session, others)
 
 
 def _shaking(

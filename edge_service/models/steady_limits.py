@@ -8,8 +8,6 @@ SLOWEST_RAD_S, CRUISE_RAD_S2 = 2.0, 30.0
 """Of an axis that is fast enough for them; a slower one has less."""
 SPEED_SHARE, ACCELERATION_SHARE = 1.0 / 75.0, 0.1
 """Of the fastest motion: slower is creeping, and more is accelerating."""
-
-
 LONGEST_HOLD_S = 0.0045
 """A drive holds its torque command from one cycle of its position control to the next; such cycles
 last 4 ms at most. Slower samples are points of a torque that goes on between them."""

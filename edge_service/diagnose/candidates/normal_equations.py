@@ -49,8 +49,7 @@ class NormalEquations:
         """Mean square that each set leaves with its coefficients (s, p), (s,)."""
         modelled = (beta[:, None, :] @ self.gram)[:, 0]
         square = self.square + np.sum(beta * (modelled - 2.0 * self.cross), axis=1)
-        left: Floats = np.maximum(square, 1e-12 * self.square) / self.rows
-        return left
+        return np.asarray(np.maximum(square, 1e-12 * self.square) / self.rows)
 
 
 def solved(normal: Floats, target: Floats) -> Floats:
@@ -58,8 +57,7 @@ def solved(normal: Floats, target: Floats) -> Floats:
     diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))[..., None]
     scaled = normal / (scale * scale.swapaxes(-2, -1)) + _RIDGE * np.eye(scale.shape[-2])
-    found: Floats = np.linalg.solve(scaled, target / scale) / scale
-    return found
+    return np.asarray(np.linalg.solve(scaled, target / scale) / scale)
 
 
 def square_falls(own: Floats, schur: Floats, rest: Floats) -> Floats:

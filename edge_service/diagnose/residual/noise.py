@@ -280,8 +280,7 @@ class SmoothFunctions:
         even, turned = self.orders
         parts += [_wave(variables, order, self.low_pass) for order in even]
         parts += [way * _wave(variables, order, self.low_pass) for order in turned]
-        columns: Floats = np.column_stack(parts) / self.scale
-        return columns
+        return np.asarray(np.column_stack(parts) / self.scale)
 
 
 def _coordinates(variables: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -316,8 +315,7 @@ def passed_at(frequency_hz: Floats, low_pass: Filter) -> Floats:
     if len(low_pass.taps) == 1:
         return np.ones_like(frequency_hz)
     share = (frequency_hz / low_pass.cutoff_hz) ** 2
-    passed: Floats = 1.0 / (1.0 + share**FILTER_ORDER)
-    return passed
+    return np.asarray(1.0 / (1.0 + share**FILTER_ORDER))
 
 
 def _strongest(
@@ -343,8 +341,7 @@ def _hats(values: Floats, low: float, high: float, count: int) -> Floats:
     """Piecewise linear functions that add up to 1, (n, count)."""
     knots = np.linspace(low, high + 1e-12 + 1e-9 * abs(high), count)
     reach = knots[1] - knots[0]
-    hats: Floats = np.maximum(1.0 - np.abs(values[:, None] - knots) / reach, 0.0)
-    return hats
+    return np.asarray(np.maximum(1.0 - np.abs(values[:, None] - knots) / reach, 0.0))
 
 
 def ridge_fits(columns: Floats, values: Floats, ridges: Sequence[float]) -> Floats:

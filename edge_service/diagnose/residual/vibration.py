@@ -111,8 +111,7 @@ def strongest_vibration(session: Session, machine: Machine) -> Vibration | None:
 def _places(rows: Rows) -> Integers:
     """Place of each row on an even grid of time, (n,)."""
     time_s = rows.variables["time_s"]
-    place: Integers = np.round((time_s - time_s[0]) / np.median(np.diff(time_s))).astype(np.int64)
-    return place
+    return np.asarray(np.round((time_s - time_s[0]) / np.median(np.diff(time_s))), dtype=np.int64)
 
 
 def hidden_vibration(rows: Rows) -> str:
@@ -176,7 +175,7 @@ def _spectrum(place: Integers, values: Floats, count: int) -> tuple[Floats, Floa
     middles = np.unique(np.geomspace(_LEAST_PERIODS, len(energy) - 1, 80).astype(np.int64))
     levels = [np.median(energy[int(k / _AROUND) : int(k * _AROUND) + 1]) for k in middles]
     log = np.interp(np.arange(len(energy)), middles, np.log(np.maximum(levels, 1e-300)))
-    floor: Floats = np.exp(log) / math.log(2.0)
+    floor = np.asarray(np.exp(log) / math.log(2.0))
     return energy / floor, floor
 
 

@@ -151,8 +151,7 @@ def _command(
     command = command * _of(number, variants, "command_per_torque")
     beyond = np.abs(motion.torque_nm) - _of(number, variants, "torque_limit_nm")
     cut_off = np.sign(motion.torque_nm) * np.maximum(beyond, 0.0)
-    found: Floats = command + np.nan_to_num(cut_off)
-    return found
+    return np.asarray(command + np.nan_to_num(cut_off))
 
 
 def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
@@ -161,8 +160,7 @@ def _misread_rad(forward: Forward, reading_rad: Floats) -> Floats:
     if tables.angle_points == 0:
         return np.zeros_like(reading_rad)
     errors = [misreading(tables, angle)[0] for angle in _TURN]
-    found: Floats = np.interp(np.mod(reading_rad, _TURN[-1]), _TURN, errors)
-    return found
+    return np.asarray(np.interp(np.mod(reading_rad, _TURN[-1]), _TURN, errors))
 
 
 _TURN = np.linspace(0.0, 2.0 * math.pi, 4097)
@@ -174,5 +172,4 @@ def _extended(series: Floats) -> Floats:
 
 def _of(number: Integers, variants: Sequence[Forward], name: str) -> Floats:
     """Constant of the variant that holds at each sample, (n,)."""
-    found: Floats = np.array([attrgetter(name)(each) for each in variants])[number]
-    return found
+    return np.asarray(np.array([attrgetter(name)(each) for each in variants])[number])

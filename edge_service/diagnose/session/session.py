@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
-from ...models.effects.contribution import Change, Constant
+from ...models.effects.contribution import Change, Constant, Over, Side, SmoothTorque
 from ...models.effects.effect import ActiveEffect, Effect, Term
 from ...models.effects.learned import learned_effects
 from ...models.effects.registry import error_of
@@ -137,8 +137,7 @@ class Session:
         """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on."""
         spans_s = [np.ptp(rows.variables["time_s"]) for rows in self.channels.values()]
         block_s = min(BLOCK_S, max(*spans_s, 1e-9) / _LEAST_BLOCKS)
-        found: Integers = np.floor(time_s / block_s).astype(np.int64) % FOLDS
-        return found
+        return np.floor(time_s / block_s).astype(np.int64) % FOLDS
 
     @property
     def fold(self) -> dict[str, Integers]:
@@ -154,10 +153,14 @@ class Session:
 
 
 def _whole(motion: Motion, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Motion:
-    """Motion with some effects in its model torque; what lags, or scales, does so with all."""
+    """Motion with some effects in its torques; what lags, or scales, does so with all."""
     for each in sorted(modelled, key=lambda e: e.effect.term in (Term.GAIN, Term.LAG)):
         made_nm = torque_signature(each.effect, each.values, motion, baseline)
         motion = replace(motion, model_torque_nm=motion.model_torque_nm + made_nm)
+        for part in each.contributions:
+            if isinstance(part, SmoothTorque) and (part.over, part.side) == (Over.TIME, Side.TABLE):
+                held_nm = motion.load_torque_nm + part.torque_nm(motion.time_s)
+                motion = replace(motion, load_torque_nm=held_nm)
     return motion
 
 
@@ -167,8 +170,8 @@ def compared(channel: str, run: Run) -> Booleans:
         return run.compared_rows & run.has_torque
     rows = max(round(REST_S / run.low_pass.period_s), 1)
     lasts = ndimage.minimum_filter1d(~run.moving, rows, mode="constant")
-    resting: Booleans = ndimage.maximum_filter1d(lasts, rows, mode="constant", origin=rows % 2 - 1)
-    return ~resting[:: run.low_pass.step] & (run.transmission_m is not None)
+    resting = ndimage.maximum_filter1d(lasts, rows, mode="constant", origin=rows % 2 - 1)
+    return np.asarray(~resting[:: run.low_pass.step] & (run.transmission_m is not None))
 
 
 def channel_gap(

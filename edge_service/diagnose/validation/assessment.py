@@ -85,8 +85,7 @@ class Attribution:
             return math.inf
         share = self.gain**OWN * max(self.explained, self.gain) ** (1.0 - OWN)
         strain = max(self.strain / MOST_STRAIN, 1.0)
-        structure: float = (self.missed / share + LEFT_WEIGHT * self.left) * strain
-        return structure
+        return float((self.missed / share + LEFT_WEIGHT * self.left) * strain)
 
     @property
     def trust(self) -> float:
@@ -195,8 +194,7 @@ class CrossValidation:
     def held_out(self, name: str, channel: str) -> Floats:
         """Contribution of an effect to a channel's gap, (n,), each row by values of other folds."""
         number = self.values.fitted.system.session.fold[channel]
-        found: Floats = np.choose(number, [x.contribution(name, channel) for x in self.folds])
-        return found
+        return np.choose(number, [x.contribution(name, channel) for x in self.folds])
 
     def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
         """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
@@ -264,8 +262,7 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     def drawn(series: Floats) -> Floats:
         count = weights.shape[1]
         cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
-        energy: Floats = np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1)
-        return energy
+        return np.asarray(np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1))
 
     before, after = drawn(rows.gap), [drawn(each) for each in left]
     chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
@@ -275,8 +272,7 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
 
 
 def _shrink(before: Floats | float, after: Floats | float) -> Floats:
-    ratio: Floats = np.sqrt(np.asarray(after) / np.maximum(before, 1e-300))
-    return 1.0 - ratio
+    return np.asarray(1.0 - np.sqrt(np.asarray(after) / np.maximum(before, 1e-300)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -321,14 +317,15 @@ class Assessment:
             rivals = [x for x in others if 2.0 * posterior.part(x, channel) @ mine > mine @ mine]
             trust *= DOUBTED ** (contradicted + estimates.is_at_bound(name) + bool(rivals))
             ratios = ((each, 1.0 - validation.shrink(name, each).estimate) for each in shown)
-            if sum(noise.effective[each] * math.log(left) for each, left in ratios) > 0.0:
+            less = sum(noise.effective[each] * math.log(left) for each, left in ratios)
+            if name != FORCE and less > 0.0:
                 trust = 0.0  # all channels together are less likely with it
             if name == FORCE:
                 gap = posterior.problem.session.channels[TORQUE_GAP].gap
                 force_nm = posterior.part(FORCE, TORQUE_GAP)
                 left = float(np.sum((gap - force_nm) ** 2)) / float(np.sum(gap**2))
-                high = max(shrink.high, 1.0 - math.sqrt(left) if left < LESSER_PART else 0.0)
-                shrink = shrink.model_copy(update={"high": high})
+                high = 1.0 - math.sqrt(left) if left < LESSER_PART else max(shrink.high, 0.0)
+                shrink = Shrink(estimate=0.0, low=0.0, high=high)  # it does not come again
             effects.append(
                 NamedEffect(
                     name=name,

@@ -60,8 +60,7 @@ class Baseline:
     def wind_up_m(self, carried_nm: Floats, position_m: Floats) -> Floats:
         """x - R theta where the spring carries a torque: -c(x) T / R, m, (n,)."""
         compliance = np.interp(position_m, self.position_m, self.compliance_m_per_n)
-        wound_m: Floats = -compliance * carried_nm / self.ratio_m_per_rad
-        return wound_m
+        return np.asarray(-compliance * carried_nm / self.ratio_m_per_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -193,8 +193,7 @@ def lagged_warming(final_rise_k: float, time_constant_s: float) -> Warming:
 
     def rise_k(time_s: Floats) -> Floats:
         left = tau * np.exp(-time_s / tau) - lag * np.exp(-time_s / lag)
-        rise: Floats = final_rise_k * (1.0 - left / (tau - lag))
-        return rise
+        return np.asarray(final_rise_k * (1.0 - left / (tau - lag)))
 
     return Warming(rise_k)
 

@@ -131,11 +131,11 @@ def reference_temperature(*amounts: str) -> Parameter:
     return shape("reference_c", "degC", text, -50.0, 150.0, 20.0, amounts)
 
 
-def friction_share(*tried: float) -> Parameter:
-    """Parameter to locate dry friction, for what follows the load between motor and table."""
+def friction_share(*tried: float, most: float = 1.5) -> Parameter:
+    """Parameter to locate dry friction, for what follows the load; the nut's may be part of it."""
     text = "Dry friction of the table, over what the model puts there."
     steps = tried or (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
-    return shape("friction_share", "1", text, 0.0, 1.5, 1.0, tried=steps)
+    return shape("friction_share", "1", text, 0.0, most, 1.0, tried=steps)
 
 
 def viscous_share(*tried: float) -> Parameter:

@@ -45,13 +45,17 @@ class Covered:
 
 def heat(motion: Motion, time_constant_s: float, source: Floats | None = None) -> Floats:
     """First-order warmth by the motion, or a source in it, 1 at the mean when warm, (n,)."""
+    source = np.abs(motion.speed_rad_s) if source is None else source
+    return lagging(motion, time_constant_s, source) / max(float(source.mean()), 1e-9)
+
+
+def lagging(motion: Motion, time_constant_s: float, source: Floats) -> Floats:
+    """A series (n,) in the motion behind a first-order lag."""
     from scipy.signal import lfilter  # 45 MB that a service without a diagnosis does without
 
-    source = np.abs(motion.speed_rad_s) if source is None else source
     period_s = float(motion.time_s[1] - motion.time_s[0])
     keep = float(np.exp(-period_s / time_constant_s))
-    mean = max(float(source.mean()), 1e-9)
-    return np.asarray(lfilter([(1.0 - keep) / mean], [1.0, -keep], source))
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], source))
 
 
 def delayed_friction(reach_m: float, share: float) -> MotionCurve:

@@ -58,10 +58,10 @@ def _friction(machine: Machine, known: CommissionedConfig) -> Iterator[Contribut
     yield SmoothTorque(Over.POSITION, constant(offset), Side.MOTOR)
     yield SmoothTorque(Over.SPEED, lambda speed: asymmetry * np.abs(speed), Side.MOTOR)
 
-    def excess_nm(speed_rad_s: Floats) -> Floats:
-        return known.stribeck_excess_nm * stribeck_decay(speed_rad_s, known.stribeck_speed_rad_s)
-
-    yield DryFriction(Over.SPEED, excess_nm, Side.MOTOR)
+    excess_nm, falling_rad_s = known.stribeck_excess_nm, known.stribeck_speed_rad_s
+    yield DryFriction(
+        Over.SPEED, lambda speed: excess_nm * stribeck_decay(speed, falling_rad_s), Side.MOTOR
+    )
     stroke_m = machine.axis.stroke_m
     if known.stroke_map and stroke_m:
         without_nm, per_percent_nm = screw_drag(machine)

@@ -23,14 +23,13 @@ def effects() -> Mapping[str, Effect]:
     """
     found = {effect.name: effect for effect in _library()}
     for entry in entry_points(group=ENTRY_POINT_GROUP):
+        named = f"effect {entry.name}: {entry.value}"
         try:
             effect = entry.load()
         except (ImportError, AttributeError) as error:
-            raise ValueError(
-                f"effect {entry.name}: {entry.value} cannot be loaded: {error}"
-            ) from error
+            raise ValueError(f"{named} cannot be loaded: {error}") from error
         if not isinstance(effect, Effect):
-            raise ValueError(f"effect {entry.name}: {entry.value} is not an Effect")
+            raise ValueError(f"{named} is not an Effect")
         if effect.name in found:
             raise ValueError(f"effect {effect.name}: {entry.value} uses the name of another effect")
         found[effect.name] = effect

@@ -143,29 +143,29 @@ def _shift_torque(shift: Shift, motion: Motion, baseline: Baseline) -> Floats:
     return -baseline.inertia_kg_m2 * acceleration - viscous
 
 
-def _presliding_torque(reach_m: float, motion: Motion, baseline: Baseline) -> Floats:
-    """Presliding friction instead of all dry friction: F_c (bristle - s(v)), N m, (n,)."""
+def _lacking(reach_m: float, level: Floats, motion: Motion, baseline: Baseline) -> Floats:
+    """Share of dry friction that bristles add to its level at once, -1 to 1, (n,)."""
     if reach_m <= 0.0:
         return np.zeros(len(motion))
-    bristle = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m)
-    return baseline.coulomb_nm * (bristle - motion.direction)
+    return bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m) - level
+
+
+def _presliding_torque(reach_m: float, motion: Motion, baseline: Baseline) -> Floats:
+    """Presliding friction instead of all dry friction: F_c (bristle - s(v)), N m, (n,)."""
+    return baseline.coulomb_nm * _lacking(reach_m, motion.direction, motion, baseline)
 
 
 def _presliding_wind_up(reach_m: float, motion: Motion, baseline: Baseline) -> Floats:
-    if reach_m <= 0.0:
-        return np.zeros(len(motion))
-    bristle = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m)
-    lacking_nm = baseline.table_coulomb_nm * (bristle - motion.approach)
-    return baseline.wind_up_m(lacking_nm, motion.position_m)
+    lacking = _lacking(reach_m, motion.approach, motion, baseline)
+    return baseline.wind_up_m(baseline.table_coulomb_nm * lacking, motion.position_m)
 
 
 def _wind_up_by_travel(each: PreslidingWindUp, motion: Motion, baseline: Baseline) -> Floats:
     """Wind-up that the spring still lacks by dry friction that turns at once, m, (n,)."""
-    held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, each.reach_m)
     compliance = each.level_m_per_n + each.slope_per_n * motion.position_m
-    lacking_nm = each.friction_share * baseline.table_coulomb_nm * (held - motion.approach)
-    late: Floats = -compliance * lacking_nm / baseline.ratio_m_per_rad
-    return late
+    lacking = _lacking(each.reach_m, motion.approach, motion, baseline)
+    lacking_nm = each.friction_share * baseline.table_coulomb_nm * lacking
+    return np.asarray(-compliance * lacking_nm / baseline.ratio_m_per_rad)
 
 
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
@@ -211,8 +211,7 @@ def _given_along(load_nm: Callable[[Motion, Baseline], Floats]) -> _Signature:
 
 def _beyond_limit(limit_nm: float, motion: Motion, _baseline: Baseline) -> Floats:
     beyond = np.maximum(np.abs(motion.torque_nm) - limit_nm, 0.0)
-    useless_nm: Floats = np.nan_to_num(np.sign(motion.torque_nm) * beyond)
-    return useless_nm
+    return np.asarray(np.nan_to_num(np.sign(motion.torque_nm) * beyond))
 
 
 _CHANGED_TORQUE: dict[Constant, _Signature] = {

@@ -79,8 +79,7 @@ class StrokeProfile:
 
     def _softening(self, percent: float) -> Floats:
         local = np.maximum(percent * self.preload_share, LEAST_NUT_LOAD_PERCENT)
-        softening: Floats = np.cbrt(self.fresh_percent / local) - 1.0
-        return softening
+        return np.asarray(np.cbrt(self.fresh_percent / local) - 1.0)
 
 
 def _rounded(values: Floats) -> tuple[float, ...]:

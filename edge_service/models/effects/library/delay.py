@@ -1,7 +1,14 @@
 """A torque that comes late."""
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from ....messages.samples import Floats
+from ..baseline import Baseline, Motion
 from ..contribution import Change, Constant
 from ..effect import ACCELERATION_HZ, MATERIAL_TOLERANCES, Effect, Kind, Term, Trace, amount
+from ..empirical import Covered, EmpiricalForm
 
 _CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
 """Assumption: no current loop answers later, and no torque is stamped less exactly."""
@@ -17,6 +24,16 @@ def _healthy_lag(period_s: float, _coulomb_nm: float) -> tuple[float, float]:
     return 0.5 * latest_s, (0.5 * latest_s + _STAMPED_S) / MATERIAL_TOLERANCES
 
 
+def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
+    """A lag behind that of a healthy drive: their product bends the torque."""
+    yield EmpiricalForm("behind", (_bend,))
+
+
+def _bend(motion: Motion, _baseline: Baseline) -> Floats:
+    slope = np.gradient(motion.model_torque_nm, motion.time_s)
+    return np.asarray(np.gradient(slope, motion.time_s))
+
+
 EFFECT = Effect(
     name="delay",
     description="The torque follows its command late: a slow current loop, or a filter too strong.",
@@ -27,4 +44,5 @@ EFFECT = Effect(
     term=Term.LAG,
     least_rate_hz=ACCELERATION_HZ,
     trace=Trace(_healthy_lag),
+    empirical_forms=_empirical_forms,
 )

@@ -4,19 +4,19 @@ import math
 
 import numpy as np
 
-from ..contribution import Contribution, Curve, DryFriction, Over, Side
+from ....messages.samples import Floats
+from ..contribution import Contribution, DryFriction, Over, Side
 from ..effect import Effect, Kind, Values, amount, shape
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
-    curve = _bump(values["excess_nm"], values["centre_m"], values["width_m"])
-    return (DryFriction(Over.POSITION, curve, Side.TABLE),)
+    excess_nm, centre_m = values["excess_nm"], values["centre_m"]
+    sharpness = 4.0 * math.log(2.0) / values["width_m"] ** 2
 
+    def bump(position_m: Floats) -> Floats:
+        return excess_nm * np.exp(-sharpness * (position_m - centre_m) ** 2)
 
-def _bump(excess_nm: float, centre_m: float, width_m: float) -> Curve:
-    """Gaussian of a full width at half height, N m over the table position."""
-    sharpness = 4.0 * math.log(2.0) / width_m**2
-    return lambda position_m: excess_nm * np.exp(-sharpness * (position_m - centre_m) ** 2)
+    return (DryFriction(Over.POSITION, bump, Side.TABLE),)
 
 
 EFFECT = Effect(

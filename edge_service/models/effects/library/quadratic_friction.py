@@ -5,14 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..baseline import Baseline
-from ..contribution import Contribution, Over, Side, SmoothTorque
-from ..effect import Effect, Kind, Values, amount
+from ..contribution import Over, Side, SmoothTorque
+from ..effect import Effect, Kind, amount
 from ..empirical import Covered, EmpiricalForm, MotionCurve
 
-
-def _contributions(values: Values) -> tuple[Contribution, ...]:
-    share = values["coefficient_nm_s2_per_rad2"]
-    return (SmoothTorque(Over.SPEED, lambda v: share * v * np.abs(v), Side.MOTOR),)
+_AMOUNT = "coefficient_nm_s2_per_rad2"
 
 
 def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
@@ -31,15 +28,12 @@ EFFECT = Effect(
     kind=Kind.FRICTION,
     parameters=(
         amount(
-            "coefficient_nm_s2_per_rad2",
-            "N m s^2/rad^2",
-            "Torque divided by the square of the motor speed.",
-            -1e-3,
-            1e-2,
-            1e-4,
+            _AMOUNT, "N m s^2/rad^2", "Torque over the motor speed's square.", -1e-3, 1e-2, 1e-4
         ),
     ),
-    contributions=_contributions,
+    contributions=lambda values: (
+        SmoothTorque(Over.SPEED, lambda v: values[_AMOUNT] * v * np.abs(v), Side.MOTOR),
+    ),
     imitates=frozenset({"presliding", "stribeck"}),
     empirical_forms=_empirical_forms,
 )

@@ -6,11 +6,14 @@ import numpy as np
 
 from ....messages.samples import Floats
 from ...screw.friction import stribeck_decay
-from ..baseline import Baseline, Motion
+from ..baseline import Baseline
 from ..contribution import Contribution, DryFriction, Over, Side
 from ..effect import Effect, Kind, Trace, Values, amount, shape
-from ..empirical import Covered, EmpiricalForm, MotionCurve
+from ..empirical import Covered, EmpiricalForm, MotionCurve, lagging
 from ..hysteresis import bristle_share
+
+_FILM_S = (0.1, 0.3)
+"""A film follows the speed within these (Hess and Soom, 1990): friction lags behind speed."""
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -23,23 +26,25 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 
 
 def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    """Breakaway that builds up over the first micrometre, as bristles let it."""
+    """Breakaway that builds up over the first micrometre, or under a film that is late."""
     for speed_rad_s in np.geomspace(0.3, 30.0, 8).tolist():
         yield EmpiricalForm("late", (_presliding_excess(speed_rad_s),))
+        for film_s in _FILM_S:
+            yield EmpiricalForm("film", (_late_excess(speed_rad_s, film_s),))
+
+
+def _late_excess(speed_rad_s: float, film_s: float) -> MotionCurve:
+    return lambda motion, _: (
+        motion.direction
+        * np.exp(-lagging(motion, film_s, np.abs(motion.speed_rad_s)) / speed_rad_s)
+    )
 
 
 def _presliding_excess(speed_rad_s: float) -> MotionCurve:
-    def curve(motion: Motion, baseline: Baseline) -> Floats:
-        held = bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, 1e-6)
-        risen: Floats = held * np.exp(-np.abs(motion.speed_rad_s) / speed_rad_s)
-        return risen
-
-    return curve
-
-
-def _healthy_excess(_period_s: float, coulomb_nm: float) -> tuple[float, float]:
-    """Mean and standard deviation, N m: dry friction is a few percent higher at a creep."""
-    return 0.0, max(0.05 * coulomb_nm, 1e-9)
+    return lambda motion, baseline: (
+        bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, 1e-6)
+        * np.exp(-np.abs(motion.speed_rad_s) / speed_rad_s)
+    )
 
 
 EFFECT = Effect(
@@ -63,6 +68,9 @@ EFFECT = Effect(
     imitates=frozenset({"presliding", "quadratic_friction"}),
     most_shapes=2,
     most_entries=1,
-    trace=Trace(_healthy_excess, {"speed_rad_s": 1.5, "exponent": 1.0}),
+    trace=Trace(  # dry friction is a few percent higher at a creep
+        lambda _period_s, coulomb_nm: (0.0, max(0.05 * coulomb_nm, 1e-9)),
+        {"speed_rad_s": 1.5, "exponent": 1.0},
+    ),
     empirical_forms=_empirical_forms,
 )

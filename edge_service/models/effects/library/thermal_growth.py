@@ -27,20 +27,15 @@ def _contributions(values: Values) -> tuple[Contribution, ...]:
 
 
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    """Growth as motion heats the axis: as a whole, before the nut, or where the nut runs."""
+    """Growth as motion heats the axis: as a whole, between bearing and nut, or where it runs."""
     for tau_s in covered.time_constants_s:
-        yield EmpiricalForm("heat", transmission=(_growth_by_motion(tau_s),))
-        yield EmpiricalForm("end", transmission=(_bearing_growth(tau_s),))
+        yield EmpiricalForm("heat", transmission=(_growth_by_motion(tau_s, 1),))
+        yield EmpiricalForm("end", transmission=(_growth_by_motion(tau_s, 0),))
         yield EmpiricalForm("local", transmission=(_local_growth(tau_s),))
 
 
-def _growth_by_motion(tau_s: float) -> MotionCurve:
-    return lambda motion, _: motion.position_m * heat(motion, tau_s)
-
-
-def _bearing_growth(tau_s: float) -> MotionCurve:
-    """Growth of what lies between the fixed bearing and the nearest place of the nut."""
-    return lambda motion, _: heat(motion, tau_s)
+def _growth_by_motion(tau_s: float, power: int) -> MotionCurve:
+    return lambda motion, _: motion.position_m**power * heat(motion, tau_s)
 
 
 def _local_growth(tau_s: float) -> MotionCurve:
@@ -62,8 +57,7 @@ def _local_growth(tau_s: float) -> MotionCurve:
         grown = below[np.arange(len(cell)), cell] * width
         scale = max(float(np.abs(grown).max()), 1e-30)
         reached: Floats = grown / scale * max(high, 1e-3)
-        spread: Floats = np.interp(motion.time_s, motion.time_s[::step], reached)
-        return spread
+        return np.asarray(np.interp(motion.time_s, motion.time_s[::step], reached))
 
     return curve
 

@@ -9,14 +9,7 @@ EFFECT = Effect(
     source="thesis (5.3.15): torque dD v",
     kind=Kind.FRICTION,
     parameters=(
-        amount(
-            "change_nm_s_per_rad",
-            "N m s/rad",
-            "Increase of the viscous coefficient at the motor.",
-            -0.1,
-            0.2,
-            4e-3,
-        ),
+        amount("change_nm_s_per_rad", "N m s/rad", "Increase, at the motor.", -0.1, 0.2, 4e-3),
     ),
     contributions=lambda values: (Change(Constant.VISCOUS, values["change_nm_s_per_rad"]),),
     term=Term.VISCOUS,

@@ -59,16 +59,12 @@ def _thinning(reference_c: float, span_k: float) -> Curve:
 def _empirical_forms(covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
     """Friction that fades as the axis' own motion heats it."""
     for tau_s in covered.time_constants_s:
-        yield EmpiricalForm("heat", (_fading_coulomb(tau_s),))
-        yield EmpiricalForm("heat_viscous", (_fading_viscous(tau_s),))
+        yield EmpiricalForm("heat", (_fading_by_motion("direction", tau_s),))
+        yield EmpiricalForm("heat_viscous", (_fading_by_motion("speed_rad_s", tau_s),))
 
 
-def _fading_coulomb(tau_s: float) -> MotionCurve:
-    return lambda motion, _: motion.direction * np.exp(-2.0 * heat(motion, tau_s))
-
-
-def _fading_viscous(tau_s: float) -> MotionCurve:
-    return lambda motion, _: motion.speed_rad_s * np.exp(-2.0 * heat(motion, tau_s))
+def _fading_by_motion(of: str, tau_s: float) -> MotionCurve:
+    return lambda motion, _: getattr(motion, of) * np.exp(-2.0 * heat(motion, tau_s))
 
 
 EFFECT = Effect(
