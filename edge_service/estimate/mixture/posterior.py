@@ -81,8 +81,7 @@ def fault_limits(machine: Machine, model: AxisModel, assumed: MixtureSettings) -
 def posterior_of(bank: Bank, model: AxisModel, limits: FaultLimits) -> Posterior:
     """Posterior of a bank of hypotheses."""
     values = packed_posterior(bank, model, limits).tolist()
-    two = bank.mean.shape[1] > state.TORQUE_STATES
-    names = (*FAULTS, *TABLE_FAULTS) if two else FAULTS
+    names = FAULTS if bank.mean.shape[1] == state.TORQUE_STATES else (*FAULTS, *TABLE_FAULTS)
     return Posterior(
         tuple(values[:3]),
         tuple(values[3:6]),
@@ -139,15 +138,16 @@ def _doubt_new(bank: Bank, rows: Rows, weight: Floats, assumed: MixtureSettings)
     """Let challengers only widen the answer that are new, by a force or upwards.
 
     New: they have led in one direction, or for less than the shortest time that confirms a step
-    (a screw that grows unevenly looks like one until the axis turns). By a force: of their own, or
-    of one that has acted for longer. Returns the median's weights, by laws: none of a fall.
+    (a screw that grows unevenly looks like one until the axis turns). By a force: their own, one
+    that acts for longer, or any where forces come and go. Returns the median's weights, by laws.
     """
     believed, doubted = accepted(bank), np.zeros(len(rows))
     rises = bank.mean[:, state.PRELOAD][rows] > bank.mean[believed, state.PRELOAD]
     forced_s, least_s = bank.moments[state.BELIEVED_FORCED_S], TOTAL_SHARE * assumed.confirm_s
+    cuts = bank.moments[state.PAST_FORCED_S] > LASTED_S
     for i in range(len(rows) * (bank.moments[state.LEARNING] == 0.0)):
         k = rows[i]
-        by_force = bank.force[k] > FORCED or forced_s > bank.age_s[k] + LASTED_S
+        by_force = bank.force[k] > FORCED or forced_s > (0.0 if cuts else bank.age_s[k] + LASTED_S)
         new = bank.directions[k] != BOTH or (by_force and bank.age_s[k] < least_s)
         if k > state.WEARING and new and (by_force or rises[i]):
             doubted[i] = weight[i]

@@ -53,9 +53,9 @@ INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
 """Sums over half a minute of J a times the error of the torque, and of (J a)^2, (N m)^2 s."""
 RAPID_S, RAPID_FORCED_S = range(8, 10)
 """Rapid motion lately, and how much of it was taken for one under a process force."""
-BELIEVED_FORCED_S = 10
-"""Motion for which a force has acted by what is accepted."""
-MOMENTS = 11
+BELIEVED_FORCED_S, PAST_FORCED_S = range(10, 12)
+"""Motion for which a force has acted, and under forces that have ended, by what is accepted."""
+MOMENTS = 12
 
 
 class AxisModel(NamedTuple):

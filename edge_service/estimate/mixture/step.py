@@ -91,9 +91,9 @@ def step(
     bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm, assessed.nis)
     _count_forced(bank, process, reading.steady_s, rapid, calm)
-    believed_s = bank.moments[state.BELIEVED_FORCED_S] + reading.steady_s
-    acts = bank.force[accepted(bank)] > FORCED
-    bank.moments[state.BELIEVED_FORCED_S] = believed_s if acts else 0.0
+    acts, forced_s = bank.force[accepted(bank)] > FORCED, bank.moments[state.BELIEVED_FORCED_S]
+    bank.moments[state.PAST_FORCED_S] += 0.0 if acts else forced_s
+    bank.moments[state.BELIEVED_FORCED_S] = forced_s + reading.steady_s if acts else 0.0
     if not calm:
         return math.nan
     return float(assessed.nis[leader] / 2.0 if two else assessed.nis[leader])

@@ -31,7 +31,7 @@ def drawn(seed: int, one_encoder: bool = False) -> Bank:
     bank.force[:] = rng.random(state.HYPOTHESES)
     bank.directions[:] = rng.integers(1, 4, state.HYPOTHESES)
     bank.age_s[:] = rng.uniform(0.0, 3.0, state.HYPOTHESES)
-    bank.moments[state.BELIEVED_FORCED_S] = rng.uniform(0.0, 4.0)
+    bank.moments[[state.BELIEVED_FORCED_S, state.PAST_FORCED_S]] = rng.uniform(0.0, 4.0, 2)
     sigma = np.sqrt(np.diag(start.covariance))
     sigma[state.PRELOAD] = rng.uniform(0.02, 0.8)
     base = start.mean.copy()
@@ -70,6 +70,8 @@ class Another:
         slots = np.flatnonzero(rows)
         rises = bank.mean[slots, state.PRELOAD] > bank.mean[accepted(bank), state.PRELOAD]
         older = bank.moments[state.BELIEVED_FORCED_S] - bank.age_s[slots] > posterior.LASTED_S
+        if bank.moments[state.PAST_FORCED_S] > posterior.LASTED_S:
+            older |= bank.moments[state.BELIEVED_FORCED_S] > 0.0
         forced = older | (bank.force[slots] > FORCED)
         doubted = (bank.directions[slots] != BOTH) & (forced | rises)
         doubted |= forced & (bank.age_s[slots] < 0.25 * state.ASSUMED.confirm_s)
@@ -236,9 +238,11 @@ def test_doubt_of_a_challenger_leaves_the_answer_with_what_is_accepted() -> None
     assert read(bank).preload[0] > 0.8 * axis.FRESH
 
 
-@pytest.mark.parametrize(("forced_s", "at_once"), [(0.5, True), (1.5, False)])
-def test_a_loss_seen_one_way_is_doubted_under_a_force_that_was_there_before_it(
-    forced_s: float, at_once: bool
+@pytest.mark.parametrize(
+    ("forced_s", "past_s", "at_once"), [(0.5, 0.9, True), (1.5, 0.0, False), (0.5, 1.1, False)]
+)
+def test_a_loss_seen_one_way_is_doubted_under_a_force_that_was_there_before_or_where_it_cuts(
+    forced_s: float, past_s: float, at_once: bool
 ) -> None:
     start = axis.parts(False)[1]
     bank = empty_bank(len(start.mean))
@@ -247,7 +251,7 @@ def test_a_loss_seen_one_way_is_doubted_under_a_force_that_was_there_before_it(
     bank.log_weight[[state.STEADY, state.TOTAL_LOSS]] = -3.0, 0.0
     bank.mean[state.TOTAL_LOSS, state.PRELOAD] = math.log(0.02 * axis.FRESH)
     bank.directions[state.TOTAL_LOSS] = 2
-    bank.moments[state.BELIEVED_FORCED_S] = forced_s
+    bank.moments[[state.BELIEVED_FORCED_S, state.PAST_FORCED_S]] = forced_s, past_s
     found = read(bank)
     assert found.preload[0] / axis.FRESH == pytest.approx(0.02 if at_once else 1.0, abs=0.1)
     assert found.preload[1] < 0.2 * axis.FRESH
