@@ -126,7 +126,9 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         values[_FAULT + 3] += _above(bank, rows, weight, -of, limit)
         of[state.PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
         of[state.LOOSENESS] = of[state.COUPLING] = 1.0
-        values[_FAULT + 4] = _above(bank, rows, weight, of, limit)
+        lost = math.log(UNDETERMINED_SHARE * model.fresh_percent)  # below, a nut yields by itself
+        values[_FAULT + 4] = 1.0 - _below(lost, of_laws, mean, sigma, most)
+        values[_FAULT + 4] *= _above(bank, rows, weight, of, limit)
     if bank.mean.shape[1] == state.TORQUE_STATES and limits.assumed.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
     values[_LEVEL:] = np.clip(values[_LEVEL:], 0.0, 1.0)
@@ -261,14 +263,13 @@ def _interval(
     Under a standing force one half of a nut with less preload than `open_percent` carries nothing:
     how much less shows neither in its stiffness nor in its drag.
     """
-    fresh_percent = model.fresh_percent
-    open_percent = abs(model.hanging_n) / OPENING * fresh_percent / model.fresh_preload_n
-    lost = _quantile(0.5, weight, mean, sigma, most) < UNDETERMINED_SHARE * fresh_percent
+    open_percent = abs(model.hanging_n) / OPENING * model.fresh_percent / model.fresh_preload_n
+    lost = _quantile(0.5, weight, mean, sigma, most) < UNDETERMINED_SHARE * model.fresh_percent
     low = _quantile(0.025, weight, mean, sigma, most)
     high = _quantile(0.975, weight, mean, sigma, most)
-    if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * fresh_percent * lost):
+    if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * model.fresh_percent * lost):
         low = 0.0
-    return low, max(high, UNDETERMINED_HIGH_SHARE * fresh_percent)
+    return low, max(high, UNDETERMINED_HIGH_SHARE * model.fresh_percent)
 
 
 @compiled

@@ -22,8 +22,7 @@ CELLS, _WARMTHS = 210, 5
 @compiled
 def cells() -> Floats:
     """Preloads over the fresh one, at the middles of equal cells from none to the most, (n,)."""
-    middles: Floats = (np.arange(CELLS) + 0.5) * MOST_SHARE / CELLS
-    return middles
+    return np.asarray((np.arange(CELLS) + 0.5) * MOST_SHARE / CELLS)
 
 
 @compiled

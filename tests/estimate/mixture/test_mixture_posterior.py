@@ -167,7 +167,8 @@ class Another:
             return found
         kg = posterior.PAYLOAD_SHARE * axis.TABLE_KG
         load = self.above({state.PAYLOAD: 1.0}, kg) + self.above({state.PAYLOAD: -1.0}, kg)
-        return [*found, load, self.above(JOINTS, posterior.LOOSE_SHARE * axis.COMPLIANCE)]
+        kept = 1.0 - self.below(posterior.UNDETERMINED_SHARE * axis.FRESH)
+        return [*found, load, kept * self.above(JOINTS, posterior.LOOSE_SHARE * axis.COMPLIANCE)]
 
     def numbers(self) -> Floats:
         edges = [0.5 * (a + b) for a, b in pairwise(LEVELS_PERCENT)]
