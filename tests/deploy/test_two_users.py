@@ -80,7 +80,7 @@ async def test_files_of_the_service_are_its_own(folder: Path) -> None:
 
 
 MADE_ALONE = {"mkdtemp", "TemporaryDirectory", "TemporaryFile"}
-"""What of `tempfile` makes a file or folder that nobody can have made before."""
+"""Names in `tempfile` that make a file or folder which nobody can have made before."""
 UNSAFE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
 
 
