@@ -58,8 +58,8 @@ def adapt_hypotheses(
     """Promote a confirmed challenger after a phase, and spawn new ones.
 
     They begin with the phase that surprises the accepted hypothesis, and a loosening with one that
-    surprises itself: each spawned before it has learned that nothing happened. `calm`: no process
-    force acts; `nis` (HYPOTHESES,): innovation squared of the phase.
+    surprises itself: each spawned before it has learned that nothing happened. A direction is seen
+    once a phase in it is no surprise. `calm`: no process force acts; `nis`: of each, squared.
     """
     moments, motion_s = bank.moments, reading.steady_s
     moments[state.SINCE_SPAWN_S] += motion_s
@@ -68,7 +68,7 @@ def adapt_hypotheses(
     leader = leader_of(bank)
     if calm:
         bank.age_s[:] += motion_s * bank.alive * (bank.force <= FORCED)
-        bank.directions[leader] |= 1 if reading.direction > 0.0 else 2
+        bank.directions[leader] |= (1 + (reading.direction <= 0.0)) * (nis[leader] <= _SURPRISE)
     if moments[state.LEARNING] > 0.0:
         if (bank.age_s * bank.alive).max() >= process.assumed.learn_s:
             _end_initialisation(bank, process)

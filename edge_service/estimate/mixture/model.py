@@ -182,15 +182,18 @@ def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
 
 
 def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings) -> Floats:
-    """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n)."""
+    """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n).
+
+    What hangs has stretched a loose joint before it is sought, which the offset may hold already.
+    """
     jumps = np.zeros((state.HYPOTHESES, size, size))
     jumps[state.LOSS, state.PRELOAD, state.PRELOAD] = settings.loss**2
     jumps[state.LUBRICATION] = _frictions(size, settings.lubricated, settings.lubricated_apart)
     jumps[state.LUBRICATION, state.TORQUE_SCALE, state.TORQUE_SCALE] = settings.scale**2
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
-        for i in (state.LOOSENESS, state.COUPLING):
-            jumps[:, i, i] += _loosened(model, settings) ** 2
+        at = [state.LOOSENESS, state.COUPLING, state.ENCODER_OFFSET]
+        jumps[:, at, at] += np.outer(_loosened(model, settings), (1.0, 1.0, model.hanging_n)) ** 2
     return jumps
 
 

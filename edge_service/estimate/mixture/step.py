@@ -92,6 +92,7 @@ def step(
     adapt_hypotheses(bank, process, reading, elapsed_s, calm, assessed.nis)
     _count_forced(bank, process, reading.steady_s, rapid, calm)
     acts, forced_s = bank.force[accepted(bank)] > FORCED, bank.moments[state.BELIEVED_FORCED_S]
+    bank.moments[state.PAST_FORCED_S] *= math.exp(-reading.steady_s / process.assumed.friction_s)
     bank.moments[state.PAST_FORCED_S] += 0.0 if acts else forced_s
     bank.moments[state.BELIEVED_FORCED_S] = forced_s + reading.steady_s if acts else 0.0
     if not calm:
@@ -144,14 +145,10 @@ def _drift(
         _fade(x, p, state.OFFSET_RATE, keep)
         _fade(x, p, state.SLOPE_RATE, keep)
     back_s = _settled_s(process.assumed.friction_s, elapsed_s)
-    for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
-        p[i, i] += process.walk[i] * back_s
-    for i in (state.TORQUE_OFFSET, state.TORQUE_SCALE):
-        p[i, i] += process.walk[i] * back_s
-    if x.shape[0] > state.TORQUE_STATES:
-        warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
-        for i in range(state.TORQUE_STATES, x.shape[0]):
-            p[i, i] += process.walk[i] * (back_s if i == state.REVERSAL else warm_s)
+    warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
+    for i in range(x.shape[0]):
+        returns = i < state.TORQUE_STATES or i == state.REVERSAL
+        p[i, i] += process.walk[i] * (back_s if returns else warm_s)
     if p[state.WEAR_RATE, state.WEAR_RATE] > 0.0:
         _grow(x, p, state.PRELOAD, state.WEAR_RATE, r.steady_s)
         p[state.WEAR_RATE, state.WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s

@@ -12,6 +12,7 @@ from edge_service.estimate.mixture.state import (
     BEFORE,
     CHALLENGERS,
     COUPLING,
+    ENCODER_OFFSET,
     GUIDE_FRICTION,
     GUIDE_VISCOUS,
     HYPOTHESES,
@@ -184,13 +185,12 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
     torques = {*range(NUT_FRICTION, GUIDE_VISCOUS + 1), TORQUE_SCALE}
     touched = {LOSS: {PRELOAD}, TOTAL_LOSS: {PRELOAD}, LUBRICATION: torques}
     touched[LOAD] = {PAYLOAD, GUIDE_FRICTION, TORQUE_OFFSET}
-    touched[LOOSENING] = touched[LARGE_LOOSENING] = {LOOSENESS, COUPLING}
+    touched[LOOSENING] = touched[LARGE_LOOSENING] = {LOOSENESS, COUPLING, ENCODER_OFFSET}
     for k in CHALLENGERS:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
         assert set(np.flatnonzero(changed)) == touched[k], k
     assert bank.mean[TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(0.02 * FRESH))
-    grown = bank.covariance[LOSS, PRELOAD, PRELOAD] - p[PRELOAD, PRELOAD]
-    assert grown == pytest.approx(SETTINGS.loss**2)
+    assert (bank.covariance[LOSS] - p)[PRELOAD, PRELOAD] == pytest.approx(SETTINGS.loss**2)
     assert (bank.mean[LARGE_LOOSENING] - x)[COUPLING] > (bank.mean[LOOSENING] - x)[COUPLING] > 0.0
 
 
@@ -223,11 +223,11 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
 
 
 def test_a_challenger_gets_older_only_by_what_it_explains_and_has_led_where_it_leads() -> None:
-    """Another one may lead meanwhile; what it takes for a force speaks for no direction."""
+    """Another one may lead meanwhile; a force or a surprise to it speaks for no direction."""
     bank = Challenger(age_s=2.0, directions=0).bank()
-    for force, ahead, seen in ((1.0, -1.0, 0), (0.0, -1.0, 0), (0.0, 1.0, 1)):
+    for force, ahead, nis, seen in ((1, -1, 0, 0), (0, -1, 0, 0), (0, 1, 30, 0), (0, 1, 0, 1)):
         bank.force[LOSS], bank.log_weight[LOSS], age_s = force, ahead, bank.age_s[LOSS]
-        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
+        hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS + nis)
         assert bank.directions[LOSS] == seen
         assert bank.age_s[LOSS] == age_s + TICK.steady_s * (force == 0.0)
 
