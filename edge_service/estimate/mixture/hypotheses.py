@@ -22,15 +22,14 @@ STOP_S = 1.0
 _LONGEST_STOP_S = 100.0
 _SURPRISE, _SOON_S = 9.0, 0.3
 _LEAST_SHARE = math.log(1e-3)
-_ALIVE, _GAINED = 2.0, 1.0
+_ALIVE, _GAINED, _SLOW_S = 2.0, 1.0, 20.0
 BOTH = 3
 TOTAL_SHARE = 0.25
 """Of the motion that confirms a step, for a loss of all: the next stop may change load or lubricant
 before the rest is seen, and those begin with what is accepted."""
 _SHARES = (*range(state.NUT_FRICTION, state.PAYLOAD), state.REVERSAL)
 _IS_SHARE = np.isin(np.arange(state.STRETCH_STATES), _SHARES).astype(np.float64)
-_HALF, _HALF_SIGMA = 0.4, 0.4
-_NONE, _NONE_SIGMA = 0.03, 0.7
+(_HALF, _HALF_SIGMA), (_NONE, _NONE_SIGMA) = (0.4, 0.4), (0.03, 0.7)
 DAY_S = 86_400.0
 _WORN_PER_DAY, _OTHER_LOAD, _OTHER_NUT = 0.03, 0.05, 0.25
 NUT_SLOT, LOAD_SLOT = 2, 3
@@ -199,12 +198,13 @@ def _spawn_unless_running(
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A loss shows within seconds, and makes room once it says what is accepted; others run on while
-    they gain, each while it explains what the likeliest takes for a force, unless it shall begin
-    `anew`. `prior` is the log-probability of a step since the last challenger was spawned.
+    they gain, a loosening for 20 s to do so, each while it explains what the likeliest takes for a
+    force, unless it begins `anew`. `prior`: log-probability of a step since the last was spawned.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
     gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
+    gains |= slot >= state.LOOSENING and bank.age_s[slot] < _SLOW_S and ahead > prior - _GAINED
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     is_stale = anew and bank.age_s[slot] > 2.0 * _SOON_S
     goes_on = ahead > -_ALIVE or ((gains or explains) and not is_stale)
