@@ -181,8 +181,8 @@ def doubt_of_fresh_screw(nominal: Machine, learned: Machine) -> Doubt | None:
         return Doubt(words, False)
     words = (
         f"{said}: the rest may be guides and bearings, or hide a preload that is lost; state "
-        "model.guide_force_n and model.bearing_drag_nm, or record a linear encoder and state "
-        "model.table_mass_kg"
+        f"{'more closely ' * bool(nominal.other_drag_nm.value)}model.guide_force_n and "
+        "model.bearing_drag_nm, or record a linear encoder and state model.table_mass_kg"
     )
     return Doubt(words, False)
 

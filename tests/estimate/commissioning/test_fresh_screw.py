@@ -29,12 +29,11 @@ SHOWN: dict[str, tuple[PlainAxis, dict[str, float]]] = {
 }
 DOUBTED: dict[str, tuple[PlainAxis, dict[str, float], str]] = {
     "half": (replace(BENCH, screw_nm=HALF_NM, bearing_nm=0.04), FRESH, "worn, warm"),
-    "one encoder, others not stated": (ONE, {}, "may be guides and bearings"),
+    "one encoder, others not stated": (ONE, {}, "lost; state model.guide_force_n"),
+    "one encoder, guide stated": (ONE, {"guide_force_n": 1.0}, "lost; state more closely model"),
     "one encoder, half": (replace(ONE, screw_nm=HALF_NM), FRESH, "may be guides and bearings"),
     "one encoder, others stated, a fifth": (
-        replace(ONE, screw_nm=0.8 * BENCH.screw_nm),
-        FRESH | OTHERS,
-        "worn, warm",
+        *(replace(ONE, screw_nm=0.8 * BENCH.screw_nm), FRESH | OTHERS, "worn, warm"),
     ),
 }
 
