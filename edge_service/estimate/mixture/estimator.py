@@ -202,7 +202,7 @@ class MixturePreloadEstimator:
             return None
         return (
             "process_force: a force has acted on the table in all recent motion; needs rapids or "
-            "moves without cutting"
+            "moves without cutting (if there were some: signals of one instant, see doctor)"
         )
 
     def _implausible(self) -> str | None:
