@@ -120,7 +120,7 @@ def _judged_inertia(
     if _apart(inertia, stated, INERTIA_FACTOR):
         ratio = inertia.value / expected
         reason = usual_mistake(ratio, TORQUE)
-        if not reason and not any(TABLE_POSITION in frame.channels for frame in recordings):
+        if "rad" in reason or not (reason or any(TABLE_POSITION in f.channels for f in recordings)):
             reason = usual_mistake(1.0 / ratio, ANGLE)
         sentence = f"{TORQUE} looks {wrongly(ratio)}{reason}"
         forbids = _apart(inertia, stated, OTHER_UNIT_FACTOR)

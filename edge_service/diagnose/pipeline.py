@@ -39,6 +39,7 @@ OFF = (
     "{} would have to be {:.0f} tolerances off, those of the machine file or of a healthy drive: "
     "look at that value and its tolerance, or give healthy recordings (`--reference`)"
 )
+ALLOWED = "the machine file's tolerances allow as much"
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 OFTEN = 0.5
@@ -251,16 +252,13 @@ def caveats_of(
     for name, each in gap.items():
         unit, scale = ("µm", 1e6) if each.unit == "m" else (each.unit, 1.0)
         spoken, tolerance = CHANNEL_WORDS[name], scale * (each.tolerance or 0.0)
-        if verdict in (Verdict.EXPLAINED, Verdict.AMBIGUOUS) and _exceeds(each, left[name]):
-            beyond = math.sqrt(left[name] ** 2 - each.floor**2)
+        is_open = verdict is not Verdict.NO_GAP and _exceeds(each, left[name])
+        rest = left[name] if is_open else each.after
+        if verdict is not Verdict.UNKNOWN and _exceeds(each, rest):
             found.append(
-                f"{spoken}: {scale * beyond:.3g} {unit} beyond the floor are left, more than the "
-                f"{tolerance:.3g} {unit} tolerated: there may be causes beyond those named"
-            )
-        if verdict is Verdict.NO_GAP and each.matters:
-            found.append(
-                f"{spoken}: {scale * each.beyond:.3g} {unit} beyond the floor, more than the "
-                f"{tolerance:.3g} {unit} tolerated, are what the machine file's tolerances allow"
+                f"{spoken}: {scale * math.sqrt(rest**2 - each.floor**2):.3g} {unit} beyond the "
+                f"floor are left, more than the {tolerance:.3g} {unit} tolerated: "
+                + ("there may be causes beyond those named" if is_open else ALLOWED)
             )
         own = scale * healthy.get(name, 0.0)
         if verdict is Verdict.NO_GAP and own and not each.matters and each.beyond > each.floor:

@@ -18,6 +18,7 @@ from ..messages.health import (
     PreloadFall,
 )
 from ..messages.interval import Interval, rfc3339
+from ..messages.topics import PRELOAD
 from ..messages.trend import Trend, TrendStatus
 from .alarm_latch import AlarmLatch, AlarmRule, LatchSnapshot
 from .components import is_down
@@ -33,7 +34,7 @@ _SURELY_LOST = 0.9
 """Probability of a loss from which on it explains that the axis is not as it was learned."""
 _SUDDEN_S, _CLEAR_DELAY_S = 10.0, 5.0
 _START_S = 30
-"""So long after a start nobody misses data that were never heard."""
+"""So long after a start, and after a first estimate that comes late, nobody misses data."""
 _BEGINNING_S = 20.0
 """So much motion an estimator needs to learn in which state it finds an axis."""
 _BEYOND_DOUBT = 2.5
@@ -124,6 +125,9 @@ class AxisAlarms:
 
     def on_preload(self, estimate: PreloadEstimate, time_ns: int, now_ns: int) -> tuple[Event, ...]:
         """Look at an estimate for what must not wait."""
+        if self._fit.status is None:
+            waited = now_ns - time_ns > PRELOAD.stale_after_s * NS_PER_S  # for the kernels
+            self._patient_until_ns = now_ns + waited * _START_S * NS_PER_S
         self._fit.update(estimate)
         low, value, high = estimate.low, estimate.preload_percent, estimate.high
         if self._fresh is None or low is None or value is None or high is None:
@@ -259,9 +263,8 @@ class AxisAlarms:
         return False if is_over else None, words
 
     def _data_lost(self, health: AxisHealth, now_ns: int) -> _Cause:
-        if self._fit.status is None and now_ns < self._patient_until_ns:
-            return None, SILENT
-        return (True, condition_words(health)) if _lacks_data(health) else (False, SILENT)
+        is_missed = True if now_ns >= self._patient_until_ns else None
+        return (is_missed, condition_words(health)) if _lacks_data(health) else (False, SILENT)
 
     def _model(self, health: AxisHealth) -> _Cause:
         if _lacks_data(health):
@@ -298,6 +301,5 @@ def _rate_words(loss_per_h: float) -> Statement:
     return told(Code.PRELOAD_FALLING, {"per": f"per {per}"}, rate=rate, per=per)
 
 
-def _changed_words(channel: str) -> Statement:
-    words = {"watched": CHANNEL_WORDS.get(channel, channel)}
-    return told(Code.AXIS_CHANGED, words, watched=channel)
+def _changed_words(of: str) -> Statement:
+    return told(Code.AXIS_CHANGED, {"watched": CHANNEL_WORDS.get(of, of)}, watched=of)

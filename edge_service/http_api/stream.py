@@ -28,6 +28,7 @@ REFRESH_S = 1.0
 """Every value is sent again after this long, so that a reader sees it grow old."""
 RETRY_MS = 2000
 _PAGE = 500
+_REFRESHED = PRELOAD.name, HEALTH.name
 _SHARED_NS, _OUTPUTS_NS = 20_000_000, 900_000_000
 
 stream_router = APIRouter(prefix="/api/v1", tags=["live"])
@@ -138,9 +139,8 @@ async def events(
             missed := await QUESTIONS.run(state.events.after, seen_id, _PAGE)
         ):
             seen_id = missed[-1].id
-            for logged in missed:
-                if concerns(logged.event, subscription.axis):
-                    yield _event(logged)
+            kept = (each for each in missed if concerns(each.event, subscription.axis))
+            yield b"".join(map(_event, kept))
         refreshed_ns: int | None = None
         while not subscription.closed:
             now_ns = clock()
@@ -148,20 +148,16 @@ async def events(
                 if authenticator.caller(request) is None:  # its token was revoked
                     return
                 refreshed_ns = now_ns
-                yield format_sse_event(comment="keep-alive")
-                yield await encoded.service(now_ns)
+                told = [format_sse_event(comment="keep-alive"), await encoded.service(now_ns)]
                 for each in state.axes if subscription.axis is None else (subscription.axis,):
-                    yield encoded.value(PRELOAD.name, each, now_ns)
-                    yield encoded.value(HEALTH.name, each, now_ns)
+                    told += (encoded.value(name, each, now_ns) for name in _REFRESHED)
+                yield b"".join(told)
             batch = await subscription.next(REFRESH_S)
-            if batch.lost:
-                yield _lost(batch.lost, "this reader is too slow")
-            for logged in batch.events:
-                if logged.id > seen_id:
-                    yield _event(logged)
+            told = [_lost(batch.lost, "this reader is too slow")] if batch.lost else []
+            told += (_event(logged) for logged in batch.events if logged.id > seen_id)
             now_ns = clock()
-            for topic, each in batch.changed:
-                yield encoded.value(topic, each, now_ns)
+            told += (encoded.value(topic, each, now_ns) for topic, each in batch.changed)
+            yield b"".join(told)
 
     headers = {"cache-control": "no-cache", "x-accel-buffering": "no"}
     return StreamingResponse(messages(), media_type="text/event-stream", headers=headers)

@@ -222,12 +222,7 @@ CASES: dict[str, tuple[str, Callable[[Floats], Floats], str, str]] = {
     "torque in percent": (TORQUE, lambda x: 100.0 * x, "torque", "percent instead of a fraction"),
     "torque in mN m": (TORQUE, lambda x: 1e3 * x, "torque", "thousandths instead of whole units"),
     "angle the other way": (ANGLE, lambda x: -x, "lead", "motor_angle_rad looks inverted"),
-    "angle in degrees": (
-        ANGLE,
-        np.degrees,
-        "lead",
-        "motor_angle_rad looks 57.3 times too large (degrees instead of radians",
-    ),
+    "angle in degrees": (ANGLE, np.degrees, "lead", "_rad looks 57.3 times too large (degrees"),
     "angle in turns": (
         ANGLE,
         lambda x: x / (2.0 * math.pi),

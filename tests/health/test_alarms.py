@@ -101,7 +101,7 @@ class Axis:
         settings = AlarmsConfig(**alarms)
         self.watch = AxisMonitor(*FACTS, settings, self.now_ns)
         self.events: list[str] = []
-        self.used_s = 30.0
+        self.used_s, self.late_ns = 30.0, 0
 
     def hear(
         self, percent: float | None, seconds: float = 0.1, times: int = 1, **more: object
@@ -111,7 +111,7 @@ class Axis:
             self.hear(percent, seconds, **more)
         self.now_ns += round(seconds * NS)
         self.sequence += 1
-        header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
+        header = Header(self.sequence, START_NS, self.now_ns - self.late_ns, self.now_ns)
         self.used_s += 0.1
         estimate = estimate_of(percent, **({"data_used_s": self.used_s, "nis": 1.0} | more))
         self.note(self.watch.on_preload(header, estimate, self.now_ns))
@@ -242,14 +242,14 @@ def test_lost_data_are_an_alarm_and_hide_the_others_causes():
     assert axis.shown() == {"data_lost": False}
 
 
-def test_a_start_without_data_is_patient():
+@pytest.mark.parametrize("late_s", [0, 20])
+def test_a_start_is_patient_with_data_that_have_not_come_or_have_waited(late_s):
     axis = Axis()
-    for _ in range(29):
-        axis.tick(1.0)
-    assert axis.shown() == {}
-    for _ in range(7):
-        axis.tick(1.0)
-    assert axis.shown() == {"data_lost": True}
+    axis.late_ns = late_s * NS
+    if late_s:
+        axis.hear(7.0)
+    seen = [axis.tick(1.0) or "data_lost" in axis.shown() for _ in range(36)]
+    assert (any(seen[:29]), seen[-1]) == (False, True)
 
 
 def test_a_model_that_does_not_fit_is_an_alarm():

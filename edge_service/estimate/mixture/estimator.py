@@ -190,7 +190,7 @@ class MixturePreloadEstimator:
         if self._slow_s is None:
             return None
         known_s = self._machine.commissioned and self._machine.commissioned.sample_period_s
-        known = f"{1.0 / known_s:.3g}" if known_s else f"more than {1.0 / LONGEST_HOLD_S:.3g}"
+        known = f"{1.0 / known_s:.4g}" if known_s else f"more than {1.0 / LONGEST_HOLD_S:.3g}"
         return (
             f"too_slow: {1.0 / self._slow_s:.3g} samples/s, commissioned at {known}: how the "
             "torque goes on in between is not known; commission from recordings of this source"
@@ -202,7 +202,7 @@ class MixturePreloadEstimator:
             return None
         return (
             "process_force: a force has acted on the table in all recent motion; needs rapids or "
-            "moves without cutting"
+            "moves without cutting (if there were some: signals of one instant, see doctor)"
         )
 
     def _implausible(self) -> str | None:

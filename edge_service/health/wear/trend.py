@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -224,9 +223,9 @@ def end_of_fall(
         slope, sigma = _line(worked[first:], percent[first:])
         fell = percent[:first] - percent[first:].mean()
         took = np.maximum(worked[first] - worked[:first], 0.5 * way)
-        is_seen = fell > _own(error_percent, time_s[first] - time_s[:first])
-        before = -float(np.max(fell / took, where=is_seen, initial=0.0))
-        own, moved = float(_own(error_percent, still_s)), slope * way
+        errors = _own(error_percent, np.abs(time_s - time_s[first]))
+        before = -float(np.max(fell / took, where=fell > errors[:first], initial=0.0))
+        own, moved = float(errors[-1]), slope * way
         if -before * way > own > max(-moved, 0.0) and slope - sigma > _STILL * before:
             wide = 3.0 * sigma * way + own
             rate = Interval(value=moved, low=moved - wide, high=moved + wide)
@@ -235,9 +234,9 @@ def end_of_fall(
     return None
 
 
-def _own(error_percent: float, time_s: Any) -> Any:
+def _own(error_percent: float, time_s: Floats) -> Floats:
     """Change within times that may be the estimator's own, percent."""
-    return 2.0 * error_percent * np.sqrt(1.0 - np.exp(-time_s / _ANEW_S))
+    return np.asarray(2.0 * error_percent * np.sqrt(1.0 - np.exp(-time_s / _ANEW_S)))
 
 
 def _line(worked: Floats, percent: Floats) -> tuple[float, float]:
@@ -273,9 +272,8 @@ def _from_now(crossing: Crossing, now_ns: int) -> Crossing:
 
 
 def _quantiles(draws: Floats, certain: float) -> tuple[float, float, float]:
-    shares = [1.0 - certain, 0.5, certain]
-    low, middle, high = np.quantile(draws, shares, method="nearest")
-    return float(low), float(middle), float(high)
+    low, middle, high = np.quantile(draws, [1.0 - certain, 0.5, certain], method="nearest").tolist()
+    return low, middle, high
 
 
 def _crossing(

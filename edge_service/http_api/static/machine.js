@@ -54,7 +54,7 @@ function renderHeadline(sorted, isServiceDown) {
 function rowText(state, shared) {
   const { preload, health, connected, axis } = state;
   const share = connected && preload?.of_fresh ? (health?.of_fresh ?? preload.of_fresh) : null; // as in the headline
-  const alarms = openAlarms(state).filter((alarm) => alarm.alarm !== "service" || !shared.has(alarm.text));
+  const alarms = openAlarms(state).filter((alarm) => alarm.active && (alarm.alarm !== "service" || !shared.has(alarm.text)));
   return {
     axis,
     level: levelOf(state),

@@ -60,13 +60,11 @@ def interval(value: ParameterValue) -> str:
 def amount(value: float, unit: str) -> str:
     """A value in a handy unit.
 
-    >>> amount(7.22e-7, "m")
-    '0.722 µm'
-    >>> amount(2.16e-8, "m/N")
-    '21.6 µm/kN'
+    >>> amount(7.22e-7, "m"), amount(3.5789e-3, "m"), amount(2.16e-8, "m/N")
+    ('0.722 µm', '3580 µm', '21.6 µm/kN')
     """
     shown_unit, factor = SHOWN_UNITS.get(unit, (unit, 1.0))
-    return f"{factor * value:.3g} {shown_unit}"
+    return f"{float(f'{factor * value:.3g}'):g} {shown_unit}"
 
 
 def percent(share: float) -> str:
