@@ -16,7 +16,7 @@ from ...models.effects.effect import ActiveEffect, Effect, Term
 from ...models.effects.learned import learned_effects
 from ...models.effects.registry import error_of
 from ...models.effects.signature import torque_signature, transmission_signature
-from ...models.machine import DEFAULT_TOLERANCE, Machine
+from ...models.machine import DEFAULT_TOLERANCE, MEASURED_SUM, Machine
 from ...models.plant.two_mass import Plant
 from ...regression.run import Run
 
@@ -237,14 +237,16 @@ def rigid_plant(plant: Plant) -> Plant:
 def parameter_tolerances(machine: Machine) -> dict[str, float]:
     """Standard deviation of each parameter effect's amount, as the machine file states it.
 
-    How well the inertia is known says nothing of the torque's own scale.
+    How well the inertia is known says nothing of the torque's own scale. Of a commissioned axis the
+    sum of its frictions was measured.
     """
-    model = machine.model
+    model, sum_share = machine.model, math.inf if machine.commissioned is None else MEASURED_SUM
     drag = model.preload_drag_nm
     tolerances = {
         Term.INERTIA: model.inertia_kg_m2.sigma,
         Term.VISCOUS: model.viscous_nm_s_per_rad.sigma,
-        Term.COULOMB: machine.other_drag_nm.sigma + (drag.sigma if drag else 0.0),
+        Term.COULOMB: machine.other_drag_nm.sigma
+        + (min(drag.sigma, sum_share * abs(drag.value)) if drag else 0.0),
         Term.GAIN: min(model.inertia_kg_m2.tolerance, DEFAULT_TOLERANCE),
     }
     return {error_of(term): sigma for term, sigma in tolerances.items()}
