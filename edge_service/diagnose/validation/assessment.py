@@ -345,13 +345,8 @@ class Assessment:
     @property
     def is_unknown(self) -> bool:
         """Flag of a cause whose better part the library lacks."""
-        material, named = self.posterior.best.material, self.contributions.named
-        return (
-            UNKNOWN in material
-            or bool(self.misattributed)
-            or any(each < 1.0 for each in self.confidence.values())
-            or bool(material and not named and self.posterior.exceeding)
-        )
+        is_unsure = any(each < 1.0 for each in self.confidence.values())
+        return UNKNOWN in self.posterior.best.material or bool(self.misattributed) or is_unsure
 
     def idlest(self) -> str:
         """Named effect that is least of a cause, as one not told from zero; empty without any."""
