@@ -166,6 +166,8 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
     gap, beside_nuisances = {}, contributions.left_beside_nuisances
     left_rms = {name: min(rms(each), rms(left[name])) for name, each in beside_nuisances.items()}
+    bare = problem.fit(())
+    left_rms = left_rms if found else dict(bare.rms)  # a healthy axis, not beside what was dropped
     for name, rows in session.channels.items():
         gap[name] = ChannelGap(
             before=rows.rms,
@@ -177,7 +179,6 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             replayed=replayed.gap.get(name),
         )
     is_unknown = blind or assessment.is_unknown
-    bare = problem.fit(())
     stretched = problem.stretched(bare) if posterior.exceeding else {}
     chance = {name: noise.chance(name, bare.rms[name]) for name in gap}
     for tolerances in stretched.values() if TORQUE_GAP in posterior.exceeding else ():

@@ -107,11 +107,7 @@ def diagnose_beside_loss(
     progress: Callable[[str], None] = lambda _line: None,
     library: Sequence[Effect] | None = None,
 ) -> Diagnosis | None:
-    """Diagnose what a session has beyond a known loss; None where the torque asks for none.
-
-    Args:
-        course: of the loss by the torque; its size is the estimator's reading.
-    """
+    """Diagnose what a session has beyond a loss of known course; None if not asked for."""
     if asked_by_torque(session, machine, course) <= _EVEN:
         return None
     modelled = (*session.modelled, course)

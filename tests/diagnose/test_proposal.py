@@ -21,17 +21,6 @@ def bench() -> Machine:
     return load_machine(DEFAULT_MACHINE)
 
 
-def test_a_tie_is_decided_by_the_first_motion_that_can(bench: Machine) -> None:
-    proposals = propose(bench, ["load_offset", "external_force"])
-    best = proposals[0]
-    assert best.decides
-    assert {(p.effect, p.rival) for p in best.separations} == {
-        ("load_offset", "external_force"),
-        ("external_force", "load_offset"),
-    }
-    assert not any(each.decides for each in proposals[1:])
-
-
 def test_a_healthy_axis_has_settled_and_stands_for_a_long_session(bench: Machine) -> None:
     """A recording that begins in motion starts the simulated axis from rest, behind it."""
     time_s = np.arange(7000) * 0.01
@@ -69,8 +58,9 @@ TIES = [(name, rival) for name, rivals in RIVALS.items() for rival in rivals.spl
 def test_a_minute_at_most_decides_between_typical_faults(
     bench: Machine, tied: tuple[str, str]
 ) -> None:
-    best = propose(bench, tied)[0]
+    best, *others = propose(bench, tied)
     assert best.decides
+    assert not any(each.decides for each in others)
     assert best.duration_s <= 60.0
     assert all(math.isfinite(pair.evidence) for pair in best.separations)
     assert {(pair.effect, pair.rival) for pair in best.separations} == {tied, tied[::-1]}

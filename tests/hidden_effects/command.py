@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import click
 
 from edge_service.cli.options import Effects, Option, Seed, Without, command
-from edge_service.cli.terminal import progress
+from edge_service.cli.terminal import pause_progress, progress, wants_json
 from edge_service.command_answer import Answer
 from edge_service.exit_status import BadInputError
 
@@ -45,7 +45,10 @@ def check_diagnosis(
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         for row in (map if jobs == 1 else pool.map)(partial(checked, axis), planned):
             rows.append(row)
+            if not wants_json():
+                pause_progress()
+                click.echo(row.words)
             progress(f"{len(rows)} of {cases} cases: {100 * len(rows) // cases} %")
     totals = totals_of(rows)
-    lines = [*(row.words for row in rows), *total_lines(totals)]
-    return Answer("\n".join(lines), {"cases": [row.document for row in rows], "totals": totals})
+    document = {"cases": [row.document for row in rows], "totals": totals}
+    return Answer("\n".join(total_lines(totals)), document)

@@ -13,10 +13,10 @@ import numpy as np
 
 from edge_service.config import load_machine
 from edge_service.diagnose.result import SURE, Diagnosis, Verdict
-from edge_service.diagnose.session.session import CHANNEL_UNITS, Session, rms
+from edge_service.diagnose.session.session import CHANNEL_UNITS, Session
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.learned import model_effects
-from edge_service.models.effects.registry import disturbance, effect_names, get_effect
+from edge_service.models.effects.registry import active_effect, disturbance, effect_names
 from edge_service.offline.diagnosis.diagnose import diagnose
 from edge_service.offline.diagnosis.gap import BadDataError, read_runs, session_of
 from edge_service.recordings.writer import TraceWriter
@@ -94,9 +94,9 @@ class CheckedCase:
     @property
     def words(self) -> str:
         """Truth, answer and gap on one line."""
-        named = ", ".join(f"{name} {p:.2f}" for name, p in self.named.items()) or "nothing"
-        case = self.case
-        lacking = f" (library without {', '.join(case.withheld)})" if case.withheld else ""
+        named = ", ".join(f"{n} {p:.2f}" for n, p in self.named.items()) or "nothing"
+        case, without = self.case, ", ".join(self.case.withheld)
+        lacking = f" (library without {without})" if without else ""
         hidden = f"{'+'.join(case.causes) or 'healthy'} x{case.strength:g} {case.motion}"
         gaps = ", ".join(
             f"{name} {before:.3g} -> {after:.3g} {CHANNEL_UNITS[name]}"
@@ -132,18 +132,13 @@ def _record(path: Path, frame: SampleFrame) -> None:
 
 def _realised(found: Diagnosis, again: Session) -> dict[str, float]:
     """Shrink of another recording's gap by each named effect beside the others, in its channel."""
-    shrinks = {}
-    for each in found.effects:
-        parts = {
-            other.name: sum(
-                again.signature(each.channel, get_effect(other.name), values)
-                for values in other.entries
-            )
-            for other in found.effects
-        }
-        left = again.channels[each.channel].gap - sum(parts.values())
-        shrinks[each.name] = 1.0 - rms(left) / rms(left + parts[each.name])
-    return shrinks
+
+    def left(channel: str, lacking: str = "") -> float:
+        others = (each for each in found.effects if each.name != lacking)
+        made = [active_effect(each.name, values) for each in others for values in each.entries]
+        return Session.of_runs(again.runs, again.baseline, made).channels[channel].rms
+
+    return {e.name: 1.0 - left(e.channel) / left(e.channel, e.name) for e in found.effects}
 
 
 def totals_of(rows: Sequence[CheckedCase]) -> dict[str, Any]:
@@ -192,13 +187,11 @@ def total_lines(totals: Mapping[str, Any]) -> list[str]:
     ]
     if totals["shrinks"]:
         claimed, got = (100.0 * totals[f"{k}_shrink_share"] for k in ("claimed", "realised"))
-        lines.append(
-            f"shrink by each right name, median: claimed {claimed:.0f} %, realised {got:.0f} %; "
-            f"the 90 % interval holds {totals['shrinks_in_interval']} of {totals['shrinks']}"
-        )
+        said = f"claimed {claimed:.0f} %, realised {got:.0f} %; the 90 % interval holds"
+        held = f"{totals['shrinks_in_interval']} of {totals['shrinks']}"
+        lines.append(f"shrink by each right name, median: {said} {held}")
     if (share := totals["realised_of_possible_share"]) is not None:
-        took = f"{100.0 * share:.0f} %"
-        lines.append(f"of what any model could take off the other recordings, median: {took}")
+        lines.append(f"of what any model could take off other recordings, median: {share:.0%}")
     if totals["names"]:
         off = totals["calibration_error_share"]
         lines.append(f"calibration error of the probabilities: {off:.3f}, {totals['names']} names")

@@ -12,7 +12,7 @@ from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_MACHINE
 from edge_service.diagnose.result import ChannelGap, Diagnosis, NamedEffect, ReplayStatus, Verdict
 
-from ..hidden_effects.cases import HiddenCase, foreign_plant, own_plant, plan
+from ..hidden_effects.cases import HiddenCase, Plant, foreign_plant, own_plant, plan
 from ..hidden_effects.score import CheckedCase, totals_of
 
 
@@ -89,6 +89,20 @@ def test_a_bad_name_is_one_line(
     assert main(["check-diagnosis", *given]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line
+
+
+def test_a_line_is_printed_as_soon_as_its_case_ends(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    printed = list[str]()
+
+    def checked(_plant: Plant, case: HiddenCase) -> CheckedCase:
+        printed.append(capsys.readouterr().out)
+        return answer(case.causes, backlash=0.95)
+
+    monkeypatch.setattr("hidden_effects.score.checked", checked)
+    assert main(["check-diagnosis", "--plant=own", "--effect=backlash", "--cases=2"]) == 0
+    assert [each.partition(":")[0] for each in printed] == ["", "named"]
 
 
 def test_the_foreign_plant_is_installed_with_the_command() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import optimize
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import Kind, Parameter, Role
+from ...models.effects.effect import ActiveEffect, Kind, Parameter, Role
 from ...models.effects.registry import get_effect
 from ..candidates.normal_equations import solved
 from ..candidates.regressors import EntryRegressor, ForcePulse
@@ -68,11 +68,7 @@ class WeightedLeastSquares:
         return {name: regressor.columns(self.session, name) for name in self.session.channels}
 
     def misfit(self, square: float) -> float:
-        """Variance of a fit over that of its weights, 1 or more, with what it leans by.
-
-        Args:
-            square: weighted square that the fit leaves.
-        """
+        """Variance of a fit by what it leaves, over that of its weights, with what it leans by."""
         return LEANING * max(square / self.observations, 1.0)
 
 
@@ -103,6 +99,13 @@ class Entries:
         regressors = (*self.regressors[:k], changed, *self.regressors[k + 1 :])
         columns = (*self.columns[:k], self.system.columns(changed), *self.columns[k + 1 :])
         return type(self)(self.system, regressors, columns)
+
+    def delayed(self, name: str, made: Sequence[ActiveEffect]) -> Self:
+        """Entries of which one delays what some effects make, too."""
+        late = replace(self.system, session=self.system.session.with_torque_of(made))
+        pairs = zip(self.regressors, self.columns, strict=True)
+        columns = tuple(late.columns(e) if e.name == name else known for e, known in pairs)
+        return replace(self, columns=columns)
 
     def place(self, k: int) -> slice:
         """Coefficients of one entry among those of a solution."""

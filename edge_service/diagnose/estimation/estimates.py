@@ -6,14 +6,14 @@ have that of their amplitude.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...messages.samples import Floats
 from ...messages.stored import finite_or_none
-from ...models.effects.effect import Parameter, Role, Term
-from ...models.effects.registry import error_of, get_effect
+from ...models.effects.effect import ActiveEffect, Parameter, Role, Term
+from ...models.effects.registry import active_effect, error_of, get_effect
 from ..result import ParameterValue, WaterfallStep
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, Session, rms
@@ -22,7 +22,9 @@ from .entries import Entries, entries_of
 Z_90 = 1.645
 RISE_90 = 2.706
 """Rise of twice the negative log-likelihood at the ends of a 90 % interval (Wilks, 1938)."""
-_GAIN = error_of(Term.GAIN)
+_GAIN, _LAG = error_of(Term.GAIN), error_of(Term.LAG)
+_COUPLINGS = 4
+"""Rounds in which a lag and what it delays settle."""
 _SLOPE_STEP = 0.02
 Slopes = Mapping[str, Mapping[str, Floats]]
 """Shape -> channel -> (n, 1)."""
@@ -86,6 +88,11 @@ class Estimates:
         regressors = self.fitted.regressors
         return tuple(regressors[k].values(self.coefficients(k)) for k in self.of_effect(name))
 
+    def beside(self, name: str) -> list[ActiveEffect]:
+        """All effects but one, as they are there."""
+        others = (other for other in self.names if other != name)
+        return [active_effect(other, each) for other in others for each in self.entries(other)]
+
     def parameters(self, name: str) -> dict[str, ParameterValue]:
         """Values of the strongest entry with 90 % intervals."""
         mine = self.of_effect(name)
@@ -119,6 +126,16 @@ class Estimates:
             shown[parameter.name] = ParameterValue(value=value, unit=parameter.unit, **ends)
         return shown
 
+    def _usual_lag(self) -> list[dict[str, Floats]]:
+        """Sensitivity of a lag, per standard deviation, to a healthy drive's, which it delays."""
+        found = []
+        for k in self.of_effect(_LAG):
+            usual = active_effect(_LAG, {"lag_s": self.healthy[_LAG][1]})
+            late = self.fitted.delayed(_LAG, [*self.beside(_LAG), usual]).columns[k]
+            pairs = ((c, late[c] - each) for c, each in self.fitted.columns[k].items())
+            found.append({c: (more @ self.coefficients(k))[:, None] for c, more in pairs})
+        return found
+
     def _weight(self, k: int) -> float:
         """Contribution of an entry to the gap, in the channel where it is greatest."""
         made = {name: each @ self.coefficients(k) for name, each in self.fitted.columns[k].items()}
@@ -139,7 +156,8 @@ class Estimates:
     def _sigmas(self, k: int, slopes: Slopes) -> tuple[float, dict[str, float]]:
         """Standard deviation of the amount of a regressor, and relative ones of its shapes."""
         system = self.fitted.system
-        variance = np.diag(self.fitted.solve(list(slopes.values())).covariance)
+        moving = [*self._usual_lag(), *slopes.values()]
+        variance = np.diag(self.fitted.solve(moving).covariance)
         sigma = np.sqrt(system.misfit(self.square) * np.maximum(variance, 0.0))
         moved = sigma[len(sigma) - len(slopes) :].tolist()
         return float(sigma[self.fitted.place(k)].max()), dict(zip(slopes, moved, strict=True))
@@ -163,14 +181,17 @@ class Contributions:
         """Fit the entries of some effects."""
         problem, session = posterior.problem, posterior.problem.session
         entries = entries_of(problem, posterior.best.fit, named)
-        solution = entries.solve()
-        design, beta = problem.design, solution.beta
+        solution, design = entries.solve(), problem.design
         traces = {
-            (each.name, each.form): (-float(beta[k]), float(design.precision[k] ** -0.5))
+            (each.name, each.form): (-float(solution.beta[k]), float(design.precision[k] ** -0.5))
             for each, k in zip(design.regressors[: design.nuisances], design.first, strict=False)
             if each.size == 1
         }
-        estimates = Estimates(problem.priors, traces, entries, beta, solution.square)
+        estimates = Estimates(problem.priors, traces, entries, solution.beta, solution.square)
+        for _ in range(_COUPLINGS if _LAG in estimates.names else 0):
+            entries = entries.delayed(_LAG, estimates.beside(_LAG))
+            beta, _, square = entries.solve()
+            estimates = replace(estimates, fitted=entries, beta=beta, square=square)
         by_effect = {
             name: {channel: estimates.contribution(name, channel) for channel in session.channels}
             for name in estimates.names

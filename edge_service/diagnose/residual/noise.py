@@ -88,11 +88,7 @@ class Noise:
         )
 
     def of_residual(self, session: Session, machine: Machine, left: Mapping[str, Floats]) -> Self:
-        """Noise as the residual of a fit shows it: independent observations, and a lower floor.
-
-        Args:
-            left: residual by channel, (n,).
-        """
+        """Noise as what a fit has `left`, (n,), shows it: independent rows, and a lower floor."""
         levels, noise = noise_floor(session, left)
         known = session.healthy_floor
         floor = {n: min(known.get(n, levels[n]), each) for n, each in self.floor.items()}
@@ -180,11 +176,9 @@ def steps_nm(session: Session) -> float:
 def noise_floor(
     session: Session, left: Mapping[str, Floats], structure: Mapping[str, Floats] | None = None
 ) -> tuple[dict[str, float], dict[str, Floats]]:
-    """Root mean square of the noise of a residual, and what holds it, (n,), by channel.
+    """Root mean square of the noise of what is left, and what holds it, (n,), by channel.
 
-    Args:
-        left: residual, by channel, (n,).
-        structure: what is predicted of it, where that is known.
+    `structure` is what is predicted of it, where that is known.
     """
     structure = predicted_structure(session, left) if structure is None else structure
     # most that two encoders read apart by chance: what is smooth between samples is not
@@ -345,11 +339,7 @@ def _hats(values: Floats, low: float, high: float, count: int) -> Floats:
 
 
 def ridge_fits(columns: Floats, values: Floats, ridges: Sequence[float]) -> Floats:
-    """Coefficients of columns (n, p) that follow values (n,), held by each of some ridges, (r, p).
-
-    Args:
-        ridges: of the number of rows.
-    """
+    """Coefficients of columns (n, p) that follow values (n,), for each ridge per row, (r, p)."""
     held = np.array(ridges)[:, None, None] * len(columns) * np.eye(columns.shape[1])
     normal, target = columns.T @ columns + held, (columns.T @ values)[:, None]
     return np.linalg.solve(normal, target)[..., 0].astype(np.float64)

@@ -69,11 +69,7 @@ class Vibration:
         return calm(Session.of_runs(session.runs, session.baseline, session.modelled))
 
     def as_cause(self, before: Session, after: Session) -> NamedEffect:
-        """A named cause without an entry, for nobody foretells its phase.
-
-        Args:
-            before, after: the session with it and without it.
-        """
+        """A named cause without an entry, by the session with it and without it."""
         rows = before.channels[self.channel]
         there_s = rows.variables["time_s"][self.is_there].tolist()
         values = {

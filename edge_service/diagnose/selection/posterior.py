@@ -100,11 +100,7 @@ def select_model(problem: SelectionProblem) -> Posterior:
 
 
 def select_effects(problem: SelectionProblem, known: Sequence[int] = ()) -> Posterior:
-    """Select sets of effects and weigh them against each other.
-
-    Args:
-        known: regressors of a set that was best under another noise.
-    """
+    """Select sets of effects, also from regressors known under another noise, and weigh them."""
     return Posterior.of_scored(problem, _ranked(problem, known))
 
 
@@ -138,7 +134,7 @@ def _beside_force(posterior: Posterior) -> Posterior:
 
 
 def _ranked(problem: SelectionProblem, known: Sequence[int]) -> list[tuple[EffectSet, float]]:
-    """Candidates with their scores, the best first; a parameter that is off comes before an effect.
+    """Candidates and scores, the best first; a parameter that is off comes before an effect.
 
     As many parameters, or fewer, that leave hardly more than the best set are twice as likely as
     that one, unless others have to stretch for it. So is, before the data, a part of the best set

@@ -283,11 +283,7 @@ class SelectionProblem:
         return best
 
     def considered(self, known: Sequence[int] = ()) -> list[EffectSet]:
-        """Sets worth weighing: greedy ones, the best of up to three effects, and parameters alone.
-
-        Args:
-            known: regressors of a set that was best under another noise.
-        """
+        """Sets worth weighing: greedy ones, the best of up to three effects, parameters alone."""
         design = self.design
         best = self.stepwise(design.candidates, known=known)
         among = [

@@ -111,6 +111,11 @@ class Session:
         motions = tuple(_whole(run.motion, baseline, modelled) for run in runs)
         return cls(tuple(runs), baseline, tuple(modelled), channels, rows, motions)
 
+    def with_torque_of(self, made: Sequence[ActiveEffect]) -> Self:
+        """Session whose motions have the torque of further effects; its gap is as it was."""
+        motions = tuple(_whole(each, self.baseline, made) for each in self.motions)
+        return replace(self, motions=motions)
+
     def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
         """Column of a channel from a function of the motion, (n,).
 

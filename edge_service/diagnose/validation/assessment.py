@@ -96,8 +96,7 @@ class Attribution:
 def attributions(posterior: Posterior, contributions: Contributions) -> dict[str, Attribution]:
     """Attributions of named effects.
 
-    Structure up to the tolerance does not count. Where an effect of heat is named, structure is
-    what the best set leaves with all shapes that bear its names.
+    Structure up to the tolerance does not count. An effect of heat leaves it with all its shapes.
     """
     problem, session = posterior.problem, posterior.problem.session
     tolerance, channel_of = problem.noise.tolerance, contributions.channel_of
@@ -197,10 +196,7 @@ class CrossValidation:
         return np.choose(number, [x.contribution(name, channel) for x in self.folds])
 
     def at_pace(self, name: str, channel: str, pace: float) -> Floats | None:
-        """Contribution to a channel of an effect that follows time, were its clock to go at `pace`.
-
-        None for an effect without a time constant.
-        """
+        """Contribution of an effect, were its clock to go at `pace`; None if it keeps no time."""
         values, session = self.values, self.values.fitted.system.session
         entries = {k: values.fitted.regressors[k] for k in values.of_effect(name)}
         if not any(_TIME_CONSTANT in dict(each.shape) for each in entries.values()):
@@ -349,13 +345,8 @@ class Assessment:
     @property
     def is_unknown(self) -> bool:
         """Flag of a cause whose better part the library lacks."""
-        material, named = self.posterior.best.material, self.contributions.named
-        return (
-            UNKNOWN in material
-            or bool(self.misattributed)
-            or any(each < 1.0 for each in self.confidence.values())
-            or bool(material and not named and self.posterior.exceeding)
-        )
+        is_unsure = any(each < 1.0 for each in self.confidence.values())
+        return UNKNOWN in self.posterior.best.material or bool(self.misattributed) or is_unsure
 
     def idlest(self) -> str:
         """Named effect that is least of a cause, as one not told from zero; empty without any."""

@@ -37,6 +37,8 @@ from .hysteresis import bristle_share, play
 _Signature = Callable[[float, Motion, Baseline], Floats]
 _ANGLE_STEP_RAD = 1e-3
 _POSITION_STEP_M = 1e-5
+_CURRENT_LOOP_S = 3e-4
+"""Assumption: no current loop answers later."""
 _FLOATING = 0.05
 """Load over the whole Coulomb level from which on it lays the table onto a flank."""
 
@@ -209,6 +211,22 @@ def _given_along(load_nm: Callable[[Motion, Baseline], Floats]) -> _Signature:
     return lambda value, motion, baseline: motion.position_m * even(value, motion, baseline)
 
 
+def usual_lag_s(period_s: float) -> float:
+    """Lag of a healthy drive's torque, s, as likely shorter as longer, by its sampling period.
+
+    A torque may be recorded as it acts, or as a command that is held for a period and acts half a
+    period late, behind a current loop of a few tenths of a millisecond.
+    """
+    return 0.5 * (0.5 * period_s + _CURRENT_LOOP_S)
+
+
+def _delayed(lag_s: float, motion: Motion, _baseline: Baseline) -> Floats:
+    """Torque by which a command leads that of a healthy drive, which lags already."""
+    slope = np.gradient(motion.model_torque_nm, motion.time_s)
+    usual_s = usual_lag_s(float(motion.time_s[1] - motion.time_s[0]))
+    return np.asarray(lag_s * (slope + usual_s * np.gradient(slope, motion.time_s)))
+
+
 def _beyond_limit(limit_nm: float, motion: Motion, _baseline: Baseline) -> Floats:
     beyond = np.maximum(np.abs(motion.torque_nm) - limit_nm, 0.0)
     return np.asarray(np.nan_to_num(np.sign(motion.torque_nm) * beyond))
@@ -219,9 +237,7 @@ _CHANGED_TORQUE: dict[Constant, _Signature] = {
     Constant.VISCOUS: lambda value, motion, _: value * motion.speed_rad_s,
     Constant.COMMAND_SHARE: lambda value, motion, _: value * motion.model_torque_nm,
     Constant.TORQUE_LIMIT: _beyond_limit,
-    Constant.TORQUE_LAG: lambda value, motion, _: (
-        value * np.gradient(motion.model_torque_nm, motion.time_s)
-    ),
+    Constant.TORQUE_LAG: _delayed,
     Constant.PRESLIDING_REACH: _presliding_torque,
 }
 

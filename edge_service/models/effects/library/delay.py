@@ -1,37 +1,17 @@
 """A torque that comes late."""
 
-from collections.abc import Iterator
-
-import numpy as np
-
-from ....messages.samples import Floats
-from ..baseline import Baseline, Motion
 from ..contribution import Change, Constant
 from ..effect import ACCELERATION_HZ, MATERIAL_TOLERANCES, Effect, Kind, Term, Trace, amount
-from ..empirical import Covered, EmpiricalForm
+from ..signature import usual_lag_s
 
-_CURRENT_LOOP_S, _STAMPED_S = 3e-4, 1e-4
-"""Assumption: no current loop answers later, and no torque is stamped less exactly."""
+_STAMPED_S = 1e-4
+"""Assumption: no torque is stamped less exactly."""
 
 
 def _healthy_lag(period_s: float, _coulomb_nm: float) -> tuple[float, float]:
-    """Mean and standard deviation of the lag, s.
-
-    A torque may be recorded as it acts, or as a command that is held for a period and acts half a
-    period late, behind a current loop of a few tenths of a millisecond.
-    """
-    latest_s = 0.5 * period_s + _CURRENT_LOOP_S
-    return 0.5 * latest_s, (0.5 * latest_s + _STAMPED_S) / MATERIAL_TOLERANCES
-
-
-def _empirical_forms(_covered: Covered, _baseline: Baseline) -> Iterator[EmpiricalForm]:
-    """A lag behind that of a healthy drive: their product bends the torque."""
-    yield EmpiricalForm("behind", (_bend,))
-
-
-def _bend(motion: Motion, _baseline: Baseline) -> Floats:
-    slope = np.gradient(motion.model_torque_nm, motion.time_s)
-    return np.asarray(np.gradient(slope, motion.time_s))
+    """Mean and standard deviation of the lag, s: from none to twice the usual one."""
+    usual_s = usual_lag_s(period_s)
+    return usual_s, (usual_s + _STAMPED_S) / MATERIAL_TOLERANCES
 
 
 EFFECT = Effect(
@@ -44,5 +24,4 @@ EFFECT = Effect(
     term=Term.LAG,
     least_rate_hz=ACCELERATION_HZ,
     trace=Trace(_healthy_lag),
-    empirical_forms=_empirical_forms,
 )
