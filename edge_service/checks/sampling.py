@@ -45,11 +45,8 @@ class Clock:
         longest = f", the longest of {self.longest_s:.3g} s" if self.gaps else ""
         words = f"{self.rate_hz:.4g} samples/s, {self.gaps} gaps{longest}"
         words += f", jitter {100.0 * round(self.jitter, 3):.2g} %"
-        if self.restarts:
-            words += f", starts anew {self.restarts} times"
-        if self.backwards:
-            words += f", {self.backwards} times repeated or running backwards"
-        return words
+        words += f", starts anew {self.restarts} times" * bool(self.restarts)
+        return words + f", {self.backwards} times repeated or going back" * bool(self.backwards)
 
 
 def clock_of(times_s: Sequence[Floats]) -> Clock:

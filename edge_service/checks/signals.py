@@ -70,6 +70,9 @@ def check_rate(machine: Machine, recordings: Recordings) -> Finding:
     if clock.is_slow:
         said += "; too slow to follow the torque between samples: intervals will be wide"
         return Finding("rate", Verdict.DOUBTFUL, said, remedy="record faster if the controller can")
+    if odd:
+        said += ": no controller is so fast"
+        return Finding("rate", Verdict.DOUBTFUL, said, remedy="check time_s's unit", forbids=True)
     return Finding("rate", Verdict.FITS, said)
 
 
