@@ -254,7 +254,7 @@ def caveats_of(
         unit, scale = ("µm", 1e6) if each.unit == "m" else (each.unit, 1.0)
         spoken, tolerance = CHANNEL_WORDS[name], scale * (each.tolerance or 0.0)
         is_open = verdict is not Verdict.NO_GAP and _exceeds(each, left[name])
-        rest = left[name] if is_open else each.after
+        rest = left[name] if is_open else each.before if verdict is Verdict.NO_GAP else each.after
         if verdict is not Verdict.UNKNOWN and _exceeds(each, rest):
             found.append(
                 f"{spoken}: {scale * math.sqrt(rest**2 - each.floor**2):.3g} {unit} beyond the "
