@@ -197,14 +197,14 @@ def _spawn_unless_running(
 ) -> None:
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
-    A loss shows within seconds, and makes room once it says what is accepted; others run on while
-    they gain, a loosening for 20 s to do so, each while it explains what the likeliest takes for a
-    force, unless it begins `anew`. `prior`: log-probability of a step since the last was spawned.
+    A loss shows within seconds, and makes room once it says what is accepted. Others run on while
+    they gain or explain what the likeliest takes for a force, unless they begin `anew`.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
     gains = ahead > prior + _GAINED and bank.age_s[slot] < lasts_s
-    gains |= slot >= state.LOOSENING and bank.age_s[slot] < _SLOW_S and ahead > prior - _GAINED
+    may_gain = slot >= state.LOOSENING and bank.age_s[slot] < _SLOW_S  # as a slack belt, slowly
+    gains |= may_gain and ahead > prior - _GAINED and bank.force[leader] <= FORCED
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     is_stale = anew and bank.age_s[slot] > 2.0 * _SOON_S
     goes_on = ahead > -_ALIVE or ((gains or explains) and not is_stale)
