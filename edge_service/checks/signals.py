@@ -72,7 +72,7 @@ def check_rate(machine: Machine, recordings: Recordings) -> Finding:
         return Finding("rate", Verdict.DOUBTFUL, said, remedy="record faster if the controller can")
     if odd:
         said += ": no controller is so fast"
-        return Finding("rate", Verdict.DOUBTFUL, said, remedy="check time_s's unit", forbids=True)
+        return Finding("rate", Verdict.DOUBTFUL, said, remedy="check the time's unit", forbids=True)
     return Finding("rate", Verdict.FITS, said)
 
 

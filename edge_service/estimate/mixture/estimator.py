@@ -202,7 +202,7 @@ class MixturePreloadEstimator:
             return None
         return (
             "process_force: a force has acted on the table in all recent motion; needs rapids or "
-            "moves without cutting; where none was cut, run `edge-service doctor`: a signal may lag"
+            "moves without cutting; if nothing was cut, run `edge-service doctor`: a signal may lag"
         )
 
     def _implausible(self) -> str | None:

@@ -58,7 +58,7 @@ def adapt_hypotheses(
 
     They begin with the phase that surprises the accepted hypothesis, and a loosening with one that
     surprises itself: each spawned before it has learned that nothing happened. A direction is seen
-    once a phase in it is no surprise. `calm`: no process force acts; `nis`: of each, squared.
+    once a phase in it is no surprise. `calm`: no force acts; `nis`: innovation squared, of each.
     """
     moments, motion_s = bank.moments, reading.steady_s
     moments[state.SINCE_SPAWN_S] += motion_s
