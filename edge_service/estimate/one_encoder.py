@@ -39,7 +39,7 @@ OTHER_FRICTION = 0.2
 """Assumption: probability that the level of friction says nothing: other grease, other guides."""
 COLD_WARMTH = 0.05
 """Assumption: most friction that warmth takes between tests after the same warm-up, a share."""
-LEAST_WIDTH_PERCENT = 0.5
+LEAST_WIDTH_PERCENT, WIDE, WIDER = 0.5, 3.5, 1.5
 DUE_DAYS, LONGEST_DAYS = 7.0, 45.0
 FAR_SHARE, FEED_FACTOR, SIGMAS = 0.05, 4.0 / 3.0, 3.0
 """Most distance from the place of commissioning, over the stroke, and between the feeds."""
@@ -69,9 +69,8 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         repeats = self._notch.repeats
         self._freedom = repeats - 1 if repeats >= WANTED_TESTS else math.inf
         fresh = (model.fresh_percent, model.fresh_preload_n, model.clearance_share)
-        soft = [
-            nut_deflection(model.hanging_n, p, *fresh)[1] for p in cells() * model.fresh_percent
-        ]
+        percents = cells() * model.fresh_percent
+        soft = [nut_deflection(model.hanging_n, each, *fresh)[1] for each in percents]
         self._softening = np.array(soft) / np.interp(1.0, cells(), soft)
         healthy = self._told(self._by_stiffness(0.0, 0.0))
         self._expected_percent = healthy["high"] - healthy["low"]
@@ -85,8 +84,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         """Continue after an unobserved stop, on a clock of its own."""
         super().resume(stopped_s)
         if self._test is not None:
-            self._test.age_s += max(stopped_s, 0.0)
-            self._test.last_s = None
+            self._test = _Test(self._test.weights, self._test.age_s + max(stopped_s, 0.0))
 
     def update(self, block: FeatureBlock) -> None:
         """Take the next interval."""
@@ -123,20 +121,25 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         if now.status is not EstimateStatus.ESTIMATED or now.drag_torque_nm is None:
             return now
         test, days = self._test, math.inf if self._test is None else self._test.age_s / DAY_S
+        since = ""
         if test is not None and days <= LONGEST_DAYS:
             drag, limits = now.drag_torque_nm, self._limits
             sigma = (drag.high - drag.low) / (2.0 * 1.96)
             level = self._by_friction(drag.value, sigma, limits.coulomb_nm, self._settings.warmth)
-            told = self._told(_combined(_worn(test.weights, days), level, OTHER_NUT))
+            worn = _worn(test.weights, days)
+            told, by_test = (self._told(x) for x in (_combined(worn, level, OTHER_NUT), worn))
             told["fault_probability"] = now.fault_probability | told["fault_probability"]
             now = now.model_copy(update=told)
-        if days <= DUE_DAYS:
+            low, high, wide = by_test["low"], by_test["high"], told["high"] - told["low"]
+            if not low <= told["preload_percent"] <= high or wide > max(WIDER * (high - low), WIDE):
+                since = "; friction has changed since"
+        if days <= DUE_DAYS and not since:
             return now
         assert now.low is not None and now.high is not None
         ago = "no test yet" if test is None else f"the last test was {days:.0f} days ago"
         due = (
-            f"test_due: {ago}, and the interval is {now.high - now.low:.1f} points wide: run "
-            "`edge-service motion chirp` after the usual warm-up; on a healthy axis it is "
+            f"test_due: {ago}{since}, and the interval is {now.high - now.low:.1f} points wide: "
+            "run `edge-service motion chirp` after the usual warm-up; on a healthy axis it is "
             f"{self._expected_percent:.1f} then"
         )
         return now.model_copy(update={"reasons": (*now.reasons, due)})
@@ -150,10 +153,8 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         if not 1.0 / FEED_FACTOR < seen.feed_rad_s / known.feed_rad_s < FEED_FACTOR:
             raise ValueError(f"a feed of {seen.feed_rad_s:.3g} rad/s, not {known.feed_rad_s:.3g}")
         softer = 2.0 * math.log(known.antiresonance_hz / seen.antiresonance_hz)
-        old, new = (
-            2.0 * each.antiresonance_sigma_hz / each.antiresonance_hz for each in (known, seen)
-        )
-        variance = max(new**2 - old**2, 0.0)
+        old, new = (x.antiresonance_sigma_hz / x.antiresonance_hz for x in (known, seen))
+        variance = 4.0 * max(new**2 - old**2, 0.0)
         heavier = math.log(seen.inertia_ratio / known.inertia_ratio)
         if abs(heavier) > SIGMAS * LOAD_ERROR:
             error = seen.inertia_ratio_sigma / seen.inertia_ratio
@@ -183,8 +184,7 @@ class OneEncoderEstimator(MixturePreloadEstimator):
         """Likelihood of each cell, (n,), by the level of dry friction."""
         fresh_nm = self._model.drag_per_percent_nm * self._model.fresh_percent
         friction = (warmth, self._settings.together, self._settings.apart)
-        other_nm = max(whole_nm - fresh_nm, 0.0)
-        share = self._limits.error_share
+        other_nm, share = max(whole_nm - fresh_nm, 0.0), self._limits.error_share
         likelihood = weigh(level_nm, sigma_nm, fresh_nm, other_nm, share, friction) / prior()
         return np.asarray(likelihood / np.mean(likelihood))
 

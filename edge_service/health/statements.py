@@ -55,7 +55,7 @@ TEXTS = {
         "record a test and run a diagnosis."
     ),
     Task.REGREASE: "Regrease the screw: its friction has risen, not its preload.",
-    Task.TEST: "Run the test by shaking (under Tests): there is none of the last 7 days.",
+    Task.TEST: "Run the test by shaking (under Tests): the last is old, or friction has changed.",
     Task.FIND_CHANGE: (
         "Find out what changed: a new part, other grease, a repair? If a part was replaced, "
         "note “part replaced”."

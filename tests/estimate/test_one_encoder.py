@@ -79,8 +79,7 @@ def test_a_test_tells_how_much_preload_is_left(preload: float) -> None:
     told = estimator().take_test(as_it_is(replace(AXIS, preload=preload)), 40.0)
     assert told.status is EstimateStatus.ESTIMATED
     assert told.preload_percent == pytest.approx(FRESH_PERCENT * preload, abs=1.8)
-    assert holds(told, preload)
-    assert holds(told, 1.0) == (preload == 1.0)
+    assert [holds(told, each) for each in (preload, 1.0)] == [True, preload == 1.0]
     assert 0.5 <= width(told) < 4.0
     assert sum(told.mode_probability.values()) == pytest.approx(1.0)
 
@@ -173,6 +172,7 @@ def test_friction_that_no_grease_takes_away_overrules_an_old_test(
     assert holds(made.take_test(as_it_is(AXIS), 0.0), 1.0)
     told = after(made, production(replace(AXIS, preload=0.02)))
     assert holds(told, 0.02)
+    assert "the last test was 0 days ago; friction has changed since" in told.reasons[-1]
 
 
 def test_a_stop_of_unknown_length_ages_the_test(moves: list[FeatureBlock]) -> None:

@@ -151,7 +151,7 @@ export const de = {
   "task.find_wear": "Herausfinden, warum die Spindel schnell verschleißt: Last, Schmierung, Schmutz.",
   "task.diagnose": "Der Zahl noch nicht trauen. Sensoren und Maschinendatei prüfen; stimmen sie, einen Test aufzeichnen und eine Diagnose erstellen.",
   "task.regrease": "Spindel nachschmieren: ihre Reibung ist gestiegen, nicht ihre Vorspannung.",
-  "task.test": "Den Test mit Schwingungen fahren (unter „Tests“): aus den letzten 7 Tagen gibt es keinen.",
+  "task.test": "Den Test mit Schwingungen fahren (unter „Tests“): der letzte ist alt, oder die Reibung hat sich geändert.",
   "task.find_change": "Herausfinden, was sich geändert hat: neues Teil, anderes Fett, Reparatur? Wurde ein Teil ersetzt, „Teil ersetzt“ eintragen.",
   "task.check_service": "Die Teile des Dienstes ansehen: eines ist ausgefallen.",
   "task.check_connection": "Verbindung zum Antrieb prüfen: es kommen keine Daten.",
