@@ -50,16 +50,20 @@ count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c
 
 step() { echo "setup: [$1] $2" >&2; }
 
-compile_kernels() { # of the estimators with either engine, and of the simulated drive
+compile_kernels() { # of the estimators with either engine, beside them of the simulated drive; bytecode
+  unset PYTHONDONTWRITEBYTECODE # else each start of the service compiles all of its modules
+  trial=$(mktemp -d)
+  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null &
+  simulated=$!
   .venv/bin/python -c 'from pathlib import Path
 from edge_service.config import EstimatorConfig, load_machine
+import edge_service.nodes.service
 from edge_service.nodes.stages import warm_up
 machines = [load_machine(Path(f"deploy/{name}.toml")) for name in ("machine", "commissioned")]
 for engine in ("compiled", "filterpy"):
     warm_up(EstimatorConfig(engine=engine), machines)'
   .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
-  trial=$(mktemp -d)
-  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null
+  wait $simulated
   rm -r "$trial"
 }
 
@@ -76,7 +80,7 @@ elif ! is_there; then
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
   [ $purpose = dev ] || {
     sh deploy/slim.sh .venv
-    step 3/3 "compiling the numeric kernels, once; half a minute ($(size_mb) MB so far)"
+    step 3/3 "compiling the numeric kernels, once; a minute or two ($(size_mb) MB so far)"
     compile_kernels
   }
   echo "$purpose $wanted" >"$stamp"

@@ -50,7 +50,8 @@ class Subscriber(Generic[T]):
         self._wake = asyncio.Event()
         self._closed = False
         self._rests: dict[str, float] = {}
-        self._end_of_rest: asyncio.TimerHandle | None = None
+        self._ends: dict[str, asyncio.TimerHandle] = {}
+        self._arrival_s = 0.0  # of what was read last
         self._subscriber = session.declare_subscriber(
             key_expr, zenoh.handlers.Callback(self._on_sample, indirect=False)
         )
@@ -111,18 +112,16 @@ class Subscriber(Generic[T]):
         return None if self._rings.admits(key, now_s) else Refusal.FLOODED
 
     def rest(self, axis: str, seconds: float) -> None:
-        """Read what comes of an axis later: its reader can make nothing of it before.
+        """Let what comes of an axis wait for so long after the arrival of what is being read.
 
-        Every time that a process wakes costs more than what it then reads.
+        Its reader can make nothing of it before, and to wake costs more than to read.
         """
-        if seconds <= 0.0:
-            self._rests.pop(axis, None)
-            return
-        seconds = min(seconds, _LONGEST_REST_S)
-        self._rests[axis] = time.monotonic() + seconds - _EARLY_S
-        if self._end_of_rest is not None:
-            self._end_of_rest.cancel()
-        self._end_of_rest = self._loop.call_later(seconds + _EARLY_S, self._wake.set)
+        if axis in self._ends:
+            self._ends.pop(axis).cancel()
+        end_s = self._arrival_s + min(seconds, _LONGEST_REST_S)
+        self._rests[axis] = end_s - _EARLY_S
+        if seconds > 0.0:
+            self._ends[axis] = self._loop.call_at(end_s + _EARLY_S, self._wake.set)
 
     def skip(self, axis: str) -> None:
         """Pass over what waits of an axis; it counts as read."""
@@ -133,6 +132,7 @@ class Subscriber(Generic[T]):
         turns = 0
         while True:
             while (arrival := self._rings.take()) is not None:
+                self._arrival_s = arrival.arrival_s
                 heard = self._heard(arrival)
                 if not isinstance(heard, Refusal):
                     yield heard
@@ -164,7 +164,7 @@ class Subscriber(Generic[T]):
         """Undeclare; what is in the ring can still be read, then the iteration ends."""
         if not self._closed:
             self._closed = True
-            if self._end_of_rest is not None:
-                self._end_of_rest.cancel()
+            for each in self._ends.values():
+                each.cancel()
             self._subscriber.undeclare()
             self._wake.set()

@@ -26,13 +26,7 @@ GROUPS: dict[str, list[click.Command]] = {
     "Run the service": _commands(service),
     "Connect a machine": _commands(connect),
     "Examine an axis": _commands(examine),
-    "Study the twin": [
-        twin.simulate,
-        twin.model,
-        *CHECKS,
-        twin.reproduce,
-        twin.bench,
-    ],
+    "Study the twin": [twin.simulate, twin.model, *CHECKS, twin.reproduce, twin.bench],
 }
 GONE: dict[str, str] = {
     "rollout": "gone; copy configurations with Ansible (deploy/ansible/)",

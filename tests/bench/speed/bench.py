@@ -19,7 +19,7 @@ from .delay import PreloadPoller, sample_delays_s
 from .estimator_cost import estimator_us
 from .paced import MOSQUITTO, RATE_HZ, Paced, measure_paced, service
 from .parts_of import SPEED_PARTS
-from .process_meter import PATIENCE_S, ServiceProcess, cpu_s, read_stolen_s, usage_of
+from .process_meter import PATIENCE_S, ServiceProcess, cpu_s, kept_in, read_stolen_s, usage_of
 from .replay_speed import replay_figures
 from .soak import soak
 
@@ -184,14 +184,10 @@ class SpeedBench:
         return soak(self._folder, self._kernels, 5.0 if self._quick else 60.0)
 
     def _spent(self, *line: str) -> tuple[float, float, float]:
-        """Elapsed and processor time, s, and peak memory, MB, of a command and what it starts.
-
-        Bytecode is on the disk, as in an installation: a checkout may forbid it.
-        """
-        kept = {"PYTHONDONTWRITEBYTECODE": "", "NUMBA_CACHE_DIR": str(self._kernels)}
-        kept["PYTHONPYCACHEPREFIX"] = str(self._kernels / "bytecode")
+        """Elapsed and processor time, s, and peak memory, MB, of a command and what it starts."""
         command, none = [sys.executable, "-m", "edge_service", *line], subprocess.DEVNULL
-        told = {"cwd": self._folder, "env": os.environ | kept, "stdout": none, "stderr": none}
+        env = os.environ | kept_in(self._kernels)
+        told = {"cwd": self._folder, "env": env, "stdout": none, "stderr": none}
         begun_s, process = time.monotonic(), subprocess.Popen(command, **cast(Any, told))
         peak_mb, ended = 0.0, os.WEXITED | os.WNOHANG | os.WNOWAIT
         while os.waitid(os.P_PID, process.pid, ended) is None:

@@ -86,6 +86,12 @@ def wait_until(holds: Callable[[], bool], problem: str, period_s: float = 0.1) -
         time.sleep(period_s)
 
 
+def kept_in(folder: Path) -> dict[str, str]:
+    """Environment that keeps kernels and bytecode, as an installation does; a checkout may not."""
+    kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
+    return kept | {"PYTHONDONTWRITEBYTECODE": ""}
+
+
 class Program:
     """A program that is told lines and says lines; as a context manager it always ends."""
 
@@ -123,7 +129,7 @@ class ServiceProcess:
 
     Args:
         folder: its working folder; output goes to files there, so that no pipe fills up.
-        kernel_cache: where compiled kernels are kept; empty is a cold start.
+        kernel_cache: where compiled code is kept; empty is a cold start.
     """
 
     def __init__(self, arguments: Sequence[str], folder: Path, kernel_cache: Path) -> None:
@@ -134,7 +140,7 @@ class ServiceProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "edge_service", *arguments],
                 cwd=folder,
-                env=os.environ | {"NUMBA_CACHE_DIR": str(kernel_cache), "MALLOC_ARENA_MAX": "2"},
+                env=os.environ | {"MALLOC_ARENA_MAX": "2"} | kept_in(kernel_cache),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=errors,

@@ -21,15 +21,13 @@ def replay_figures(folder: Path, kernels: Path, recording_s: float) -> list[Figu
     traces = [folder / "short.csv", folder / "long.csv"]
     for trace, duration_s in zip(traces, (SHORT_S, recording_s), strict=True):
         write_recording(trace, duration_s)
-    free = ["--speed", "0", "--port", "0"]
-    out = ["--out", str(folder / "estimates.csv")]
 
     def run(*arguments: str) -> tuple[float, str]:
         with ServiceProcess(arguments, folder, kernels) as process:
             return process.wait_for_end(_PATIENCE_S)
 
-    replays = [run("replay", str(trace), *free) for trace in traces]
-    estimates = [run("estimate", str(trace), *out) for trace in traces]
+    replays = [run("replay", str(trace), "--speed", "0", "--port", "0") for trace in traces]
+    estimates = [run("estimate", str(each), "--out", f"{folder}/out.csv") for each in traces]
     figures = []
     for name, (short, long), aim in (
         ("a recording flat out through all nodes, per core", replays, 150.0),
