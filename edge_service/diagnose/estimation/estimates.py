@@ -252,7 +252,7 @@ def slopes_of(entries: Entries, k: int, coefficients: Floats) -> Slopes:
         if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
             continue
         more, less = (
-            entries.system.columns(entry.with_shape(parameter.name, value + way * step))
+            entries.system.columns(entry.with_shape(**{parameter.name: value + way * step}))
             for way in (1.0, -1.0)
         )
         found[parameter.name] = {
@@ -270,7 +270,7 @@ def _whole_interval(entries: Entries, k: int, parameter: Parameter) -> tuple[flo
     for way in (-1.0, 1.0):
         end = value
         while parameter.low <= end + way <= parameter.high:
-            if entries.with_shape(k, parameter.name, end + way).solve().square > most:
+            if entries.with_shape(k, **{parameter.name: end + way}).solve().square > most:
                 break
             end += way
         ends.append(end)

@@ -200,8 +200,8 @@ class CrossValidation:
         found = np.zeros(len(session.channels[channel].gap))
         for k, entry in entries.items():
             constant_s = dict(entry.shape).get(_TIME_CONSTANT, 0.0)
-            paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace) if constant_s else entry
-            found += paced.columns(session, channel) @ values.coefficients(k)
+            paced = {_TIME_CONSTANT: constant_s / pace} if constant_s else {}
+            found += entry.with_shape(**paced).columns(session, channel) @ values.coefficients(k)
         return found
 
     def shrink(self, name: str, channel: str, paces: Sequence[float] = PACES) -> Shrink:
