@@ -13,8 +13,8 @@ import numpy as np
 from scipy import optimize
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import ActiveEffect, Kind
-from ...models.effects.registry import get_effect
+from ...models.effects.effect import ActiveEffect, Kind, Term
+from ...models.effects.registry import error_of, get_effect
 from ..candidates.normal_equations import solved
 from ..candidates.regressors import EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
@@ -24,6 +24,7 @@ CHANGE_SIGMA = 1.0
 """Relative change of a shape that is thinkable, for what a slope says of it."""
 LEANING = 4.0
 """Variance factor: an approximate entry leaves bias, not noise, and it pulls the values along."""
+_INERTIA = get_effect(error_of(Term.INERTIA))
 _HELD = 1e9
 """Precision of the nuisances, over that of their prior."""
 _MOST_SWEEPS = 4
@@ -46,9 +47,11 @@ class WeightedLeastSquares:
     observations: float  # number of independent ones among the rows of all channels
 
     @classmethod
-    def of_fit(cls, problem: SelectionProblem, best: Fit) -> Self:
-        """Least squares with the noise that a fit leaves and its nuisances held."""
-        session, design = problem.session, problem.design
+    def of_fit(cls, problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Self:
+        """Least squares with the noise that a fit leaves, its nuisances and named inertia held."""
+        design, change = problem.design, problem.coefficients(best, _INERTIA.name)[1].sum()
+        heavier = ActiveEffect(_INERTIA, {_INERTIA.parameters[0].name: float(change)})
+        session = problem.session.with_load_of([heavier] if _INERTIA.name in named else [])
         index = design.indices(range(design.nuisances))
         effective, weights = problem.noise.effective, {}
         for name, rows in session.channels.items():
@@ -148,7 +151,7 @@ class Entries:
 
 def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Entries:
     """Entries of the library for the named effects of the `best` set, with refined shapes."""
-    system, entries = WeightedLeastSquares.of_fit(problem, best), {}
+    system, entries = WeightedLeastSquares.of_fit(problem, best, named), {}
     for k in problem.design.of_effects(named):
         each = problem.design.regressors[k]
         entry = each.as_entry() if isinstance(each, ForcePulse) else each
