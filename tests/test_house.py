@@ -146,7 +146,7 @@ MOST_LINES = {
     "checks": 3485,
     "cli": 1334,
     "config": 583,
-    "diagnose": 4958,
+    "diagnose": 4956,
     "downsample": 1183,
     "drivers": 3668,
     "estimate": 5163,

@@ -77,9 +77,8 @@ class PreloadReading:
     @property
     def lost(self) -> ParameterValue:
         """Loss in percent of fresh."""
-        value, low, high = (
-            min(max(100.0 - each, 0.0), 100.0) for each in (self.value, self.high, self.low)
-        )
+        lost = 100.0 - np.array((self.value, self.high, self.low))
+        value, low, high = np.clip(lost, 0.0, 100.0).tolist()
         return ParameterValue(value=value, low=low, high=high, unit="%")
 
     @property
@@ -164,7 +163,6 @@ def _beside(session: Session) -> tuple[Floats, Floats, Floats]:
 
 def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
     """Loss of preload whose end and course fit the torque best: lost before, or at an even rate."""
-    effect = fault()
     rows = session.channels[TORQUE_GAP]
     way = session.column(TORQUE_GAP, lambda motion: motion.direction)
     time_s, beside = rows.variables["time_s"], _beside(session)
@@ -179,7 +177,7 @@ def known_loss(session: Session, fresh: Mapping[str, float]) -> ActiveEffect:
             best = fit.residual_std**2
             values = {"lost_percent": lost, "percent_per_s": rate, "until_s": end_s}
     values["lost_percent"] = float(np.clip(values["lost_percent"], 0.0, 100.0))
-    return ActiveEffect(effect, effect.complete({**values, **fresh}))
+    return active_effect(fault().name, {**values, **fresh})
 
 
 def with_missing_drag(
@@ -205,18 +203,11 @@ def with_missing_drag(
         return found
     name, value = fault().name, min(value, 100.0)
     lost = ParameterValue(value=value, low=min(low, 100.0), high=min(high, 100.0), unit="%")
-    named = drag.model_copy(
-        update={
-            "name": name,
-            "probability": _EVEN * drag.probability,
-            "tied": (name, drag.name),
-            "parameters": {"lost_percent": lost},
-            "entries": (fault().complete({"lost_percent": value, **fresh}),),
-        }
-    )
-    others = (
-        each.model_copy(update={"tied": (*each.tied, name)}) if each is drag else each
-        for each in found.effects
-    )
+    entries = (fault().complete({"lost_percent": value, **fresh}),)
+    changes: dict[str, object] = {"name": name, "parameters": {"lost_percent": lost}}
+    probability, both = _EVEN * drag.probability, (name, drag.name)
+    changes |= {"probability": probability, "tied": both, "entries": entries}
+    named, tied = (drag.model_copy(update=x) for x in (changes, {"tied": (*drag.tied, name)}))
+    others = (tied if each is drag else each for each in found.effects)
     verdict = Verdict.AMBIGUOUS if found.verdict is Verdict.EXPLAINED else found.verdict
     return found.with_effects((named, *others), verdict, CAVEAT)

@@ -15,6 +15,7 @@ from edge_service.config import DEFAULT_MACHINE, load_machine
 from edge_service.diagnose.session.session import rigid_plant
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.effects.effect import ActiveEffect, Role
+from edge_service.models.effects.learned import learned_effects
 from edge_service.models.effects.registry import effect_names, get_effect, parse_effect
 from edge_service.models.feed_drive import FeedDrive, FeedDriveSettings
 from edge_service.models.machine import Machine
@@ -75,8 +76,8 @@ def _own_recorded(machine: Machine, case: HiddenCase, motion: str, seed: int) ->
     duration_s, limits = FRESH_S if motion == FRESH else None, motion_limits(machine)
     percent, random = machine.fresh_preload_percent or PERCENT, np.random.default_rng(seed)
     with one_line():
-        active = [_drawn(text, case) for text in case.causes]
         told = commanded_motion(motion, duration_s, limits, RATE_HZ, random)
+        active = [*learned_effects(machine), *(_drawn(text, case) for text in case.causes)]
         settings = FeedDriveSettings.of_machine(machine, RATE_HZ, active)
     stiff = replace(settings, plant=rigid_plant(settings.plant))
     drive = FeedDrive(stiff, limits.low_m, percent, seed)
@@ -136,9 +137,8 @@ def plan(
         strength, number = float(random.choice(STRENGTHS)), seed * 10_000 + k
         strength = strength if SIZES[kind] else 1.0
         name, lacking = plant.known[(k // 2) % len(plant.known)], tuple(withheld)
-        others = [each for each in random.permutation(plant.known) if each != name]
-        causes = tuple(given) or tuple(map(str, [name, *others][: SIZES[kind]]))
-        causes = () if NONE in given else causes
+        others = [str(each) for each in random.permutation(plant.known) if each != name]
+        causes = () if NONE in given else tuple(given) or (name, *others)[: SIZES[kind]]
         if kind == "odd" and plant.odd and not given:
             causes = (str(random.choice(plant.odd)),)
         elif kind in ("odd", "out") and not given:

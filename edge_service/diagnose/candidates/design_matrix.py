@@ -100,14 +100,9 @@ class DesignMatrix:
         }
         first = np.cumsum([0, *(each.size for each in regressors)]).astype(np.int64)
         mean, count = np.zeros(int(first[-1])), len(prior)
-        precision = np.max(
-            [
-                np.diag(each.gram)
-                / max(_MOST_OF_GAP**2 * float(np.sum(session.channels[name].gap ** 2)), 1e-300)
-                for name, each in equations.items()
-            ],
-            axis=0,
-        )
+        most = {name: max(_MOST_OF_GAP**2 * x.square, 1e-300) for name, x in equations.items()}
+        held = [np.diag(each.gram) / most[name] for name, each in equations.items()]
+        precision = np.max(held, axis=0)
         mean[:count] = [each.mean for each in prior]
         precision[:count] = [each.sigma**-2 for each in prior]
         strict = {name for name, effect in effects().items() if effect.follows_own_torque}
@@ -121,13 +116,12 @@ class DesignMatrix:
             *(shapes[each.name, each.form] for each in entries),
             *(forms[each.name] for each in more),
         )
-        return cls(
-            tuple(regressors), count, mean, precision, first, columns, equations, alternatives
-        )
+        numbers = mean, precision, first, columns, equations, alternatives
+        return cls(tuple(regressors), count, *numbers)
 
     def restricted(self, count: int, session: Session, kept: Mapping[str, Booleans]) -> Self:
         """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
-        end = int(self.first[count])
+        end, rows = int(self.first[count]), {n: np.flatnonzero(x) for n, x in kept.items()}
         return replace(
             self,
             regressors=self.regressors[:count],
@@ -136,10 +130,8 @@ class DesignMatrix:
             first=self.first[: count + 1],
             columns={},
             equations={
-                name: NormalEquations.of(
-                    self.columns[name][:, :end], rows.gap, np.flatnonzero(kept[name])
-                )
-                for name, rows in session.channels.items()
+                name: NormalEquations.of(self.columns[name][:, :end], each.gap, rows[name])
+                for name, each in session.channels.items()
             },
             alternatives=self.alternatives[:count],
         )

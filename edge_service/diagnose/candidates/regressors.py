@@ -86,9 +86,9 @@ class EntryRegressor:
         """Amount as the library bounds it; None where the effect has none."""
         return next((p for p in self.effect.parameters if p.name == self.form), None)
 
-    def with_shape(self, name: str, value: float) -> "EntryRegressor":
-        """Regressor of the same amount with another value of one shape."""
-        return entry_regressor(self.effect, self.form, dict(self.shape) | {name: value})
+    def with_shape(self, **shape: float) -> "EntryRegressor":
+        """Regressor of the same amount with other values of some shapes."""
+        return entry_regressor(self.effect, self.form, dict(self.shape) | shape)
 
     def values(self, coefficients: Sequence[float] | Floats) -> dict[str, float]:
         """Values of the effect for the coefficients of the columns."""

@@ -13,8 +13,8 @@ import numpy as np
 from scipy import optimize
 
 from ...messages.samples import Booleans, Floats
-from ...models.effects.effect import ActiveEffect, Kind, Parameter, Role
-from ...models.effects.registry import get_effect
+from ...models.effects.effect import ActiveEffect, Kind, Term
+from ...models.effects.registry import error_of, get_effect
 from ..candidates.normal_equations import solved
 from ..candidates.regressors import EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
@@ -24,11 +24,12 @@ CHANGE_SIGMA = 1.0
 """Relative change of a shape that is thinkable, for what a slope says of it."""
 LEANING = 4.0
 """Variance factor: an approximate entry leaves bias, not noise, and it pulls the values along."""
+_INERTIA = get_effect(error_of(Term.INERTIA))
 _HELD = 1e9
 """Precision of the nuisances, over that of their prior."""
 _MOST_SWEEPS = 4
 _SETTLED = 1e-2  # fall of the square, as a part of it, that is worth no further sweep
-_EVALUATIONS = 10
+_FIRST_STEP = 0.5  # of a search, as a part of its reach
 _REACH = 2.0  # of a shape's search around its point of the grid, as a factor
 _FINE_REACH = 1.1
 """The same where the grid is fine."""
@@ -46,9 +47,11 @@ class WeightedLeastSquares:
     observations: float  # number of independent ones among the rows of all channels
 
     @classmethod
-    def of_fit(cls, problem: SelectionProblem, best: Fit) -> Self:
-        """Least squares with the noise that a fit leaves and its nuisances held."""
-        session, design = problem.session, problem.design
+    def of_fit(cls, problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Self:
+        """Least squares with the noise that a fit leaves, its nuisances and named inertia held."""
+        design, change = problem.design, problem.coefficients(best, _INERTIA.name)[1].sum()
+        heavier = ActiveEffect(_INERTIA, {_INERTIA.parameters[0].name: float(change)})
+        session = problem.session.with_load_of([heavier] if _INERTIA.name in named else [])
         index = design.indices(range(design.nuisances))
         effective, weights = problem.noise.effective, {}
         for name, rows in session.channels.items():
@@ -93,9 +96,9 @@ class Entries:
         """Entries with columns at the rows of a system."""
         return cls(system, tuple(regressors), tuple(system.columns(each) for each in regressors))
 
-    def with_shape(self, k: int, name: str, value: float) -> Self:
-        """Entries of which one has another value of one shape."""
-        changed = self.regressors[k].with_shape(name, value)
+    def with_shape(self, k: int, **shape: float) -> Self:
+        """Entries of which one has other values of some shapes."""
+        changed = self.regressors[k].with_shape(**shape)
         regressors = (*self.regressors[:k], changed, *self.regressors[k + 1 :])
         columns = (*self.columns[:k], self.system.columns(changed), *self.columns[k + 1 :])
         return type(self)(self.system, regressors, columns)
@@ -148,7 +151,7 @@ class Entries:
 
 def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Entries:
     """Entries of the library for the named effects of the `best` set, with refined shapes."""
-    system, entries = WeightedLeastSquares.of_fit(problem, best), {}
+    system, entries = WeightedLeastSquares.of_fit(problem, best, named), {}
     for k in problem.design.of_effects(named):
         each = problem.design.regressors[k]
         entry = each.as_entry() if isinstance(each, ForcePulse) else each
@@ -194,12 +197,8 @@ def _refined(entries: Entries) -> Entries:
     for _ in range(_MOST_SWEEPS):
         before = left
         for k, entry in enumerate(entries.regressors):
-            moved = {name for name, _ in entry.shape}
-            if entry.effect.kind is Kind.DISTURBANCE:
-                continue  # the search for it has its own, finer resolution
-            for parameter in entry.effect.parameters:
-                if parameter.role is Role.SHAPE and not parameter.whole and parameter.name in moved:
-                    entries, left = _moved(entries, k, parameter)
+            if entry.effect.kind is not Kind.DISTURBANCE:  # whose search has a finer resolution
+                entries, left = _moved(entries, k)
         if left > (1.0 - _SETTLED) * before:
             break
     return entries
@@ -213,30 +212,31 @@ def _started(entries: Entries, entry: EntryRegressor) -> EntryRegressor:
     others = [each for each in entries.regressors if each is not entry]
     free = Entries.of(entries.system, [*others, replace(entry, form=strength)])
     factor = float(np.clip(free.solve().beta[-1], 0.2, 3.0))
-    return entry.with_shape(strength, dict(entry.shape)[strength] * factor)
+    return entry.with_shape(**{strength: dict(entry.shape)[strength] * factor})
 
 
-def _moved(entries: Entries, k: int, parameter: Parameter) -> tuple[Entries, float]:
-    entry = entries.regressors[k]
-    shape = dict(entry.shape)
-    value = shape[parameter.name]
-    is_scale = parameter.low >= 0.0 and value > 0.0
-    # a place or a time is moved by the width or the length of what is there
-    span = shape.get("width_m", shape.get("duration_s", 0.1 * abs(parameter.faulty)))
+def _moved(entries: Entries, k: int) -> tuple[Entries, float]:
+    """Entries of which one has its shapes where together they fit best, and the square left."""
+    entry, shape = entries.regressors[k], dict(entries.regressors[k].shape)
+    free = [p for p in entry.effect.parameters if p.name in shape and not p.whole]
+    factor = _FINE_REACH if entry.effect.follows_own_torque else _REACH
 
-    def trial(x: float) -> tuple[Entries, float]:
-        wanted = value * float(np.exp(x)) if is_scale else value + x * span
-        wanted = float(np.clip(wanted, parameter.low, parameter.high))
-        changed = entries.with_shape(k, parameter.name, wanted)
+    def trial(steps: Floats) -> tuple[Entries, float]:
+        wanted = {}
+        for each, step in zip(free, steps.tolist(), strict=True):
+            value, is_scale = shape[each.name], each.low >= 0.0 and shape[each.name] > 0.0
+            span = shape.get("width_m", 0.1 * abs(each.faulty))  # by which a place is moved
+            value = value * factor**step if is_scale else value + step * span
+            wanted[each.name] = min(max(value, each.low), each.high)
+        changed = entries.with_shape(k, **wanted)
         return changed, changed.solve().square
 
-    factor = _FINE_REACH if entry.effect.follows_own_torque else _REACH
-    reach = float(np.log(factor)) if is_scale else 1.0
-    found = optimize.minimize_scalar(
-        lambda x: trial(x)[1],
-        bounds=(-reach, reach),
-        method="bounded",
-        options={"maxiter": _EVALUATIONS, "xatol": 0.01 * reach},
+    if not free:
+        return entries, entries.solve().square
+    start, bounds = np.zeros(len(free)), [(-1.0, 1.0)] * len(free)
+    simplex = np.vstack((start, _FIRST_STEP * np.eye(len(free))))
+    options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.1}
+    found = optimize.minimize(
+        lambda x: trial(x)[1], start, method="Nelder-Mead", bounds=bounds, options=options
     )
-    here, there = trial(0.0), trial(float(found.x))
-    return there if there[1] < here[1] else here
+    return trial(found.x)

@@ -14,6 +14,7 @@ from ...messages.samples import Floats
 from ...messages.stored import finite_or_none
 from ...models.effects.effect import ActiveEffect, Parameter, Role, Term
 from ...models.effects.registry import active_effect, error_of, get_effect
+from ..candidates.regressors import entry_regressor
 from ..result import ParameterValue, WaterfallStep
 from ..selection.posterior import Posterior
 from ..session.session import TORQUE_GAP, Session, rms
@@ -103,13 +104,14 @@ class Estimates:
         values = regressor.values(coefficients)
         slopes = slopes_of(self.fitted, k, coefficients)
         sigma, changes = self._sigmas(k, slopes)
-        shown = {}
+        twins, shown = self._twins(k), {}
         for parameter in regressor.effect.parameters:
             if parameter.amounts and regressor.form not in parameter.amounts:
                 continue
             value = values[parameter.name]
-            if parameter.name == regressor.form:
-                low, high = self._amount_interval(k, value, sigma)
+            if parameter.name in twins:
+                low, high = self._amount_interval(k, values[regressor.form], sigma)
+                low, high = (min(low, 0.0), max(high, 0.0)) if len(twins) > 1 else (low, high)
             elif parameter.name in changes:
                 reach = Z_90 * changes[parameter.name] * abs(value)
                 low, high = np.clip((value - reach, value + reach), parameter.low, parameter.high)
@@ -134,6 +136,19 @@ class Estimates:
             late = self.fitted.delayed(_LAG, [*self.beside(_LAG), usual]).columns[k]
             pairs = ((c, late[c] - each) for c, each in self.fitted.columns[k].items())
             found.append({c: (more @ self.coefficients(k))[:, None] for c, more in pairs})
+        return found
+
+    def _twins(self, k: int) -> set[str]:
+        """Amounts that show as an entry's does, and its own: data tell but the sum of them."""
+        entry, system, mine = self.fitted.regressors[k], self.fitted.system, self.fitted.columns[k]
+        found = {entry.form}
+        for name in (p.name for p in entry.effect.parameters if p.role is Role.AMOUNT):
+            other = entry_regressor(entry.effect, name, dict(entry.shape))
+            if other.size == entry.size:
+                made = ((c, x - system.columns(other)[c]) for c, x in mine.items())
+                off = (system.weights[c] * x @ self.coefficients(k) for c, x in made)
+                if sum(x @ x for x in off) < system.misfit(self.square):
+                    found.add(name)
         return found
 
     def _weight(self, k: int) -> float:
@@ -237,7 +252,7 @@ def slopes_of(entries: Entries, k: int, coefficients: Floats) -> Slopes:
         if parameter.whole or value == 0.0 or not parameter.low < value < parameter.high:
             continue
         more, less = (
-            entries.system.columns(entry.with_shape(parameter.name, value + way * step))
+            entries.system.columns(entry.with_shape(**{parameter.name: value + way * step}))
             for way in (1.0, -1.0)
         )
         found[parameter.name] = {
@@ -255,7 +270,7 @@ def _whole_interval(entries: Entries, k: int, parameter: Parameter) -> tuple[flo
     for way in (-1.0, 1.0):
         end = value
         while parameter.low <= end + way <= parameter.high:
-            if entries.with_shape(k, parameter.name, end + way).solve().square > most:
+            if entries.with_shape(k, **{parameter.name: end + way}).solve().square > most:
                 break
             end += way
         ends.append(end)

@@ -71,13 +71,9 @@ class Vibration:
     def as_cause(self, before: Session, after: Session) -> NamedEffect:
         """A named cause without an entry, by the session with it and without it."""
         rows = before.channels[self.channel]
-        there_s = rows.variables["time_s"][self.is_there].tolist()
-        values = {
-            "frequency_hz": (self.frequency_hz, "Hz"),
-            "amplitude": (self.amplitude, CHANNEL_UNITS[self.channel]),
-            "from_s": (there_s[0], "s"),
-            "to_s": (there_s[-1], "s"),
-        }
+        from_s, *_, to_s = rows.variables["time_s"][self.is_there].tolist()
+        values = {"frequency_hz": (self.frequency_hz, "Hz"), "from_s": (from_s, "s")}
+        values |= {"to_s": (to_s, "s"), "amplitude": (self.amplitude, CHANNEL_UNITS[self.channel])}
         here = 1.0 - after.channels[self.channel].rms / rows.rms
         return NamedEffect(
             name=VIBRATION,

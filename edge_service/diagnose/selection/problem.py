@@ -163,25 +163,18 @@ class SelectionProblem:
             score -= 0.5 * noise.effective[name] * np.log(each)
         names = [frozenset(design.regressors[a].name for a in chosen) for chosen in sets]
         each_cost = 0.5 * math.log(sum(noise.effective.values()))
+        found = []
         for k, chosen in enumerate(sets):
             shapes = (
                 design.regressors[a].size * each_cost + math.log(design.alternatives[a])
                 for a in chosen
             )
             unnamed = (UNNAMED_COST - NAME_COST) * (UNKNOWN in names[k])
-            score[k] = score[k] - (sum(shapes) + NAME_COST * len(names[k]) + unnamed)
-        return [
-            Fit(
-                tuple(chosen),
-                names[k],
-                regressors[k],
-                index[k],
-                beta[k],
-                {name: math.sqrt(each[k]) for name, each in left.items()},
-                float(score[k]),
-            )
-            for k, chosen in enumerate(sets)
-        ]
+            evidence = float(score[k] - (sum(shapes) + NAME_COST * len(names[k]) + unnamed))
+            rms = {name: math.sqrt(each[k]) for name, each in left.items()}
+            solution = regressors[k], index[k], beta[k], rms, evidence
+            found.append(Fit(tuple(chosen), names[k], *solution))
+        return found
 
     def stretched(self, whole: Fit) -> dict[str, float]:
         """Parameters that a fit has further off than a healthy axis may, in tolerances."""

@@ -113,8 +113,13 @@ class Session:
 
     def with_torque_of(self, made: Sequence[ActiveEffect]) -> Self:
         """Session whose motions have the torque of further effects; its gap is as it was."""
-        motions = tuple(_whole(each, self.baseline, made) for each in self.motions)
+        whole = (*self.modelled, *made)
+        motions = tuple(_whole(run.motion, self.baseline, whole) for run in self.runs)
         return replace(self, motions=motions)
+
+    def with_load_of(self, made: Sequence[ActiveEffect]) -> Self:
+        """Session whose springs carry further effects' loads; its gap is as it was."""
+        return replace(self, motions=tuple(_loaded(each, made) for each in self.motions))
 
     def column(self, channel: str, curve: Callable[[Motion], Floats]) -> Floats:
         """Column of a channel from a function of the motion, (n,).
@@ -159,14 +164,23 @@ class Session:
 
 def _whole(motion: Motion, baseline: Baseline, modelled: Sequence[ActiveEffect]) -> Motion:
     """Motion with some effects in its torques; what lags, or scales, does so with all."""
+    motion = _loaded(motion, modelled)
     for each in sorted(modelled, key=lambda e: e.effect.term in (Term.GAIN, Term.LAG)):
         made_nm = torque_signature(each.effect, each.values, motion, baseline)
         motion = replace(motion, model_torque_nm=motion.model_torque_nm + made_nm)
-        for part in each.contributions:
-            if isinstance(part, SmoothTorque) and (part.over, part.side) == (Over.TIME, Side.TABLE):
-                held_nm = motion.load_torque_nm + part.torque_nm(motion.time_s)
-                motion = replace(motion, load_torque_nm=held_nm)
     return motion
+
+
+def _loaded(motion: Motion, made: Sequence[ActiveEffect]) -> Motion:
+    """Motion whose springs carry what some effects hold, or move, on the table."""
+    load_nm = motion.load_torque_nm
+    for part in (part for each in made for part in each.contributions):
+        match part:
+            case SmoothTorque(Over.TIME, torque_nm, Side.TABLE):
+                load_nm = load_nm + torque_nm(motion.time_s)
+            case Change(Constant.TABLE_INERTIA, value):
+                load_nm = load_nm + value * motion.acceleration_rad_s2
+    return replace(motion, load_torque_nm=load_nm)
 
 
 def compared(channel: str, run: Run) -> Booleans:
@@ -187,7 +201,8 @@ def channel_gap(
         left = run.motion.torque_nm - _whole(run.motion, baseline, modelled).model_torque_nm
         return run.resting_zero(left)[compared(channel, run)]
     assert run.transmission_m is not None
-    known = [transmission_signature(e.effect, e.values, run.motion, baseline) for e in modelled]
+    motion = _loaded(run.motion, modelled)
+    known = [transmission_signature(e.effect, e.values, motion, baseline) for e in modelled]
     return run.low_pass(run.transmission_m - sum(known))[compared(channel, run)]
 
 

@@ -120,13 +120,9 @@ def attributions(posterior: Posterior, contributions: Contributions) -> dict[str
             by_motion = predicted_structure(session, own, timed=False)
             by_chance = _missed(own, by_motion, tolerance)[channel]
             missed_here = max(missed_here, by_chance - BY_CHANCE * float(np.sum(own[channel] ** 2)))
-        found[effect] = Attribution(
-            gain=gain / whole,
-            explained=1.0 - float(np.sum(rest**2)) / whole,
-            missed=missed_here / whole,
-            left=share,
-            strain=math.fsum(energies) / whole,
-        )
+        explained = 1.0 - float(np.sum(rest**2)) / whole
+        others = missed_here / whole, share, math.fsum(energies) / whole
+        found[effect] = Attribution(gain / whole, explained, *others)
     return found
 
 
@@ -204,8 +200,8 @@ class CrossValidation:
         found = np.zeros(len(session.channels[channel].gap))
         for k, entry in entries.items():
             constant_s = dict(entry.shape).get(_TIME_CONSTANT, 0.0)
-            paced = entry.with_shape(_TIME_CONSTANT, constant_s / pace) if constant_s else entry
-            found += paced.columns(session, channel) @ values.coefficients(k)
+            paced = {_TIME_CONSTANT: constant_s / pace} if constant_s else {}
+            found += entry.with_shape(**paced).columns(session, channel) @ values.coefficients(k)
         return found
 
     def shrink(self, name: str, channel: str, paces: Sequence[float] = PACES) -> Shrink:
@@ -367,7 +363,7 @@ def is_told(each: NamedEffect) -> bool:
     """Flag of an amount that is told from zero; of several entries only their sum is."""
     amounts = {p.name for p in get_effect(each.name).parameters if p.role is Role.AMOUNT}
     values = [value for name, value in each.parameters.items() if name in amounts]
-    known = all((value.low or 0.0) * (value.high or 0.0) > 0.0 for value in values)
+    known = all(v.high is not None and (v.low or 0.0) * v.high >= 0.0 for v in values)
     return known or len(each.entries) > 1
 
 
