@@ -363,7 +363,7 @@ def is_told(each: NamedEffect) -> bool:
     """Flag of an amount that is told from zero; of several entries only their sum is."""
     amounts = {p.name for p in get_effect(each.name).parameters if p.role is Role.AMOUNT}
     values = [value for name, value in each.parameters.items() if name in amounts]
-    known = all(v.high is not None and (v.low or 0.0) * v.high >= 0.0 for v in values)
+    known = all(v.low is not None and v.high is not None and v.low * v.high >= 0 for v in values)
     return known or len(each.entries) > 1
 
 
