@@ -207,9 +207,11 @@ class MixturePreloadEstimator:
 
     def _implausible(self) -> str | None:
         """Reason why no axis can be as the leading hypothesis says; None if one can."""
-        moments = self._bank.moments
+        bank, model, moments = self._bank, self._model, self._bank.moments
+        mean = bank.mean[leader_of(bank)]
         if moments[state.INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
             off = float(moments[state.INERTIA_ERROR] / moments[state.INERTIA_TORQUE])
+            off -= float(mean[state.PAYLOAD]) * model.ratio_m_per_rad**2 / model.inertia_kg_m2
             if abs(off) > INERTIA_OFF:
                 return (
                     f"model_mismatch: accelerating takes {100 * (1 + off):.0f} % of the torque "
@@ -224,8 +226,6 @@ class MixturePreloadEstimator:
                     "force would act there, where nothing cuts; check encoders, load and machine "
                     "file, or run `edge-service diagnose`"
                 )
-        mean = self._bank.mean[leader_of(self._bank)]
-        model = self._model
         friction = float(max(mean[state.NUT_FRICTION : state.GUIDE_VISCOUS + 1]))
         load_kg = model.table_mass_kg if len(mean) > state.TORQUE_STATES else math.inf
         for name, value, low, high in (

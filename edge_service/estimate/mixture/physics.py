@@ -180,7 +180,7 @@ class Innovation(NamedTuple):
     gains: Floats  # P H', (2, n)
     error: Floats  # (2,), N m and m
     covariance: Floats  # S, (2, 2)
-    at: Floats  # (n,), state around which the stretch is linear
+    at: Floats  # (n,), state around which the stretch is linear; of no use after that
 
 
 class Noise(NamedTuple):
@@ -254,11 +254,11 @@ def innovate(
             if two:
                 e[1] -= innovation.slopes[1, i] * away
         _project(p, innovation.slopes[0], innovation.gains[0])
-        s[0, 0] += _along(innovation.slopes[0], innovation.gains[0])
+        s[0, 0] += along(innovation.slopes[0], innovation.gains[0])
         if two:
             _project(p, innovation.slopes[1], innovation.gains[1])
-            s[1, 1] += _along(innovation.slopes[1], innovation.gains[1])
-            s[0, 1] += _along(innovation.slopes[1], innovation.gains[0])
+            s[1, 1] += along(innovation.slopes[1], innovation.gains[1])
+            s[0, 1] += along(innovation.slopes[1], innovation.gains[0])
         s[1, 0] = s[0, 1]
         if straight or turn == 2:
             break
@@ -284,7 +284,7 @@ def _project(p: Floats, slope: Floats, gain: Floats) -> None:
 
 
 @inlined
-def _along(slope: Floats, gain: Floats) -> float:
+def along(slope: Floats, gain: Floats) -> float:
     total = 0.0
     for i in range(slope.shape[0]):
         total += slope[i] * gain[i]

@@ -2,8 +2,9 @@
 
 A hypothesis estimates the quantities below, torque's first: an axis with one encoder has
 TORQUE_STATES of them. Changes of frictions are shares of what was commissioned. NUT_COMPLIANCE is
-considered (Schmidt's filter): its variance widens the answer, but the data do not move it, for no
-recording of a healthy axis can tell it, and a filter that learns it lets a wrong model look right.
+considered (Friedland's two stages): its variance widens the answer, but the data do not move it,
+for no recording of a healthy axis can tell it, and a filter that learns it lets a wrong model look
+right.
 """
 
 from typing import Any, NamedTuple
@@ -50,7 +51,7 @@ SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
 likeliest initial hypothesis is accepted; innovation squared of the leader; fastest phase so far;
 motion for which a process force has lasted."""
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
-"""Sums over half a minute of J a times the error of the torque, and of (J a)^2, (N m)^2 s."""
+"""Sums of half a minute: J a times the torque beside it and friction, and (J a)^2, (N m)^2 s."""
 RAPID_S, RAPID_FORCED_S = range(8, 10)
 """Rapid motion lately, and how much of it was taken for one under a process force."""
 BELIEVED_FORCED_S, PAST_FORCED_S = range(10, 12)

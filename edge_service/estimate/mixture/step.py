@@ -16,7 +16,7 @@ from ...messages.samples import Floats
 from ...models.compiled import compiled, inlined
 from . import state
 from .hypotheses import FORCED, STOP_S, accepted, adapt_hypotheses, leader_of, normalise
-from .physics import Innovation, innovate, mapped, noise_of
+from .physics import Innovation, along, innovate, mapped, noise_of
 from .state import AxisModel, Bank, Process, Reading
 
 _INERTIA_S = 30.0
@@ -86,7 +86,7 @@ def step(
     _reweigh(bank, process, assessed)
     leader = leader_of(bank)
     counts = (1.0 - assessed.persists[leader]) * noise.accelerates
-    _watch_inertia(bank, model, reading, error_nm[leader], counts)
+    _watch_inertia(bank, model, reading, leader, error_nm[leader], counts)
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[state.SURPRISE] = assessed.nis[leader]
     adapt_hypotheses(bank, process, reading, elapsed_s, calm, assessed.nis)
@@ -95,9 +95,7 @@ def step(
     bank.moments[state.PAST_FORCED_S] *= math.exp(-reading.steady_s / process.assumed.friction_s)
     bank.moments[state.PAST_FORCED_S] += 0.0 if acts else forced_s
     bank.moments[state.BELIEVED_FORCED_S] = forced_s + reading.steady_s if acts else 0.0
-    if not calm:
-        return math.nan
-    return float(assessed.nis[leader] / 2.0 if two else assessed.nis[leader])
+    return float(assessed.nis[leader] / (2.0 if two else 1.0)) if calm else math.nan
 
 
 @inlined
@@ -207,9 +205,9 @@ def _correct_unforced(
     """
     forced = assessed.forced[k]
     wild = assessed.nis[k] > OUTLIER
-    if forced > FORCED or (wild and k != leader_of(bank)):
-        return
-    correct(bank, k, model, max(1.0, assessed.nis[k] / _USUAL) / (1.0 - forced), two, innovation)
+    if forced <= FORCED and (not wild or k == leader_of(bank)):
+        scale = max(1.0, assessed.nis[k] / _USUAL) / (1.0 - forced)
+        correct(bank, k, model, scale, two, innovation)
 
 
 @inlined
@@ -263,13 +261,13 @@ def _improbability(x: Floats, process: Process) -> float:
 
 @inlined
 def _watch_inertia(
-    bank: Bank, model: AxisModel, r: Reading, error_nm: float, counts: float
+    bank: Bank, model: AxisModel, r: Reading, leader: int, error_nm: float, counts: float
 ) -> None:
     """Accumulate the correlation of the torque's error with the inertia torque.
 
     A wrong torque constant errs alike in every phase, and passes for a force that begins anew in
     each. A process force errs by as much as the inertia torque in some, and lasts into the next:
-    `counts` is the probability that none does.
+    `counts` is the probability that none does. What is a payload now may be none later: it counts.
     """
     keep = math.exp(-r.steady_s / _INERTIA_S)
     inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2
@@ -277,6 +275,8 @@ def _watch_inertia(
     bank.moments[state.INERTIA_ERROR] *= keep
     bank.moments[state.INERTIA_TORQUE] *= keep
     error = min(max(error_nm * inertia_nm, -most), most)
+    load_nm = bank.mean[leader, state.PAYLOAD] * model.ratio_m_per_rad**2 * r.acceleration_rad_s2
+    error += load_nm * inertia_nm
     bank.moments[state.INERTIA_ERROR] += counts * error * r.steady_s
     bank.moments[state.INERTIA_TORQUE] += counts * square * r.steady_s
 
@@ -366,36 +366,35 @@ def _log_likelihood(
 def correct(
     bank: Bank, k: int, model: AxisModel, scale: float, two: bool, innovation: Innovation
 ) -> None:
-    """Kalman correction with the innovation's covariance, scaled; considered states stay.
+    """Kalman correction with the innovation's covariance, scaled, as if the nut were known.
 
-    No nut has more preload than it was made with, and no joint is stiffer than at commissioning.
+    What its compliance errs by is in the covariance by what it does to the state (Friedland 1969).
+    Gains that count it (Schmidt's) take for news of the preload what changes the slopes alone.
+    No nut has more preload than it was made with; no joint is stiffer than at commissioning.
     """
-    x, p = bank.mean[k], bank.covariance[k]
-    size = x.shape[0]
-    first, second, e = innovation.gains[0], innovation.gains[1], innovation.error
-    s = innovation.covariance
-    left = math.sqrt(scale * s[0, 0])
-    step = e[0] / left
-    below = scale * s[0, 1] / left
-    right = math.sqrt(scale * s[1, 1] - below * below)
-    other = (e[1] - below * step) / right
+    x, p, e, s = bank.mean[k], bank.covariance[k], innovation.error, innovation.covariance
+    size, v = x.shape[0], innovation.at
     both = size > state.TORQUE_STATES
-    considered = state.NUT_COMPLIANCE
-    nut = (x[considered], p[considered, considered]) if both else (0.0, 0.0)
+    first, second = innovation.gains[0], innovation.gains[1]
+    nut = p[state.NUT_COMPLIANCE, state.NUT_COMPLIANCE] if both else 0.0
     for i in range(size):
-        first[i] /= left
-        x[i] += first[i] * step
-    if two:
-        for i in range(size):
-            second[i] = (second[i] - below * first[i]) / right
-            x[i] += second[i] * other
+        v[i] = p[i, state.NUT_COMPLIANCE] / nut if nut > 0.0 else 0.0
+    a, b = along(innovation.slopes[0], v), along(innovation.slopes[1], v) if two else 0.0
+    left = math.sqrt(scale * s[0, 0] - nut * a * a)
+    below = (scale * s[0, 1] - nut * a * b) / left
+    right = math.sqrt(scale * s[1, 1] - nut * b * b - below * below)
+    step, other = e[0] / left, (e[1] - below * e[0] / left) / right if two else 0.0
     for i in range(size):
-        a, b = first[i], second[i] if two else 0.0
-        if a != 0.0 or b != 0.0:
-            for j in range(size):
-                p[i, j] -= a * first[j] + b * second[j]
+        first[i] = (first[i] - nut * a * v[i]) / left
+        second[i] = (second[i] - nut * b * v[i] - below * first[i]) / right if two else 0.0
+        x[i] += first[i] * step + second[i] * other
+    a, b = a / left, (b - below * a / left) / right
+    for i in range(size):
+        later = v[i] - first[i] * a - second[i] * b
+        for j in range(size):
+            p[i, j] -= first[i] * first[j] + second[i] * second[j]
+            p[i, j] += nut * (later * (v[j] - first[j] * a - second[j] * b) - v[i] * v[j])
     if both:
-        x[considered], p[considered, considered] = nut
         x[state.LOOSENESS] = max(x[state.LOOSENESS], 0.0)
         x[state.COUPLING] = max(x[state.COUPLING], 0.0)
     _bound(x, p, math.log(state.MOST_SHARE * model.fresh_percent), both)

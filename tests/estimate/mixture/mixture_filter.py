@@ -99,11 +99,12 @@ def noise_of(
 def corrected(
     model: AxisModel, process: Process, x: Floats, p: Floats, r: Reading
 ) -> tuple[Floats, Floats, float]:
-    """State, covariance, and the innovation squared; what is considered has no gain.
+    """State, covariance, and the innovation squared; what is considered is known, give or take.
 
-    P - K H P - P H' K' + K S K' with the rows of K that are considered set to zero. Where the
-    innovation squared is above USUAL, S is scaled by their ratio. The state is then projected onto
-    a preload that a nut can have; no joint is stiffer than when it was new.
+    With it known, the gain is Kalman's. What it errs by (variance v) has moved the state by d, and
+    moves it now by (I - K H) d. Where the innovation squared is above USUAL, S is scaled by their
+    ratio. The state is then projected onto a preload that a nut can have; no joint is stiffer than
+    when it was new.
     """
     foreseen, slopes, compliance = expected(model, x, r)
     seen = np.array([r.torque_nm, r.stretch_m])[: len(foreseen)]
@@ -111,11 +112,15 @@ def corrected(
     s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(foreseen))
     nis = float(error @ np.linalg.solve(s, error))
     s *= max(1.0, nis / USUAL)
-    gain = np.linalg.solve(s, slopes @ p).T
-    if len(x) > state.TORQUE_STATES:
-        gain[CONSIDERED, :] = 0.0
-    cross = gain @ slopes @ p
-    p = p - cross - cross.T + gain @ s @ gain.T
+    one = CONSIDERED if len(x) > state.TORQUE_STATES else ()
+    v = p[np.ix_(one, one)]
+    d = p[:, one] @ np.linalg.inv(v)
+    known = p - d @ v @ d.T
+    s_known = s - slopes @ d @ v @ d.T @ slopes.T
+    gain = np.linalg.solve(s_known, slopes @ known).T
+    known = known - gain @ s_known @ gain.T
+    d = d - gain @ slopes @ d
+    p = known + d @ v @ d.T
     x = x + gain @ error
     if len(x) > state.TORQUE_STATES:
         x[state.LOOSENESS] = max(x[state.LOOSENESS], 0.0)

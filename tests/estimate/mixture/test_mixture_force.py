@@ -8,7 +8,7 @@ import pytest
 from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
 from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
-from edge_service.estimate.mixture.state import Bank, Reading
+from edge_service.estimate.mixture.state import AxisModel, Bank, Reading
 from edge_service.estimate.mixture.step import step
 
 from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, parts, production
@@ -63,9 +63,15 @@ def bursts(rng: np.random.Generator, seconds: float) -> np.ndarray:
     return force_n
 
 
-def acceleration_error(bank: Bank) -> float:
-    """Torque that acceleration takes, over the commissioned one, less 1."""
-    return float(bank.moments[state.INERTIA_ERROR] / bank.moments[state.INERTIA_TORQUE])
+def load(bank: Bank, model: AxisModel) -> float:
+    """Inertia of the load that is believed in, over that of the axis."""
+    return float(bank.mean[leader_of(bank), state.PAYLOAD]) * RATIO**2 / model.inertia_kg_m2
+
+
+def acceleration_error(bank: Bank, model: AxisModel) -> float:
+    """Torque that acceleration takes, over the commissioned one, less 1 and that of the load."""
+    seen = float(bank.moments[state.INERTIA_ERROR] / bank.moments[state.INERTIA_TORQUE])
+    return seen - load(bank, model)
 
 
 @pytest.mark.parametrize("one_encoder", [False, True])
@@ -77,7 +83,21 @@ def test_cuts_are_no_other_torque_constant(one_encoder: bool, seed: int) -> None
     for k, r in enumerate(production(20 + seed, 90.0, Truth(), one_encoder)):
         step(bank, model, process, pushed(r, float(force_n[k])), 0.1)
         if k > 50 and bank.moments[state.INERTIA_TORQUE] > INERTIA_SEEN_NM2_S:
-            assert abs(acceleration_error(bank)) < INERTIA_OFF, k
+            assert abs(acceleration_error(bank, model)) < INERTIA_OFF, k
+
+
+def test_a_load_that_few_accelerations_show_is_no_other_torque_constant() -> None:
+    """What was expected before it was believed in is forgotten with the belief."""
+    (model, start, process), said = parts(), []
+    for seed in range(8):
+        bank, left = initial_bank(start, SETTINGS), 5
+        for r in production(30 + seed, 9.0, Truth(payload_kg=34.0)):
+            left -= r.acceleration_rad_s2 != 0.0
+            if left >= 0 or r.acceleration_rad_s2 == 0.0:
+                step(bank, model, process, r, 0.1)
+        if load(bank, model) > INERTIA_OFF:
+            said.append(abs(acceleration_error(bank, model)))
+    assert len(said) > 4 and max(said) < INERTIA_OFF
 
 
 @pytest.mark.parametrize("left", [0.02, 0.3, 0.5])

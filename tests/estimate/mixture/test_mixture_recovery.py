@@ -61,7 +61,7 @@ def test_a_new_nut_is_found_without_a_word_of_it(
     axis = Axis(one_encoder).moved(1, 120.0, Truth(percent=percent))
     if unseen:
         continue_after_stop(axis.bank, axis.start, 3600.0)
-    axis.moved(2, BACK_S, FRESH_TRUTH, 3600.0 if unseen else 300.0)
+    axis.moved(2, 1.2 * BACK_S, FRESH_TRUTH, 3600.0 if unseen else 300.0)
     value, low, high = axis.said().preload
     assert low <= FRESH <= high
     assert value > 0.8 * FRESH
