@@ -39,7 +39,7 @@ OTHER_FRICTION = 0.2
 """Assumption: probability that the level of friction says nothing: other grease, other guides."""
 COLD_WARMTH = 0.05
 """Assumption: most friction that warmth takes between tests after the same warm-up, a share."""
-LEAST_WIDTH_PERCENT, WIDE, WIDER = 0.5, 3.5, 1.5
+LEAST_WIDTH_PERCENT, DUE_WIDTH_PERCENT, WIDER = 0.5, 3.5, 1.5  # WIDER than the test's: due, too
 DUE_DAYS, LONGEST_DAYS = 7.0, 45.0
 FAR_SHARE, FEED_FACTOR, SIGMAS = 0.05, 4.0 / 3.0, 3.0
 """Most distance from the place of commissioning, over the stroke, and between the feeds."""
@@ -130,8 +130,9 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             told, by_test = (self._told(x) for x in (_combined(worn, level, OTHER_NUT), worn))
             told["fault_probability"] = now.fault_probability | told["fault_probability"]
             now = now.model_copy(update=told)
-            low, high, wide = by_test["low"], by_test["high"], told["high"] - told["low"]
-            if not low <= told["preload_percent"] <= high or wide > max(WIDER * (high - low), WIDE):
+            low, high = by_test["low"], by_test["high"]
+            most = max(WIDER * (high - low), DUE_WIDTH_PERCENT)
+            if not low <= told["preload_percent"] <= high or told["high"] - told["low"] > most:
                 since = "; friction has changed since"
         if days <= DUE_DAYS and not since:
             return now

@@ -180,7 +180,7 @@ class Innovation(NamedTuple):
     gains: Floats  # P H', (2, n)
     error: Floats  # (2,), N m and m
     covariance: Floats  # S, (2, 2)
-    at: Floats  # (n,), state around which the stretch is linear; of no use after that
+    at: Floats  # (n,), state around which the stretch is linear; scratch after that
 
 
 class Noise(NamedTuple):

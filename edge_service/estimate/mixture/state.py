@@ -51,7 +51,7 @@ SINCE_SPAWN_S, STOPPED_S, LEARNING, SURPRISE, FASTEST_RAD_S, FORCED_S = range(6)
 likeliest initial hypothesis is accepted; innovation squared of the leader; fastest phase so far;
 motion for which a process force has lasted."""
 INERTIA_ERROR, INERTIA_TORQUE = range(6, 8)
-"""Sums of half a minute: J a times the torque beside it and friction, and (J a)^2, (N m)^2 s."""
+"""Sums of half a minute: J a times the torque beyond J a and friction; (J a)^2, (N m)^2 s."""
 RAPID_S, RAPID_FORCED_S = range(8, 10)
 """Rapid motion lately, and how much of it was taken for one under a process force."""
 BELIEVED_FORCED_S, PAST_FORCED_S = range(10, 12)

@@ -203,8 +203,7 @@ def _correct_unforced(
     probability that no force acts, and no less: to widen it by the force that might act would
     discount exactly those phases that carry news.
     """
-    forced = assessed.forced[k]
-    wild = assessed.nis[k] > OUTLIER
+    forced, wild = assessed.forced[k], assessed.nis[k] > OUTLIER
     if forced <= FORCED and (not wild or k == leader_of(bank)):
         scale = max(1.0, assessed.nis[k] / _USUAL) / (1.0 - forced)
         correct(bank, k, model, scale, two, innovation)
@@ -267,7 +266,7 @@ def _watch_inertia(
 
     A wrong torque constant errs alike in every phase, and passes for a force that begins anew in
     each. A process force errs by as much as the inertia torque in some, and lasts into the next:
-    `counts` is the probability that none does. What is a payload now may be none later: it counts.
+    `counts` is the probability that none does. The leader's payload is part of the sum.
     """
     keep = math.exp(-r.steady_s / _INERTIA_S)
     inertia_nm = model.inertia_kg_m2 * r.acceleration_rad_s2

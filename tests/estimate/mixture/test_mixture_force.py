@@ -87,7 +87,7 @@ def test_cuts_are_no_other_torque_constant(one_encoder: bool, seed: int) -> None
 
 
 def test_a_load_that_few_accelerations_show_is_no_other_torque_constant() -> None:
-    """What was expected before it was believed in is forgotten with the belief."""
+    """Errors are judged beside the load of the leader, whoever led when they were seen."""
     (model, start, process), said = parts(), []
     for seed in range(8):
         bank, left = initial_bank(start, SETTINGS), 5
