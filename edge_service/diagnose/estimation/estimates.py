@@ -139,7 +139,7 @@ class Estimates:
         return found
 
     def _twins(self, k: int) -> set[str]:
-        """Amounts that show as an entry's does, and its own: data tell but the sum of them."""
+        """Amounts that show as an entry's does, and its own: the data tell only their sum."""
         entry, system, mine = self.fitted.regressors[k], self.fitted.system, self.fitted.columns[k]
         found = {entry.form}
         for name in (p.name for p in entry.effect.parameters if p.role is Role.AMOUNT):
