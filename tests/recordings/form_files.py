@@ -104,7 +104,7 @@ def xmls() -> list[bytes]:
 def matlab(values: Mapping[str, object], *, compressed: bool = True) -> bytes:
     file = io.BytesIO()
     scipy.io.savemat(file, values, do_compression=compressed)
-    return file.getvalue()
+    return b"MATLAB 5.0 MAT-file, not dated".ljust(116) + file.getvalue()[116:]
 
 
 def matlabs() -> list[bytes]:
