@@ -157,8 +157,8 @@ def process_of(
         loose_m=2e-6 if two else 0.0,
         mass_sigma=float(sigma[state.TABLE_MASS]) if two else 1.0,
         jumps=_jumps(size, start, model, settings),
-        priors=_priors(state.CHALLENGERS, settings.hazard, two),
-        stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, two),
+        priors=_priors(state.CHALLENGERS, settings.hazard, settings.loosens, two),
+        stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, 1.0, two),
         lost_log_percent=math.log(0.02 * model.fresh_percent),
         loosened_m_per_n=0.5 * _loosened(model, settings),
         force_n=settings.force * rating,
@@ -205,10 +205,10 @@ def _loosened(model: AxisModel, settings: MixtureSettings) -> Floats:
     return loosened
 
 
-def _priors(slots: tuple[int, ...], hazard: float, two: bool) -> Floats:
+def _priors(slots: tuple[int, ...], hazard: float, loosens: float, two: bool) -> Floats:
     """Log-probability per second of the steps that the axis can undergo, (HYPOTHESES,)."""
     priors = np.full(state.HYPOTHESES, -np.inf)
     for slot in slots:
         if two or slot not in (state.LOAD, state.LOOSENING, state.LARGE_LOOSENING):
-            priors[slot] = math.log(hazard)
+            priors[slot] = math.log(hazard * (loosens if slot >= state.LOOSENING else 1.0))
     return priors

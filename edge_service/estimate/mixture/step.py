@@ -83,7 +83,7 @@ def step(
         error_nm[k] = innovation.error[0] + read_kg_m2 * reading.acceleration_rad_s2
         assess(bank, k, model, process, begins, compliance, two, innovation, assessed)
         _correct_unforced(bank, k, model, assessed, two, innovation)
-    _reweigh(bank, process, assessed)
+    _reweigh(bank, process, assessed, rapid)
     leader = leader_of(bank)
     counts = (1.0 - assessed.persists[leader]) * noise.accelerates
     _watch_inertia(bank, model, reading, leader, error_nm[leader], counts)
@@ -210,32 +210,31 @@ def _correct_unforced(
 
 
 @inlined
-def _reweigh(bank: Bank, process: Process, assessed: Assessments) -> None:
+def _reweigh(bank: Bank, process: Process, assessed: Assessments, rapid: bool) -> None:
     """Update the weights by the likelihoods of a phase; no phase alone rules a hypothesis out.
 
-    A phase that all take for one under a force is left out: the axis' compliance under a force is
-    known too badly. While a force lasts, only the misfit to it counts, not how closely a rival
-    that learns from the phase expects it. Improbable frictions count in full: they are assumed
-    once, and errors that outlast a phase do not excuse them. A loosening that has needed a force
-    ever since gains nothing on what is accepted: with a force any compliance fits.
+    Those that take it for one under a force gain or lose alike: the axis' compliance under a force
+    is known too badly to choose among them. While a force lasts, only the misfit to it counts, not
+    how closely a rival that learns from the phase expects it; no process force lasts in rapids.
+    Improbable frictions count in full: they are assumed once, and errors that outlast a phase do
+    not excuse them.
     """
-    most, least, believed = -math.inf, 1.0, assessed.log_likelihood[accepted(bank)]
+    most, forced, share = -math.inf, 0.0, 1e-99
+    lasts, said = not rapid or bank.moments[state.LEARNING] > 0.0, assessed.log_likelihood
+    for k in range(bank.alive.shape[0]):
+        most = max(most, said[k])
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            untested = bank.age_s[k] == 0.0 and state.LOOSENING <= k < state.BEFORE
-            if untested and assessed.forced[k] > FORCED and bank.moments[state.LEARNING] == 0.0:
-                assessed.log_likelihood[k] = min(assessed.log_likelihood[k], believed)
-                assessed.persists[k] = 0.0
-            most, least = max(most, assessed.log_likelihood[k]), min(least, assessed.forced[k])
-    if least > FORCED:
-        return
+            behind = min(most - said[k], process.assumed.most_nats)
+            behind -= lasts * assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
+            said[k] = -process.assumed.evidence * behind
+            weight = math.exp(bank.log_weight[k]) * (assessed.forced[k] > FORCED)
+            share, forced = share + weight, forced + weight * said[k]
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
-            behind = min(most - assessed.log_likelihood[k], process.assumed.most_nats)
-            behind -= assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
-            bank.log_weight[k] -= process.assumed.evidence * behind
             cost = (1.0 - process.assumed.evidence) * _improbability(bank.mean[k], process)
-            bank.log_weight[k] += bank.cost[k] - cost
+            gain = forced / share if assessed.forced[k] > FORCED else said[k]
+            bank.log_weight[k] += gain + bank.cost[k] - cost
             bank.cost[k] = cost
     normalise(bank, process.assumed.floor)
 

@@ -235,11 +235,11 @@ def test_each_change_is_named_by_its_name(effect: str, fault: str) -> None:
     assert said.low <= FRESH <= said.high
 
 
-@pytest.mark.parametrize("seed", [20, 22, 24])
-def test_an_axis_that_gets_far_softer_by_a_joint_has_lost_nothing(seed: int) -> None:
-    """As by a broken element of a coupling: the axis yields twice as much."""
-    said = answer_to(f"compliance:level_m_per_n={COMPLIANCE}", seed)
-    assert said.fault_probability["looseness"] > 0.9
+@pytest.mark.parametrize(("share", "seed"), [(1.0, 20), (1.0, 22), (1.0, 24), (0.1, 24)])
+def test_an_axis_that_gets_softer_by_a_joint_has_lost_nothing(share: float, seed: int) -> None:
+    """By a broken element of a coupling it yields twice as much, by a slack one a little more."""
+    said = answer_to(f"compliance:level_m_per_n={share * COMPLIANCE}", seed)
+    assert share < 1.0 or said.fault_probability["looseness"] > 0.9
     assert said.preload_percent is not None
     assert said.preload_percent > 0.9 * FRESH
 
