@@ -50,20 +50,33 @@ count_packages() { echo "$locks" | tr ' ' '\n' | grep lock | xargs cat | grep -c
 
 step() { echo "setup: [$1] $2" >&2; }
 
-compile_kernels() { # of the estimators with either engine, beside them of the simulated drive; bytecode
+compile_kernels() { # on two cores: the filter's step and the simulated drive beside all else; bytecode
   unset PYTHONDONTWRITEBYTECODE # else each start of the service compiles all of its modules
   trial=$(mktemp -d)
-  .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null &
-  simulated=$!
-  .venv/bin/python -c 'from pathlib import Path
+  mixture='from pathlib import Path
 from edge_service.config import EstimatorConfig, load_machine
-import edge_service.nodes.service
+from edge_service.estimate.mixture import hypotheses, model, posterior, state, step
 from edge_service.nodes.stages import warm_up
 machines = [load_machine(Path(f"deploy/{name}.toml")) for name in ("machine", "commissioned")]
-for engine in ("compiled", "filterpy"):
-    warm_up(EstimatorConfig(engine=engine), machines)'
+axis, assumed = model.axis_model(machines[1]), state.ASSUMED
+start = model.start_of(machines[1], axis, assumed)
+bank = hypotheses.initial_bank(start, assumed)'
+  {
+    .venv/bin/python -c "$mixture
+reading = state.Reading(0.1, 1.0, 0.1, 0.0, 10.0, 0.1, 0.0)
+step.step(bank, axis, model.process_of(machines[1], axis, start, assumed), reading, 0.1)"
+    .venv/bin/edge-service simulate --duration 0.1 --out "$trial/trace.csv" >/dev/null
+  } &
+  beside=$!
+  .venv/bin/python -c "$mixture
+posterior.posterior_of(bank, axis, posterior.fault_limits(machines[1], axis, assumed))
+warm_up(EstimatorConfig(), machines[:1])"
+  wait $beside
+  .venv/bin/python -c "$mixture
+import edge_service.nodes.service
+for engine in (\"compiled\", \"filterpy\"):
+    warm_up(EstimatorConfig(engine=engine), machines)"
   .venv/bin/edge-service check-config deploy/edge.toml >/dev/null
-  wait $simulated
   rm -r "$trial"
 }
 

@@ -149,19 +149,19 @@ MOST_LINES = {
     "diagnose": 4956,
     "downsample": 1183,
     "drivers": 3668,
-    "estimate": 5163,
+    "estimate": 5162,
     "fingerprint": 2769,
     "health": 4525,
     "http_api": 2412,
     "messages": 2024,
     "models": 5664,
     "nodes": 2893,
-    "offline": 5642,
+    "offline": 5641,
     "outputs": 1783,
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 760,
-    "tests": 44984,
+    "tests": 44983,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

@@ -116,8 +116,7 @@ def _fleeting(contribution: Contribution) -> bool:
 
 def _baseline(machine: Machine) -> Baseline:
     """Baseline with the commissioned compliance where there is one."""
-    baseline = Baseline.of_machine(machine)
-    mass = machine.model.table_mass_kg
+    baseline, mass = Baseline.of_machine(machine), machine.model.table_mass_kg
     commissioned = machine.commissioned
     if commissioned is None or commissioned.transmission is None or mass is None:
         return baseline

@@ -40,7 +40,7 @@ OTHER_FRICTION = 0.2
 COLD_WARMTH = 0.05
 """Assumption: most friction that warmth takes between tests after the same warm-up, a share."""
 LEAST_WIDTH_PERCENT, DUE_WIDTH_PERCENT, WIDER = 0.5, 3.5, 1.5  # WIDER than the test's: due, too
-DUE_DAYS, LONGEST_DAYS = 7.0, 45.0
+DUE_DAYS, LONGEST_DAYS, SLACK_PERCENT = 7.0, 45.0, 0.35  # beyond by more: due, and then stays
 FAR_SHARE, FEED_FACTOR, SIGMAS = 0.05, 4.0 / 3.0, 3.0
 """Most distance from the place of commissioning, over the stroke, and between the feeds."""
 LOAD_ERROR, MOST_LOAD_ERROR = 0.02, 0.1
@@ -54,6 +54,7 @@ class _Test:
     weights: StoredFloats
     age_s: float = 0.0
     last_s: float | None = None
+    changed: bool = False  # friction, since then
 
 
 _STORED: Stored[_Test | None] = Stored(_Test | None)
@@ -131,9 +132,11 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             told["fault_probability"] = now.fault_probability | told["fault_probability"]
             now = now.model_copy(update=told)
             low, high = by_test["low"], by_test["high"]
-            most = max(WIDER * (high - low), DUE_WIDTH_PERCENT)
-            if not low <= told["preload_percent"] <= high or told["high"] - told["low"] > most:
-                since = "; friction has changed since"
+            slack = 0.0 if test.changed else SLACK_PERCENT
+            most = max(WIDER * (high - low), DUE_WIDTH_PERCENT) + slack
+            inside = low - slack <= told["preload_percent"] <= high + slack
+            test.changed = not inside or told["high"] - told["low"] > most
+            since = "; friction has changed since" if test.changed else ""
         if days <= DUE_DAYS and not since:
             return now
         assert now.low is not None and now.high is not None

@@ -202,6 +202,7 @@ def _learned(
     model, learned = machine.model, machine.commissioned
     assert learned is not None
     guides_n, bearings_nm = model.guide_force_n.value, model.bearing_drag_nm.value
+    is_told = bearings_nm > 1.96 * model.bearing_drag_nm.sigma
     transmission, mass = learned.transmission, model.table_mass_kg
     lines = [
         f"{out}: commissioned",
@@ -210,7 +211,7 @@ def _learned(
         f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
         f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
         f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
-        f"guides {guides_n:.3g} N, bearings {bearings_nm:.3g} N m",
+        f"guides {guides_n:.3g} N, bearings {f'{bearings_nm:.3g} N m' if is_told else 'none'}",
     ]
     stretch: dict[str, float | bool] | None = None
     if transmission is None or mass is None:
@@ -233,9 +234,7 @@ def _learned(
             f"nut's share {transmission.nut_share:.2f} +- {transmission.nut_share_sigma:.2f}"
         )
         if not is_stated:
-            lines.append(
-                "  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"
-            )
+            lines += ["  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"]
     if learned.notch is not None:
         notch = learned.notch
         lines.append(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import BeforeValidator, PlainSerializer
-from scipy import stats
+from scipy import special
 
 from ..messages.stored import finite_or_none
 
@@ -54,12 +54,12 @@ class IntervalEstimate:
 
 def normal_quantile() -> float:
     """Half width of the interval of a normal distribution in standard deviations, 1.96."""
-    return float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
+    return float(special.ndtri(0.5 + 0.5 * LEVEL))
 
 
 def student_quantile(freedom: float) -> float:
     """Half width of the interval in estimated standard deviations, Student's t; may be infinite."""
-    return float(stats.t.ppf(0.5 + 0.5 * LEVEL, freedom)) if freedom >= 1.0 else math.inf
+    return float(special.stdtrit(freedom, 0.5 + 0.5 * LEVEL)) if freedom >= 1.0 else math.inf
 
 
 def around(

@@ -69,7 +69,7 @@ def commissioned(
         "inertia_kg_m2": _measured(torque.inertia_kg_m2, inertia_sigma),
         "viscous_nm_s_per_rad": _measured(torque.viscous_nm_s_per_rad, torque.viscous_sigma),
         "guide_force_n": _measured(guide_n, guide_sigma),
-        "bearing_drag_nm": _measured(max(other_nm - ratio * guide_n, 0.0), torque.coulomb_sigma),
+        "bearing_drag_nm": _measured(max(other_nm - ratio * reversal_n, 0.0), torque.coulomb_sigma),
         "table_mass_kg": _measured(*mass),
         # without a preload the level of the whole axis, of which guide and bearing are the parts
         "preload_drag_nm": machine.model.preload_drag_nm if machine.model.preload_n else None,

@@ -71,8 +71,7 @@ def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, 
     diameter = machine.axis.screw_diameter_m
     if diameter is None or machine.axis.bearing_arrangement != "fixed-free":
         return None
-    core = CORE_SHARE * diameter
-    ratio = machine.transmission_ratio_m_per_rad
+    core, ratio = CORE_SHARE * diameter, machine.transmission_ratio_m_per_rad
     per_metre = 1.0 / (STEEL_MODULUS_PA * screw_area(core))
     per_metre += ratio**2 / screw_torsional_rigidity(core)
     seen = stretch.slope_per_m * stretch.per_acceleration_s2 / per_metre

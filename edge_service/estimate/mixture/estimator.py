@@ -59,8 +59,7 @@ class MixturePreloadEstimator:
 
     def __init__(self, machine: Machine, settings: MixtureSettings = state.ASSUMED) -> None:
         assert machine.commissioned is not None
-        self._settings = settings
-        self._machine = machine
+        self._settings, self._machine = settings, machine
         self._model = axis_model(machine)
         self._start = start_of(machine, self._model, self._settings)
         self.process = process_of(machine, self._model, self._start, self._settings)
@@ -73,8 +72,7 @@ class MixturePreloadEstimator:
     def reset(self) -> None:
         """Forget everything."""
         self._validity = Validity(worst=WORST)
-        self._bank = initial_bank(self._start, self._settings)
-        self._last = _Last()
+        self._bank, self._last = initial_bank(self._start, self._settings), _Last()
         self._waiting: SteadyInterval | None = None
         self._slow_s: float | None = None
         """Time between the samples of the last interval if that was too long to be read, s."""

@@ -83,7 +83,7 @@ def adapt_hypotheses(
         stop_priors = np.maximum(process.stop_priors + math.log(moments[state.STOPPED_S]), priors)
         moments[state.STOPPED_S] = 0.0
         for k in (*state.STOP_CHALLENGERS, state.LOSS, state.TOTAL_LOSS):
-            _spawn_unless_running(bank, process, k, base, leader, stop_priors[k], False)
+            _spawn_unless_running(bank, process, k, base, leader, stop_priors[k], math.inf)
     since = moments[state.SINCE_SPAWN_S]
     surprised = moments[state.SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.assumed.spawn_s or surprised:
@@ -93,7 +93,8 @@ def adapt_hypotheses(
         for k in state.CHALLENGERS:
             is_own = k >= state.LOOSENING and nis[k] > _SURPRISE
             anew = is_own or (surprised and k == state.LUBRICATION)
-            _spawn_unless_running(bank, process, k, base, leader, priors[k], anew)
+            stale_s = 2.0 * _SOON_S if anew else math.inf
+            _spawn_unless_running(bank, process, k, base, leader, priors[k], stale_s)
 
 
 @compiled
@@ -193,12 +194,12 @@ def _restart(bank: Bank, slot: int, other: int) -> None:
 
 @compiled
 def _spawn_unless_running(
-    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float, anew: bool
+    bank: Bank, process: Process, slot: int, base: int, leader: int, prior: float, stale_s: float
 ) -> None:
     """Spawn a challenger beside the accepted hypothesis, unless one of its kind is in the running.
 
     A loss shows within seconds, and makes room once it says what is accepted. Others run on while
-    they gain or explain what the likeliest takes for a force, unless they begin `anew`.
+    they gain or explain what the likeliest takes for a force, until they are stale.
     """
     ahead = bank.log_weight[slot] - bank.log_weight[base]
     lasts_s = process.assumed.spawn_s if slot in (state.LOSS, state.TOTAL_LOSS) else math.inf
@@ -206,8 +207,7 @@ def _spawn_unless_running(
     may_gain = slot >= state.LOOSENING and bank.age_s[slot] < _SLOW_S  # as a slack belt, slowly
     gains |= may_gain and ahead > prior - _GAINED and bank.force[leader] <= FORCED
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
-    is_stale = anew and bank.age_s[slot] > 2.0 * _SOON_S
-    goes_on = ahead > -_ALIVE or ((gains or explains) and not is_stale)
+    goes_on = ahead > -_ALIVE or ((gains or explains) and bank.age_s[slot] <= stale_s)
     if slot == state.LOSS and bank.age_s[slot] > lasts_s:
         apart = abs(bank.mean[slot, state.PRELOAD] - bank.mean[base, state.PRELOAD])
         goes_on &= apart > math.sqrt(bank.covariance[slot, state.PRELOAD, state.PRELOAD])

@@ -121,8 +121,7 @@ def expected_stretch(
     """Stretch of a phase, m, and the compliance there, m/N; derivatives into `slope` (n,)."""
     away, s = r.table_m - model.reference_m, r.direction
     gear = model.ratio_m_per_rad * r.acceleration_rad_s2
-    speed = model.ratio_m_per_rad * r.speed_rad_s
-    percent = math.exp(x[state.PRELOAD])
+    speed, percent = model.ratio_m_per_rad * r.speed_rad_s, math.exp(x[state.PRELOAD])
     guide = s * model.guide_n
     load = (model.table_mass_kg + x[state.PAYLOAD] * (1.0 - x[state.TABLE_MASS])) * gear
     load += guide * (1.0 + x[state.GUIDE_FRICTION])
@@ -196,8 +195,7 @@ class Noise(NamedTuple):
 @inlined
 def noise_of(model: AxisModel, r: Reading) -> Noise:
     """Errors of one phase by its length and speed."""
-    speed = max(abs(r.speed_rad_s), 1e-3)
-    slow_nm = stribeck(model, r)
+    speed, slow_nm = max(abs(r.speed_rad_s), 1e-3), stribeck(model, r)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     torque += (_STRIBECK_ERROR * slow_nm) ** 2
@@ -223,8 +221,7 @@ def innovate(
     one step. Axial friction that differs from phase to phase acts on torque and stretch alike.
     """
     x, p, at = bank.mean[k], bank.covariance[k], innovation.at
-    size = x.shape[0]
-    ratio = model.ratio_m_per_rad
+    size, ratio = x.shape[0], model.ratio_m_per_rad
     e, s = innovation.error, innovation.covariance
     axial = process.axial_n * process.axial_n
     compliance = 0.0

@@ -18,6 +18,8 @@ from .state import AxisModel, Bank, MixtureSettings
 from .torque_alone import CELLS, below, quantile, slicker, weigh
 
 Rows = npt.NDArray[np.int64]
+Parts = tuple[Floats, Floats, float, Floats]
+"""Means and standard deviations, (n,), the bound, and the probability of each part below it."""
 FAULTS = ("preload_loss", "lubrication", "process_force")
 TABLE_FAULTS = ("payload", "looseness")
 """Faults that only the second encoder shows."""
@@ -105,14 +107,15 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
     values[6], values[7], values[8] = _stiffness(bank, model, limits, rows, weight, mean, wide)
     of_laws, mean, sigma = _by_laws(weight, mean, sigma, model)
     most = math.log(state.MOST_SHARE * model.fresh_percent)
-    values[0] = min(_quantile(0.5, firm, mean, sigma, most + READ_ABOVE), model.fresh_percent)
-    sigma *= limits.widening
-    values[1], values[2] = _interval(of_laws, mean, sigma, most, model)
+    read = _cut(mean, sigma, most + READ_ABOVE)
+    values[0] = min(_quantile(0.5, firm, read), model.fresh_percent)
+    parts = _cut(mean, sigma * limits.widening, most)
+    values[1], values[2] = _interval(of_laws, parts, model)
     values[1], values[2] = min(values[1], values[0]), max(values[2], values[0])
-    middle = [_below(math.log(edge), of_laws, mean, sigma, most) for edge in _EDGES]
+    middle = [_below(math.log(edge), of_laws, parts) for edge in _EDGES]
     values[_LEVEL:_FAULT] = 0.0 - np.diff(np.array([1.0, *middle, 0.0]))
     lost = math.log((1.0 - LOST_SHARE) * model.fresh_percent)
-    values[_FAULT] = _below(lost, of_laws, mean, sigma, most)
+    values[_FAULT] = _below(lost, of_laws, parts)
     of = np.zeros(bank.mean.shape[1])
     of[state.NUT_FRICTION] = model.drag_per_percent_nm * model.fresh_percent
     of[state.BEARING_FRICTION] = model.bearing_nm
@@ -127,7 +130,7 @@ def packed_posterior(bank: Bank, model: AxisModel, limits: FaultLimits) -> Float
         of[state.PAYLOAD], limit = 0.0, LOOSE_SHARE * model.compliance_m_per_n
         of[state.LOOSENESS] = of[state.COUPLING] = 1.0
         lost = math.log(UNDETERMINED_SHARE * model.fresh_percent)  # below, a nut yields by itself
-        values[_FAULT + 4] = 1.0 - _below(lost, of_laws, mean, sigma, most)
+        values[_FAULT + 4] = 1.0 - _below(lost, of_laws, parts)
         values[_FAULT + 4] *= _above(bank, rows, weight, of, limit)
     if bank.mean.shape[1] == state.TORQUE_STATES and limits.assumed.together > 0.0:
         _of_torque_alone(bank, model, limits, rows, weight, values)
@@ -232,42 +235,45 @@ def _normal(z: float) -> float:
 
 
 @compiled
-def _below(x: float, weight: Floats, mean: Floats, sigma: Floats, most: float) -> float:
-    """Probability that ln(preload) lies below x, which is `most` at most."""
-    total = 0.0
+def _cut(mean: Floats, sigma: Floats, most: float) -> Parts:
+    """Parts of a mixture of ln(preload), which is `most` at most."""
+    whole = [max(_normal((most - mean[k]) / sigma[k]), 1e-12) for k in range(len(mean))]
+    return mean, sigma, most, np.array(whole)
+
+
+@compiled
+def _below(x: float, weight: Floats, parts: Parts) -> float:
+    """Probability that ln(preload) lies below x."""
+    total, (mean, sigma, most, whole) = 0.0, parts
     for k in range(len(weight)):
-        whole = max(_normal((most - mean[k]) / sigma[k]), 1e-12)
-        total += weight[k] * min(_normal((min(x, most) - mean[k]) / sigma[k]) / whole, 1.0)
+        total += weight[k] * min(_normal((min(x, most) - mean[k]) / sigma[k]) / whole[k], 1.0)
     return total
 
 
 @compiled
-def _quantile(
-    probability: float, weight: Floats, mean: Floats, sigma: Floats, most: float
-) -> float:
+def _quantile(probability: float, weight: Floats, parts: Parts) -> float:
     """Preload below which the mixture has a probability, %."""
-    low, high = min(np.min(mean - 8.0 * sigma), most - 1.0), most
+    mean, sigma, high = parts[:3]
+    low = min(np.min(mean - 8.0 * sigma), high - 1.0)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        is_low = _below(middle, weight, mean, sigma, most) < probability
+        is_low = _below(middle, weight, parts) < probability
         low, high = (middle, high) if is_low else (low, middle)
     return math.exp(0.5 * (low + high))
 
 
 @compiled
-def _interval(
-    weight: Floats, mean: Floats, sigma: Floats, most: float, model: AxisModel
-) -> tuple[float, float]:
+def _interval(weight: Floats, parts: Parts, model: AxisModel) -> tuple[float, float]:
     """95 % interval, %.
 
     Under a standing force one half of a nut with less preload than `open_percent` carries nothing:
     how much less shows neither in its stiffness nor in its drag.
     """
     open_percent = abs(model.hanging_n) / OPENING * model.fresh_percent / model.fresh_preload_n
-    lost = _quantile(0.5, weight, mean, sigma, most) < UNDETERMINED_SHARE * model.fresh_percent
-    low = _quantile(0.025, weight, mean, sigma, most)
-    high = _quantile(0.975, weight, mean, sigma, most)
-    if low < max(open_percent, 0.5 * UNDETERMINED_SHARE * model.fresh_percent * lost):
+    lost_percent = UNDETERMINED_SHARE * model.fresh_percent
+    low, high = _quantile(0.025, weight, parts), _quantile(0.975, weight, parts)
+    is_low = low < 0.5 * lost_percent and _quantile(0.5, weight, parts) < lost_percent
+    if low < open_percent or is_low:
         low = 0.0
     return low, max(high, UNDETERMINED_HIGH_SHARE * model.fresh_percent)
 
@@ -334,8 +340,7 @@ def _stiffness(
     joints[state.LOOSENESS] = joints[state.COUPLING] = 1.0
     for i in range(len(rows)):
         k = rows[i]
-        nut = bank.mean[k, state.NUT_COMPLIANCE]
-        percent = math.exp(log_percent[i])
+        nut, percent = bank.mean[k, state.NUT_COMPLIANCE], math.exp(log_percent[i])
         load = max(percent, LEAST_NUT_LOAD_PERCENT)
         root = (model.fresh_percent / load) ** (1.0 / 3.0)
         loose, variance = _sum(bank.mean[k], bank.covariance[k], joints)

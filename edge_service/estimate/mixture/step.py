@@ -61,8 +61,7 @@ def step(
     innovation = Innovation(
         np.zeros((2, size)), np.zeros((2, size)), np.zeros(2), np.eye(2), np.zeros(size)
     )
-    noise = noise_of(model, reading)
-    speed = abs(reading.speed_rad_s)
+    noise, speed = noise_of(model, reading), abs(reading.speed_rad_s)
     bank.moments[state.FASTEST_RAD_S] = max(bank.moments[state.FASTEST_RAD_S], speed)
     rapid = speed > _RAPID * bank.moments[state.FASTEST_RAD_S]
     begins = process.assumed.rapid_share if rapid else process.assumed.force_share  # of forces

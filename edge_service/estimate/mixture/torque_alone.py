@@ -49,8 +49,7 @@ def weigh(
     to warmth, with standard deviations of all alike and of each apart.
     """
     warmth, together, apart_share = friction
-    shares = cells()
-    weights = prior()
+    shares, weights = cells(), prior()
     for i in range(CELLS):
         drag_nm, likelihood = fresh_nm * shares[i], 0.0
         apart = (apart_share * drag_nm) ** 2 + (apart_share * other_nm) ** 2

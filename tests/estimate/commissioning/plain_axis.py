@@ -64,8 +64,7 @@ class PlainAxis:
         speed = np.concatenate(
             [self._move(share, way) for _ in range(laps) for share in shares for way in (1.0, -1.0)]
         )
-        step_s = 1.0 / self.rate_hz
-        after = np.append(speed[1:], 0.0)
+        step_s, after = 1.0 / self.rate_hz, np.append(speed[1:], 0.0)
         mean, acceleration = 0.5 * (speed + after), (after - speed) / step_s
         torque = self.inertia_kg_m2 * acceleration + self.viscous_nm_s * mean
         torque += self.coulomb_nm * np.sign(mean) + self.hanging_nm
@@ -86,8 +85,7 @@ class PlainAxis:
         self, torque: Floats, travel: Floats, acceleration: Floats, sign: Floats
     ) -> SampleFrame:
         rng = np.random.default_rng(5)
-        noise = rng.standard_normal((3, len(travel)))
-        level = 0.01 * self.coulomb_nm
+        noise, level = rng.standard_normal((3, len(travel))), 0.01 * self.coulomb_nm
         torque = np.roll(torque, round(self.late_s * self.rate_hz)) + level * noise[0]
         if self.quantum_nm:
             torque = self.quantum_nm * np.round(torque / self.quantum_nm)

@@ -97,6 +97,12 @@ def test_axes_of_any_size_are_recovered(axis: PlainAxis) -> None:
     assert stiffness == pytest.approx(axis.stiffness_n_per_m, rel=0.02)
 
 
+def test_with_one_encoder_no_friction_is_told_of_the_bearings() -> None:
+    for axis, screw_nm in ((BENCH, 0.146), (HEAVY, 0.1)):
+        model = learned(replace(axis, one_encoder=True, screw_nm=screw_nm)).model
+        assert model.bearing_drag_nm.value == 0.0
+
+
 def test_a_counterweight_that_grows_along_the_stroke_is_no_process_force() -> None:
     axis = replace(BENCH, hanging_nm=2.0, chain_nm=-0.3)
     taught = learned(axis).commissioned

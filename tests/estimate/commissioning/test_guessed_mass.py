@@ -24,8 +24,7 @@ def learned() -> list[tuple[PlainAxis, Machine]]:
 
 def drawn(rng: np.random.Generator) -> PlainAxis:
     """An axis whose table has any share of the inertia that tables have."""
-    table_kg = float(rng.uniform(5.0, 60.0))
-    ratio_m = PlainAxis().ratio_m
+    table_kg, ratio_m = float(rng.uniform(5.0, 60.0)), PlainAxis().ratio_m
     share = float(rng.uniform(0.08, 0.5))
     return PlainAxis(
         table_kg=table_kg,
@@ -84,8 +83,7 @@ def test_the_nuts_share_is_as_uncertain_as_nut_and_mass(
     nut_tolerance: float, mass_tolerance: float
 ) -> None:
     """The compliance is a measured stretch over the mass, and errs as the mass does."""
-    rng = np.random.default_rng(17)
-    held = []
+    rng, held = np.random.default_rng(17), []
     for _ in range(300):
         true_share, true_nut = rng.uniform(0.18, 0.38), 1e8
         stated_nut = true_nut * max(1.0 + nut_tolerance * rng.standard_normal(), 0.1)

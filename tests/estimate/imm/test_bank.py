@@ -137,8 +137,7 @@ def test_a_mode_without_probability_comes_back_as_such() -> None:
 @every_bank
 @pytest.mark.parametrize("garbage", [np.nan, np.inf, 1e300])
 def test_garbage_raises_and_leaves_the_state(kind: str, garbage: float) -> None:
-    problem = random_problem(8, count=5)
-    bank = BANKS[kind]()
+    problem, bank = random_problem(8, count=5), BANKS[kind]()
     run(bank, problem)
     before = bank.snapshot()
     singular = replace(

@@ -29,8 +29,7 @@ def machine(one_encoder: bool = False) -> Machine:
 def production(name: str, seconds: float = 60.0, one_encoder: bool = False) -> list[FeatureBlock]:
     """Blocks of a production run in which something happens at half time."""
     count = round(seconds * 1e3)
-    after = np.arange(count) >= count // 2
-    percent = np.full(count, FRESH)
+    after, percent = np.arange(count) >= count // 2, np.full(count, FRESH)
     loads: dict[str, Floats] = {}
     if name == "step":
         percent -= after
@@ -45,8 +44,7 @@ def production(name: str, seconds: float = 60.0, one_encoder: bool = False) -> l
 def run(
     blocks: Sequence[FeatureBlock], estimator: MixturePreloadEstimator | None = None
 ) -> list[PreloadEstimate]:
-    estimator = estimator or MixturePreloadEstimator(machine())
-    estimates = []
+    estimator, estimates = estimator or MixturePreloadEstimator(machine()), []
     for block in blocks:
         estimator.update(block)
         estimates.append(estimator.estimate())

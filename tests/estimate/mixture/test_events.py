@@ -115,8 +115,7 @@ def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
     changed_nm: float, one_encoder: bool
 ) -> None:
     """After a stop: a third more friction, or a fifth less."""
-    axis = replace(AXIS, one_encoder=one_encoder)
-    count = 30_000
+    axis, count = replace(AXIS, one_encoder=one_encoder), 30_000
     frames = list(axis.frames("production", np.full(count, FRESH), 6))
     effect = f"drag_error:change_nm={changed_nm}"
     for frame in axis.frames("production", np.full(2 * count, FRESH), 8, (effect,)):
@@ -136,8 +135,7 @@ def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
 @pytest.mark.parametrize("one_encoder", [False, True])
 def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
     """Cuts of 3 s with 3 s between them, from the tenth second on."""
-    axis = replace(AXIS, one_encoder=one_encoder)
-    time_s = np.arange(60_000) / 1e3
+    axis, time_s = replace(AXIS, one_encoder=one_encoder), np.arange(60_000) / 1e3
     cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
     frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
     answers = numbers(
@@ -191,8 +189,7 @@ def test_warm_up_is_no_wear() -> None:
 def test_the_drop_of_the_thesis_is_seen_in_the_third_informative_step() -> None:
     """Steps in which the drag may hold the axis tell nothing."""
     simulated, _ = run_case(ThesisCase(4), seed=3)
-    blocks = thesis_blocks(simulated)
-    estimator = thesis_estimator(thesis_machine())
+    blocks, estimator = thesis_blocks(simulated), thesis_estimator(thesis_machine())
     percents = {e.time_s: e.preload_percent for e in run(blocks, estimator)}
     before = [p for time_s, p in percents.items() if 10.0 < time_s < 50.15 and p is not None]
     assert min(before) > 9.5

@@ -43,8 +43,7 @@ def pushed(r: Reading, force_n: float, yields: float = 1.0) -> Reading:
 def test_a_cut_of_seconds_is_no_loss(force_n: float, yields: float) -> None:
     """Constant forces, one after the other: a lost preload would explain what one of them does."""
     model, _, process = parts()
-    bank = settled()
-    readings = production(12, 60.0, Truth())
+    bank, readings = settled(), production(12, 60.0, Truth())
     for k, r in enumerate(readings):
         cuts = k % 40 < 20
         share = 1.0 + 0.3 * (k // 40 % 3)
@@ -54,8 +53,7 @@ def test_a_cut_of_seconds_is_no_loss(force_n: float, yields: float) -> None:
 
 def bursts(rng: np.random.Generator, seconds: float) -> np.ndarray:
     """Cuts for a third of the time, N, (n,): one for each phase of .1 s."""
-    force_n = np.zeros(round(10.0 * seconds))
-    at = 0
+    force_n, at = np.zeros(round(10.0 * seconds)), 0
     while at < len(force_n):
         lasts = int(rng.uniform(5.0, 30.0))
         force_n[at : at + lasts] = rng.uniform(100.0, 600.0) * rng.choice([-1.0, 1.0])
@@ -116,8 +114,7 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
 
     What the change of all friction does to the preload stays below a point."""
     model, _, process = parts()
-    bank = settled()
-    truth = Truth(nut=0.35, bearing=0.35, guide=0.35)
+    bank, truth = settled(), Truth(nut=0.35, bearing=0.35, guide=0.35)
     innovations = [step(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
     assert np.isfinite(innovations[-100:]).mean() > 0.9
     assert abs(percent(bank) - FRESH) < 1.0

@@ -203,8 +203,7 @@ class TorqueAlone:
         self.weights = self._weights(bank, every_nm)
 
     def _weights(self, bank: Bank, every_nm: Floats) -> list[tuple[Floats, bool]]:
-        reading = Another(bank)
-        slots = np.flatnonzero(bank.alive)
+        reading, slots = Another(bank), np.flatnonzero(bank.alive)
         found = []
         for i, slot in enumerate(slots):
             one = Another(bank)
@@ -261,8 +260,7 @@ def test_a_loss_seen_one_way_is_doubted_under_a_force_that_was_there_before_or_w
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.85, 1.0, 1.2])
 def test_torque_alone_leaves_every_preload_that_friction_may_hide(level: float) -> None:
     """The belief and a rival that is not accepted; the numbers are those of drawn frictions."""
-    bank = empty_bank(state.TORQUE_STATES)
-    start = axis.parts(True)[1]
+    bank, start = empty_bank(state.TORQUE_STATES), axis.parts(True)[1]
     bearings, wander = axis.COULOMB_NM / axis.parts(True)[0].bearing_nm, state.TORQUE_WANDER
     for slot, change, weight in ((state.STEADY, -1.0, 0.7), (state.TOTAL_LOSS, -1.3, 0.3)):
         bank.mean[slot], bank.covariance[slot] = start.mean, 1e-4 * start.covariance
