@@ -37,12 +37,12 @@ _LEAST_WARMING_K = 0.5
 _WARMING_S = 20.0
 """Nothing on an axis warms up faster; a drift within a shorter recording is not its heat."""
 _NULL_WAVES = range(1, 5)
-_STEADY = min(effects_where(lambda effect: effect.kind is Kind.LOAD and effect.term is None))
+STEADY = min(effects_where(lambda effect: effect.kind is Kind.LOAD and effect.term is None))
 _NULL_TORQUES: dict[str, tuple[MotionCurve, ...]] = {  # each beside no entry of the same column
     error_of(Term.COULOMB): (lambda motion, _: motion.direction,),
     error_of(Term.VISCOUS): (lambda motion, _: motion.speed_rad_s,),
     error_of(Term.INERTIA): (lambda motion, _: motion.acceleration_rad_s2,),
-    _STEADY: (lambda motion, _: np.ones(len(motion)),),
+    STEADY: (lambda motion, _: np.ones(len(motion)),),
     error_of(Term.GAIN): (lambda motion, _: motion.model_torque_nm,),
     UNKNOWN: (  # friction that grows with what speeds the axis up, or slows it down, or both
         lambda motion, _: motion.acceleration_rad_s2,

@@ -16,7 +16,7 @@ from ...messages.samples import Booleans, Floats
 from ...models.effects.effect import ActiveEffect, Kind, Term
 from ...models.effects.registry import error_of, get_effect
 from ..candidates.normal_equations import solved
-from ..candidates.regressors import EntryRegressor, ForcePulse
+from ..candidates.regressors import STEADY, EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
 from ..session.session import Session
 
@@ -170,7 +170,33 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     for name in sorted(named - {each.name for each in chosen}):
         chosen += [each for each in entries.values() if each.name == name][:1]
     chosen.sort(key=lambda each: each.name)
-    return _within_bounds(_refined(Entries.of(system, chosen)))
+    return _under_load(_within_bounds(_refined(Entries.of(system, chosen))))
+
+
+def _under_load(entries: Entries) -> Entries:
+    """Load the springs with what fits best of a steady load, none to all, without a lead's error.
+
+    Its part that is one-sided friction loads none, and what is wound up is like a pitch.
+    """
+    system, beta, part = entries.system, entries.solve().beta, 0.0
+    rest = [each for each in entries.regressors if each.effect.kind is not Kind.TRAVEL]
+    steady = (entries.place(k) for k, e in enumerate(entries.regressors) if e.name == STEADY)
+    load_nm = sum(float(beta[place].sum()) for place in steady)
+
+    def loaded(part: float, regressors: Sequence[EntryRegressor] = rest) -> Entries:
+        held = {"constant_nm": part * load_nm, "asymmetry_nm": 0.0}
+        session = system.session.with_load_of([ActiveEffect(get_effect(STEADY), held)])
+        return Entries.of(replace(system, session=session), regressors)
+
+    if not load_nm or not any(each.effect.has_one_load for each in rest):
+        return entries
+    whole = [*zip(loaded(1.0).columns, loaded(0.0).columns, strict=True)]
+    for _ in range(_MOST_SWEEPS):
+        now = loaded(part)
+        beta = now.solve().beta[len(system.mean) :, None]
+        slope = {c: np.column_stack([x[c] - y[c] for x, y in whole]) @ beta for c in system.weights}
+        part = min(max(part + float(now.solve([slope]).beta[-1]), 0.0), 1.0)
+    return loaded(part, entries.regressors)
 
 
 def _within_bounds(entries: Entries) -> Entries:

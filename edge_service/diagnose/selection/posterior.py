@@ -29,22 +29,14 @@ LEAST_FREE_SHARE = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """Posterior over the sets of effects that were considered for a problem.
-
-    Attributes:
-        best: the most probable set.
-        probability: of each effect to be part of the cause, summed over the sets.
-        classes: effect -> itself and what this data cannot tell from it.
-        candidates: all sets considered, best first, with their probabilities.
-        left_rms: root mean square that the best set leaves, by channel; outside a force, if any.
-    """
+    """Posterior over the sets of effects that were considered for a problem."""
 
     problem: SelectionProblem
-    best: EffectSet
-    probability: Mapping[str, float]
-    classes: Mapping[str, tuple[str, ...]]
-    candidates: Sequence[tuple[EffectSet, float]]
-    left_rms: Mapping[str, float]
+    best: EffectSet  # the most probable set
+    probability: Mapping[str, float]  # of each effect to be part of the cause, over all sets
+    classes: Mapping[str, tuple[str, ...]]  # effect -> itself and what data cannot tell from it
+    candidates: Sequence[tuple[EffectSet, float]]  # all sets, best first, with probabilities
+    left_rms: Mapping[str, float]  # that the best set leaves, by channel; outside a force, if any
 
     @classmethod
     def of_scored(

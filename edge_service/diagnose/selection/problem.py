@@ -50,24 +50,15 @@ MOST_STRETCH = 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Fit of a set of candidate regressors and the nuisances to all channels.
+    """Fit of a set of candidate regressors and the nuisances to all channels."""
 
-    Attributes:
-        chosen: the candidates.
-        names: effects among them.
-        regressors: nuisances first, then the candidates.
-        columns, coefficients: of the regressors, (p,).
-        rms: root mean square that is left, by channel.
-        score: logarithm of the evidence, up to a constant.
-    """
-
-    chosen: tuple[int, ...]
-    names: frozenset[str]
-    regressors: tuple[int, ...]
-    columns: Integers
-    coefficients: Floats
-    rms: Mapping[str, float]
-    score: float
+    chosen: tuple[int, ...]  # the candidates
+    names: frozenset[str]  # effects among them
+    regressors: tuple[int, ...]  # nuisances first, then the candidates
+    columns: Integers  # of the regressors, (p,)
+    coefficients: Floats  # of the same, (p,)
+    rms: Mapping[str, float]  # root mean square that is left, by channel
+    score: float  # logarithm of the evidence, up to a constant
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,19 +71,14 @@ class EffectSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelectionProblem:
-    """Session, candidates, noise and priors, by which any set of effects is scored.
-
-    Attributes:
-        priors: effect -> healthy mean and tolerance of its amount, for parameters of the model.
-        pinned: coefficients of the nuisances, (p,), where they must not follow; otherwise None.
-    """
+    """Session, candidates, noise and priors, by which any set of effects is scored."""
 
     session: Session
     machine: Machine
     design: DesignMatrix
     noise: Noise
-    priors: Mapping[str, tuple[float, float]]
-    pinned: Floats | None = None
+    priors: Mapping[str, tuple[float, float]]  # parameter effect -> healthy mean, tolerance
+    pinned: Floats | None = None  # coefficients of the nuisances, (p,), if they must not follow
 
     @classmethod
     def of_session(cls, session: Session, machine: Machine, library: Sequence[Effect]) -> Self:

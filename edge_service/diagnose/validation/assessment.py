@@ -269,20 +269,14 @@ def _shrink(before: Floats | float, after: Floats | float) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """Named effects of the best set, held against what they leave.
-
-    Attributes:
-        attributions: effect -> what it has in its channel.
-        confidence: factor on the probabilities, by channel; below 1 the cause is unknown.
-        effects: with the probability, the shrinkage and the values of each.
-    """
+    """Named effects of the best set, held against what they leave."""
 
     posterior: Posterior
     contributions: Contributions
     validation: CrossValidation
-    attributions: Mapping[str, Attribution]
-    confidence: Mapping[str, float]
-    effects: tuple[NamedEffect, ...]
+    attributions: Mapping[str, Attribution]  # effect -> what it has in its channel
+    confidence: Mapping[str, float]  # on the probabilities, by channel; below 1: cause unknown
+    effects: tuple[NamedEffect, ...]  # with the probability, the shrinkage, the values of each
 
     @classmethod
     def of_effects(cls, posterior: Posterior, named: frozenset[str]) -> "Assessment":

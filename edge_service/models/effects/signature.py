@@ -39,6 +39,7 @@ _ANGLE_STEP_RAD = 1e-3
 _POSITION_STEP_M = 1e-5
 _CURRENT_LOOP_S = 3e-4
 """Assumption: no current loop answers later."""
+_CROSSING = 0.499  # of a play, from its middle, up to which the motor touches no flank
 _FLOATING = 0.05
 """Load over the whole Coulomb level from which on it lays the table onto a flank."""
 
@@ -76,6 +77,8 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
             torque = coefficient * motion.direction * np.abs(carried_nm)
         case Shift():
             torque = _shift_torque(contribution, motion, baseline)
+        case Play():
+            torque = _let_go(contribution, motion, baseline)
         case Change(quantity, value) if quantity in _CHANGED_TORQUE:
             torque = _CHANGED_TORQUE[quantity](value, motion, baseline)
     return torque
@@ -177,6 +180,13 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel
+
+
+def _let_go(each: Play, motion: Motion, baseline: Baseline) -> Floats:
+    """Torque of the table's load, which the motor is without while it crosses a play, N m, (n,)."""
+    share = _lost_motion(each, motion, baseline) / (each.width_m or 1.0)
+    carried_nm = _carried_nm(each.friction_share, each.viscous_share, motion, baseline)
+    return np.where(np.abs(share - 0.5) < _CROSSING, -carried_nm, 0.0)
 
 
 def _carried_nm(dry: float, viscous: float, motion: Motion, baseline: Baseline) -> Floats:

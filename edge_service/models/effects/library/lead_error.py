@@ -49,15 +49,7 @@ EFFECT = Effect(
         amount("pitch_error", "m/m", "Excess travel per unit of travel.", -2e-3, 2e-3, 3e-5),
         amount("variation_m", "m", "Variation over many turns.", -5e-4, 5e-4, 0.0),
         phase("variation_phase_rad", "variation_m", "Where in the wavelength it begins."),
-        shape(
-            "wavelength_m",
-            "m",
-            "Length of one variation along the travel.",
-            0.02,
-            10.0,
-            0.3,
-            amounts=("variation_m",),
-        ),
+        shape("wavelength_m", "m", "Length of one variation.", 0.02, 10.0, 0.3, ("variation_m",)),
     ),
     contributions=_contributions,
     imitates=frozenset({"thermal_growth"}),  # a screw that grows unevenly has another lead

@@ -55,12 +55,7 @@ EFFECT = Effect(
     parameters=(
         amount("excess_nm", "N m", "Breakaway above Coulomb level.", -5.0, 5.0, 0.2),
         shape(
-            "speed_rad_s",
-            "rad/s",
-            "Motor speed at which the excess has fallen to 1/e.",
-            0.01,
-            100.0,
-            2.0,
+            "speed_rad_s", "rad/s", "Speed at which the excess has fallen to 1/e.", 0.01, 100.0, 2.0
         ),
         shape("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0),
     ),
