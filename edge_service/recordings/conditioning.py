@@ -5,15 +5,12 @@ Pure functions of series. All filters run forwards and backwards, so that nothin
 
 import itertools
 import math
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, signal
 from scipy.interpolate import CubicSpline
 
 from ..messages.row_faults import (
@@ -36,14 +33,6 @@ from ..messages.samples import (
     SampleFrame,
 )
 from .reader import joined
-
-if "scipy.stats" not in sys.modules:  # .3 s and 20 MB; peaks by wavelets take this function of it
-    percentile = SimpleNamespace(scoreatpercentile=lambda a, per: np.percentile(a, per))  # noqa: PLW0108
-    sys.modules["scipy.stats"] = cast(Any, percentile)
-    import scipy.signal  # noqa: F401
-
-    del sys.modules["scipy.stats"]
-from scipy import signal
 
 LARGEST_HOLE = 4.5
 """Samples further apart than this many periods are not bridged: up to three may be lost."""

@@ -77,7 +77,8 @@ class TraceReader(Iterator[SampleFrame], AbstractContextManager["TraceReader"]):
     ) -> None:
         self.path = path
         self.channels = tuple(channel for channel in columns if channel != TIME)
-        self.rows_read, self.bad_cells = 0, dict.fromkeys(columns, 0)
+        self.rows_read = 0
+        self.bad_cells = dict.fromkeys(columns, 0)
         self._source, self._columns, self._remarks = source, columns, remarks
         self._text: dict[str, Text] = {}
         self._has_number: set[str] = set()

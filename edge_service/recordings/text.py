@@ -229,7 +229,8 @@ def _decoded(raw: bytes) -> str:
 
 
 def _lines(head: bytes, terminator: bytes) -> list[_Line]:
-    start, lines = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0, []
+    start = len(BYTE_ORDER_MARK) if head.startswith(BYTE_ORDER_MARK) else 0
+    lines = []
     for raw in head[start:].split(terminator):
         lines.append(_Line(start, _decoded(raw).strip(" \r\n")))
         start += len(raw) + len(terminator)

@@ -37,7 +37,8 @@ class TraceWriter(contextlib.AbstractContextManager["TraceWriter"]):
     def __init__(self, path: Path, channels: Sequence[str]) -> None:
         self.path, self.channels = path, tuple(channels)
         self._pending: list[SampleFrame] = []
-        self._place, suffix = contextlib.ExitStack(), path.suffix.lower()
+        self._place = contextlib.ExitStack()
+        suffix = path.suffix.lower()
         if suffix not in (CSV_SUFFIX, *PARQUET_SUFFIXES, MCAP_SUFFIX):
             raise TraceError(f"{path}: it ends in {suffix!r}; expected .csv, .parquet or .mcap")
         if path.is_dir():

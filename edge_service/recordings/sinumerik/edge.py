@@ -172,7 +172,8 @@ class EdgeContext:
 
 def _context_beside(path: Path) -> EdgeContext:
     """Content of the files beside a `hfdata.csv`; what cannot be read is a remark."""
-    context, place = EdgeContext(), path.name.lower().rfind("hfdata")
+    context = EdgeContext()
+    place = path.name.lower().rfind("hfdata")
     for kind, read in (("header", _read_header), ("hfblockevent", _read_events)):
         beside = path.with_name(path.name[:place] + kind + path.name[place + len("hfdata") :])
         if place < 0 or not beside.is_file():
@@ -233,7 +234,8 @@ class EdgeRows:
         width = len(first[0]) if first and isinstance(first[0], list) else 0
         if width == len(names) + 1 and EDGE_CYCLE not in names:
             names.insert(0, EDGE_CYCLE)  # each row begins with its count, listed or not
-        self.names, self.ragged_rows = tuple(names), 0
+        self.names = tuple(names)
+        self.ragged_rows = 0
         self._text: dict[str, Text] = {}
 
     def numbers(self, rows: Sequence[Any]) -> tuple[Floats, Booleans]:
@@ -346,7 +348,8 @@ class EdgeJsonSource(Source):
             return None
         rows, self._waiting = self._waiting, []
         samples, kept = self._rows.numbers(rows)
-        self.ragged_rows, number = self._rows.ragged_rows, self._number_rows(len(rows))[kept]
+        self.ragged_rows = self._rows.ragged_rows
+        number = self._number_rows(len(rows))[kept]
         values = {name: samples[:, self.names.index(name)] for name in self.wanted}
         text = self._rows.take_text()
         return Block(values, number, {name: text[name] for name in self.wanted if name in text})
@@ -376,7 +379,8 @@ class EdgeSource(Source):
     ) -> None:
         self.path, self.ragged_rows, self.wanted, self.below = inner.path, 0, [], []
         self.context = context
-        self.sets_time, self._inner = sets_time, inner
+        self.sets_time = sets_time
+        self._inner = inner
         told_s = period_s or context.period_s
         self.clock = CycleClock(told_s or PERIOD_S)
         self._guessed = "" if told_s else "; the usual period of Industrial Edge: no header says it"
@@ -412,7 +416,8 @@ class EdgeSource(Source):
         self._inner.want(inner)
 
     def read_block(self) -> Block | None:
-        block, self.ragged_rows = self._inner.read_block(), self._inner.ragged_rows
+        block = self._inner.read_block()
+        self.ragged_rows = self._inner.ragged_rows
         derived = set(self.wanted) & set(self._own)
         if block is None or not derived:
             return block

@@ -154,7 +154,8 @@ def map_signals(
     named = {column.column for column in columns.values()}
     meant = {signal.axis for signal in signals if signal.column in named}
     wanted = meant.pop() if axis.number is None and len(meant) == 1 else axis.number
-    numbers, names = sorted({signal.axis for signal in signals}), axis_names or {}
+    numbers = sorted({signal.axis for signal in signals})
+    names = axis_names or {}
     shown = ", ".join(f"{n} ({names[n]})" if n in names else str(n) for n in numbers) or "none"
     if wanted is None and len(numbers) != 1:
         raise AxisError(

@@ -85,7 +85,8 @@ def _read_tree(path: Path, file: IO[bytes]) -> Element:
     """The elements of a file. Raises TraceError for another root, or more than a tuning holds."""
     if path.stat().st_size > LARGEST_BYTES:
         raise TraceError(f"{path}: more than {LARGEST_BYTES} bytes")
-    builder, elements = TreeBuilder(), 0
+    builder = TreeBuilder()
+    elements = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal elements
@@ -141,7 +142,8 @@ def _of_spectra(root: Element) -> MeasuredResponse:
         raise ValueError("spectra at different frequencies")
     output, cross, source = (values for _, values in curves)
     with np.errstate(all="ignore"):
-        response, coherence = output / cross, np.abs(cross) ** 2 / np.abs(output * source)
+        response = output / cross
+        coherence = np.abs(cross) ** 2 / np.abs(output * source)
     lowest = response[: len(response) // _LOWEST + 1]
     lowest = lowest[np.isfinite(lowest)]
     if len(lowest) and np.median(lowest.imag) > 0.0:
