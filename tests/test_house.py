@@ -146,7 +146,7 @@ MOST_LINES = {
     "checks": 3485,
     "cli": 1333,
     "config": 583,
-    "diagnose": 4956,
+    "diagnose": 4954,
     "downsample": 1183,
     "drivers": 3668,
     "estimate": 5162,
@@ -154,7 +154,7 @@ MOST_LINES = {
     "health": 4525,
     "http_api": 2412,
     "messages": 2024,
-    "models": 5664,
+    "models": 5661,
     "nodes": 2893,
     "offline": 5641,
     "outputs": 1783,
@@ -281,6 +281,7 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert f"an innovation squared above {OUTLIER:g}" in text
     assert f"No phase says more than {said.most_nats:g} nats" in text
     assert f"(assumed: {said.hazard:.0e} per second)".replace("-0", "-") in text
+    assert "loosenings ten times as likely" in text and said.loosens == 10.0
     assert f"begin with {said.stop_hazard:.0e} per second of it (assumed".replace("-0", "-") in text
     assert f"clearance of {CLEARANCE_M * 1e6:g} um" in text
     assert f"to an assumed {said.looseness * 100:g} %".replace("0.", ".") in text

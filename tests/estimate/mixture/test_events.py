@@ -120,9 +120,8 @@ def test_a_relubrication_is_no_loss_and_not_the_end_of_numbers(
     effect = f"drag_error:change_nm={changed_nm}"
     for frame in axis.frames("production", np.full(2 * count, FRESH), 8, (effect,)):
         frames.append(replace(frame, time_s=frame.time_s + 40.0))
-    estimates = run(
-        downsampled(frames, axis.nominal()), MixturePreloadEstimator(machine(one_encoder))
-    )
+    estimator = MixturePreloadEstimator(machine(one_encoder))
+    estimates = run(downsampled(frames, axis.nominal()), estimator)
     answers = numbers(estimates)
     late = answers[answers[:, 0] > 50.0]
     assert len(late) > 400
@@ -138,18 +137,16 @@ def test_process_forces_are_no_loss(one_encoder: bool, force_n: float) -> None:
     axis, time_s = replace(AXIS, one_encoder=one_encoder), np.arange(60_000) / 1e3
     cut = np.where((time_s > 10.0) & (time_s % 6.0 < 3.0), force_n, 0.0)
     frames = axis.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
-    answers = numbers(
-        run(downsampled(frames, axis.nominal()), MixturePreloadEstimator(machine(one_encoder)))
-    )
+    estimator = MixturePreloadEstimator(machine(one_encoder))
+    answers = numbers(run(downsampled(frames, axis.nominal()), estimator))
     late = answers[answers[:, 0] > 20.0]
     assert len(late) > 300
     assert held(late, FRESH) > 0.94
 
 
 def test_an_axis_that_only_cuts_says_so_and_not_that_it_stands() -> None:
-    time_s = np.arange(60_000) / 1e3
-    cut = np.where(time_s > 30.0, 300.0, 0.0)
-    frames = AXIS.frames("production", np.full(len(time_s), FRESH), 6, external_force_n=cut)
+    cut = np.where(np.arange(60_000) > 30_000, 300.0, 0.0)
+    frames = AXIS.frames("production", np.full(len(cut), FRESH), 6, external_force_n=cut)
     last = run(downsampled(frames, AXIS.nominal()))[-1]
     assert last.status is EstimateStatus.INSUFFICIENT_EXCITATION
     assert [reason.split(":")[0] for reason in last.reasons] == ["process_force"]
@@ -170,16 +167,12 @@ def test_a_cut_of_a_minute_ends_without_a_loss(force_n: float) -> None:
 
 def test_warm_up_is_no_wear() -> None:
     """Friction falls by a fifth: on torque alone that reads as a loss of 3.6 points."""
-    seconds, share = 200.0, 0.2
     taught = machine().commissioned
     assert taught is not None
-    faded_nm = share * taught.coulomb_nm
-    effects = (
-        f"drag_error:change_nm={-faded_nm}",
-        f"warmup:excess_nm={faded_nm},time_constant_s={0.3 * seconds}",
-    )
-    percent = np.full(round(seconds * 1e3), FRESH)
-    frames = AXIS.frames("production", percent, 8, effects)
+    faded_nm = 0.2 * taught.coulomb_nm
+    warm = f"warmup:excess_nm={faded_nm},time_constant_s=60"
+    effects = (f"drag_error:change_nm={-faded_nm}", warm)
+    frames = AXIS.frames("production", np.full(200_000, FRESH), 8, effects)
     answers = numbers(run(downsampled(frames, AXIS.nominal())))
     late = answers[answers[:, 0] > 60.0]
     assert FRESH - late[:, 1].min() < 0.7

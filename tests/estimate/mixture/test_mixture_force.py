@@ -7,7 +7,7 @@ import pytest
 
 from edge_service.estimate.mixture import state
 from edge_service.estimate.mixture.estimator import INERTIA_OFF, INERTIA_SEEN_NM2_S
-from edge_service.estimate.mixture.hypotheses import initial_bank, leader_of
+from edge_service.estimate.mixture.hypotheses import FORCED, copy_to, initial_bank, leader_of
 from edge_service.estimate.mixture.state import AxisModel, Bank, Reading
 from edge_service.estimate.mixture.step import step
 
@@ -110,9 +110,7 @@ def test_a_drop_is_no_force_that_lasts(left: float) -> None:
 
 
 def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
-    """In the middle of motion, by a third: doubted after a while, and then it teaches again.
-
-    What the change of all friction does to the preload stays below a point."""
+    """In the middle of motion, by a third: doubted after a while, and then it teaches again."""
     model, _, process = parts()
     bank, truth = settled(), Truth(nut=0.35, bearing=0.35, guide=0.35)
     innovations = [step(bank, model, process, r, 0.1) for r in production(15, 60.0, truth)]
@@ -122,10 +120,7 @@ def test_friction_that_has_changed_for_good_is_no_force_for_ever() -> None:
 
 @pytest.mark.parametrize("one_encoder", [True, False])
 def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
-    """A torque alone fits any force, so with one encoder the force before says nothing.
-
-    The force is three standard deviations of the axial friction: less is friction as likely.
-    """
+    """A torque alone fits any force; three standard deviations of axial friction are hardly it."""
     model, _, process = parts(one_encoder)
     slight_n = 3.0 * process.axial_n
     r = pushed(next(iter(production(16, 0.1, Truth(), one_encoder))), slight_n)
@@ -136,7 +131,18 @@ def test_a_force_is_known_again_by_two_encoders_only(one_encoder: bool) -> None:
         step(bank, model, process, r, 0.1)
         forced.append(bank.force[leader_of(bank)])
     like, unlike = forced
-    if one_encoder:
-        assert 0.0 < like == pytest.approx(unlike)
-    else:
-        assert like > 0.9 and unlike < 0.5
+    assert 0.0 < like == pytest.approx(unlike) if one_encoder else like > 0.9 and unlike < 0.5
+
+
+def test_those_that_see_a_force_gain_and_lose_alike() -> None:
+    """With a force any compliance fits, so a phase under one does not choose among them."""
+    model, _, process = parts()
+    bank, both, gained = settled(), [state.STEADY, state.BEFORE], []
+    copy_to(bank, state.BEFORE, state.STEADY, bank.log_weight[state.STEADY])
+    bank.mean[state.BEFORE, state.PRELOAD] += math.log(0.9)
+    for r in production(14, 1.0, Truth()):
+        believed = bank.log_weight[both].copy()
+        step(bank, model, process, pushed(r, -200.0, 1.3), 0.1)
+        if (bank.force[both] > FORCED).all():
+            gained.append(bank.log_weight[both] - believed)
+    assert np.ptp(gained, axis=1).max() < 0.05 and len(gained) > 5
