@@ -126,7 +126,7 @@ def test_a_loss_begins_with_the_phase_that_surprises(nis: float, calm: bool, beg
     ("slot", "lost", "ahead", "nis", "begins"),
     [(s.LOOSENING, 1.0, -3.0, nis, nis > 9.0) for nis in (8.9, 9.1)]
     + [(LOSS, lost, -1.5, 0.0, lost < 0.1) for lost in (0.05, 0.5)]
-    + [(slot, 1.0, -9.5, 0.0, slot == s.LOAD) for slot in (s.LOAD, s.LOOSENING)],  # after 5 of 20 s
+    + [(s.LOAD, 1.0, -9.5, 0.0, True), (s.LOOSENING, 1.0, -7.2, 0.0, False)],  # after 5 of 20 s
 )
 def test_a_surprised_loosening_and_a_loss_of_nothing_begin_anew(
     slot: int, lost: float, ahead: float, nis: float, begins: bool
