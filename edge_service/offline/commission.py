@@ -201,8 +201,8 @@ def _learned(
 ) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
-    guides_n, bearings_nm = model.guide_force_n.value, model.bearing_drag_nm.value
-    is_told = bearings_nm > 1.96 * model.bearing_drag_nm.sigma
+    guides_n, drag = model.guide_force_n.value, model.bearing_drag_nm
+    bearings = f"{drag.value:.3g} N m" if drag.value > 1.96 * drag.sigma else "not told from none"
     transmission, mass = learned.transmission, model.table_mass_kg
     lines = [
         f"{out}: commissioned",
@@ -211,7 +211,7 @@ def _learned(
         f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
         f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
         f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
-        f"guides {guides_n:.3g} N, bearings {f'{bearings_nm:.3g} N m' if is_told else 'none'}",
+        f"guides {guides_n:.3g} N, bearings {bearings}",
     ]
     stretch: dict[str, float | bool] | None = None
     if transmission is None or mass is None:
@@ -256,7 +256,7 @@ def _learned(
             "the axis, or a model that does not fit; commission without it, or expect that error"
         )
     document = {"out": str(out), "motion_s": learned.motion_s, "coulomb_nm": learned.coulomb_nm}
-    document |= {"guide_force_n": guides_n, "bearing_drag_nm": bearings_nm}
+    document |= {"guide_force_n": guides_n, "bearing_drag_nm": drag.value}
     document |= {
         "inertia_kg_m2": model.inertia_kg_m2,
         "viscous_nm_s_per_rad": model.viscous_nm_s_per_rad,

@@ -133,7 +133,7 @@ class MixtureSettings(NamedTuple):
     loosened_large: float = 0.5  # a broken element of a coupling, a slack belt
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
     hazard: float = 3e-5  # of each step per second of motion
-    loosens: float = 10.0  # times that of a looser joint: a vague preload takes it up unpriced
+    loosens: float = 10.0  # times as likely a looser joint: a vague preload would follow it first
     stop_hazard: float = 1e-3  # of lubrication and load per second of a stop
     reversal: float = 0.1  # of the stretch at a reversal, as the frictions change
     looseness: float = 0.001  # of the compliance beside the nut, at the start
