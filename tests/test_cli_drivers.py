@@ -52,7 +52,7 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
         assert (await stub.start()).endswith(f":{port}")
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(FIRST_MESSAGES[protocol])
-        assert await asyncio.wait_for(reader.read(1), 10.0)
+        assert await asyncio.wait_for(reader.read(1), 60.0)
         writer.close()
         await writer.wait_closed()
     finally:

@@ -49,7 +49,7 @@ class Watch:
         """All there is until the driver has looked `patience` times in vain."""
         frames: list[SampleFrame] = []
         await driver.open()
-        async with asyncio.timeout(20.0), aclosing(driver.frames()) as source:
+        async with asyncio.timeout(60.0), aclosing(driver.frames()) as source:
             while True:
                 waiting = asyncio.ensure_future(anext(source))
                 start = self.looks
@@ -112,7 +112,7 @@ async def test_nothing_more_comes_once_it_is_closed(opened_again: bool, watch: W
     await driver.close()
     if opened_again:
         await driver.open()
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(60.0):
         assert [len(frame) async for frame in frames] == []
     rest = torques(await watch.read(driver))
     assert rest == [0.0] * (500 - len(first)) + [1.0] * 500
