@@ -192,7 +192,8 @@ def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice
 
 def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Task]:
     active = {alarm.kind for alarm in health.alarms if alarm.active}
-    doubt = AlarmKind.MODEL in active or _status(estimate) is EstimateStatus.INVALID
+    unknown, status = health.condition is AxisCondition.UNAVAILABLE, _status(estimate)
+    doubt = AlarmKind.MODEL in active or (unknown and status is EstimateStatus.INVALID)
     if AlarmKind.SUDDEN_DROP in active:
         yield Task.INSPECT
     if doubt:
@@ -207,16 +208,15 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
         yield Task.PLAN_NUT
     if AlarmKind.RATE in active:
         yield Task.FIND_WEAR
-    is_estimated = _status(estimate) is EstimateStatus.ESTIMATED
     likely, said = (estimate.fault_probability, estimate.reasons) if estimate else ({}, ())
-    if is_estimated and likely.get("lubrication", 0.0) >= LIKELY_GREASE:
+    if status is EstimateStatus.ESTIMATED and likely.get("lubrication", 0.0) >= LIKELY_GREASE:
         yield Task.REGREASE
     yield from (Task.TEST for reason in said if reason.startswith("test_due:"))
     if health.trend is not None and health.trend.status is TrendStatus.RISING:
         yield Task.FIND_CHANGE
     if AlarmKind.SERVICE in active:
         yield Task.CHECK_SERVICE
-    if health.condition is AxisCondition.UNAVAILABLE:
+    if unknown:
         yield _for_a_number(health, estimate)
     elif AlarmKind.DATA_LOST in active:
         yield Task.WAIT
