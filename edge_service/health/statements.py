@@ -27,7 +27,7 @@ REASONS: dict[str, tuple[Code, Task | None]] = {
     "stale_health": (Code.NO_DATA_SINCE, Task.CHECK_SERVICE),
     "no_health": (Code.STARTING, Task.CHECK_SERVICE),
     "no_limit": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
-    "no_percent": (Code.MACHINE_FILE_LACKS, None),
+    "no_percent": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
     "confirming": (Code.LEARNING, Task.WAIT),
     "model_mismatch": (Code.MODEL_DISAGREES, None),
 }
@@ -37,7 +37,7 @@ _CODE_OF_STATUS = {
     EstimateStatus.INVALID: Code.MODEL_DISAGREES,
 }
 _WITH_A_TIME = (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD)
-_LACKING = {"no_limit": "fresh preload", "no_percent": "load rating"}
+_LACKING = {"no_limit": "the fresh preload", "no_percent": "what preload in % needs"}
 _SENSORS = {"torque": "torque", "angle": "motor angle", "table": "linear encoder"}
 LIKELY_GREASE = 0.9
 """Probability of more friction at the same preload from which regreasing is advised."""
@@ -64,7 +64,7 @@ TEXTS = {
     Task.CHECK_CONNECTION: "Check the connection to the drive: no data are coming in.",
     Task.SWITCH_ON: "Check that the drive is on and connected: no data have come in yet.",
     Task.COMPLETE_MACHINE_FILE: (
-        "Complete the machine file: the fresh screw's preload or the load rating is missing."
+        "Complete the machine file from the data sheets: the reason says what is missing."
     ),
     Task.COMMISSION_SOURCE: (
         "Commission the axis from recordings of this source: its samples are slower than those of "

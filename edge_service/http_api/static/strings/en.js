@@ -491,7 +491,7 @@ export const en = {
   "role.viewer": "viewer",
   "role.operator": "operator",
   "setup.first": "A first axis from a recording",
-  "first.text": "One to two minutes of the healthy, cold axis: to and fro over the whole stroke at different speeds, without cutting. Load rating and preload give the answer in percent; what else you leave open makes it wider.",
+  "first.text": "One to two minutes of the healthy, cold axis: to and fro over the whole stroke at different speeds, without cutting. Diameter, load rating and preload give the answer in percent; what else you leave open makes it wider.",
   "first.file": "Recordings",
   "first.name": "Name of the axis",
   "first.diameter": "Nominal diameter of the screw, mm",
