@@ -133,9 +133,7 @@ async def test_connections_beyond_their_number_are_dropped_until_one_leaves(
             while status != b"200":
                 async with connected(port) as client:
                     client.send(ALIVE)
-                    status = (
-                        (await client.answer())[9:12] if status else (await client.some())[9:12]
-                    )
+                    status = (await (client.answer() if status else client.some()))[9:12]
 
 
 async def test_a_reader_that_does_not_read_loses_its_place(scene, monkeypatch) -> None:
@@ -147,9 +145,8 @@ async def test_a_reader_that_does_not_read_loses_its_place(scene, monkeypatch) -
             silent.setblocking(False)
             await asyncio.get_running_loop().sock_connect(silent, ("127.0.0.1", port))
             silent.send(STREAM)
+            await until(lambda: len(scene.state.readers) == 1)
             async with asyncio.timeout(60.0):
-                while len(scene.state.readers) == 0:
-                    await asyncio.sleep(0.001)
                 while len(scene.state.readers) > 0:
                     scene.hear_event("x" * 1000)
                     await asyncio.sleep(0.001)
