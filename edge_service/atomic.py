@@ -102,8 +102,8 @@ def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         try:
-            if os.geteuid() == 0 and path.exists():  # what root writes stays its owner's
-                old = path.stat()
+            if os.geteuid() == 0 and path.exists() and not path.parent.stat().st_mode & 0o022:
+                old = path.stat()  # what root writes stays its owner's, where others put nothing
                 os.fchown(handle, old.st_uid, old.st_gid)
             yield handle
             os.fsync(handle)

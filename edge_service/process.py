@@ -14,10 +14,9 @@ PATIENCE_S = 5.0
 """Time that a program has to end by itself when it is asked to."""
 _PR_SET_PDEATHSIG = 1
 ENVIRONMENT = {
+    "PYTHONSAFEPATH": "1",  # the current folder may be another's, and so its modules
     "EDGE_SERVICE_PROGRESS": "1",
     "MALLOC_ARENA_MAX": "2",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
 }
 
 

@@ -46,6 +46,6 @@ def serving(
             yield program.stdout
         finally:
             program.send_signal(end)
-            _, errors = program.communicate(timeout=20.0)
+            _, errors = program.communicate(timeout=60.0)
     assert program.returncode == 0
     assert "Traceback" not in errors

@@ -51,9 +51,11 @@ def test_what_root_writes_belongs_to_who_had_it(tmp_path: Path) -> None:
     with replaced_file(target, PRIVATE) as file:
         file.write("new")
     assert (target.stat().st_uid, target.stat().st_gid) == (4711, 4712)
-    with replaced_file(tmp_path / "first") as file:
-        file.write("new")
+    _written(replaced_file, tmp_path / "first", "new")
     assert (tmp_path / "first").stat().st_uid == 0
+    tmp_path.chmod(0o777)  # another may have put it there, to have what root writes
+    _written(replaced_file, target, "new")
+    assert target.stat().st_uid == 0
 
 
 WRITERS: list[Callable[[Path], None]] = [

@@ -52,7 +52,7 @@ async def test_a_stub_is_served_on_another_port(protocol: str) -> None:
         assert (await stub.start()).endswith(f":{port}")
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(FIRST_MESSAGES[protocol])
-        assert await asyncio.wait_for(reader.read(1), 10.0)
+        assert await asyncio.wait_for(reader.read(1), 60.0)
         writer.close()
         await writer.wait_closed()
     finally:
@@ -115,8 +115,8 @@ def test_a_stub_serves_what_the_doctor_finds_in_order(
         assert "serving" in said.readline()
         status = main(["doctor", config, "--duration", "6"])
         printed = " ".join(capsys.readouterr().out.split())
-        slow = "DOUBT rate" in printed  # as a busy machine polls, or a server that samples at 10 Hz
-        assert printed.count("DOUBT") == status == slow
+        late = "DOUBT rate" in printed or "late_read" in printed  # a busy machine, or 10 Hz
+        assert status == ("DOUBT" in printed) <= late
         assert "ok connection" in printed
         assert "ok lead" in printed
         assert "torque sign looks inverted" not in printed

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from edge_service.http_api.context import from_history
+from edge_service.process import finished
 from edge_service.threads import Threads
 
-PATIENCE_S = 60.0
+from .nodes.conftest import PATIENCE_S, until
+
 HUNG = 40
 PARENT = """
 import asyncio
@@ -38,12 +40,6 @@ def hanging() -> Iterator[threading.Event]:
         go_on.set()
 
 
-async def until_waiting(threads: Threads, busy: int) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while threads._busy < busy:
-            await asyncio.sleep(0.001)
-
-
 async def test_work_returns_or_raises() -> None:
     threads = Threads("test")
     assert await threads.run(divmod, 7, 2) == (3, 1)
@@ -56,7 +52,7 @@ async def test_no_more_threads_than_allowed() -> None:
     threads = Threads("test", 3)
     with hanging() as go_on:
         works = [asyncio.ensure_future(threads.run(go_on.wait)) for _ in range(10)]
-        await until_waiting(threads, 3)
+        await until(lambda: threads._busy == 3)
         assert threads._alive == 3
         go_on.set()
         await asyncio.gather(*works)
@@ -66,7 +62,7 @@ async def test_who_ceases_to_wait_takes_back_what_was_not_begun() -> None:
     threads, begun = Threads("test"), []
     with hanging() as go_on:
         first = asyncio.ensure_future(threads.run(go_on.wait))
-        await until_waiting(threads, 1)
+        await until(lambda: threads._busy == 1)
         second = asyncio.ensure_future(threads.run(begun.append, 2))
         await asyncio.sleep(0)
         first.cancel()
@@ -82,9 +78,7 @@ async def test_a_thread_without_work_ends(monkeypatch: pytest.MonkeyPatch) -> No
     threads = Threads("test", 2)
     for _ in range(50):
         assert await threads.run(int, 5) == 5
-    async with asyncio.timeout(PATIENCE_S):
-        while threads._alive:
-            await asyncio.sleep(0.001)
+    await until(lambda: not threads._alive)
 
 
 async def test_requests_that_hang_starve_no_driver(tmp_path: Path) -> None:
@@ -96,6 +90,13 @@ async def test_requests_that_hang_starve_no_driver(tmp_path: Path) -> None:
             assert await asyncio.get_running_loop().getaddrinfo("127.0.0.1", 9)
         go_on.set()
         assert all(await asyncio.gather(*asked))
+
+
+async def test_no_job_imports_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others may write there."""
+    (tmp_path / "edge_service.py").touch()
+    monkeypatch.chdir(tmp_path)
+    assert "edge-service" in (await finished("--version", limit_s=PATIENCE_S))[1]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="prctl(2) is of Linux")

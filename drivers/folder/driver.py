@@ -64,7 +64,7 @@ class Arrivals:
             found = {
                 (path, path.stat().st_size, path.stat().st_mtime_ns)
                 for path in self._folder.glob(self._pattern)
-                if not path.name.startswith(".") and path.is_file()
+                if not (path.name.startswith(".") or path.is_symlink()) and path.is_file()
             }
         except OSError as error:
             raise DriverUnavailableError(f"{self._folder}: {error.strerror}") from None

@@ -171,7 +171,7 @@ def _readable(
     settings = PreparationSettings.sampled(machine.transmission_ratio_m_per_rad, able, CUTOFF_HZ)
     speeds = np.abs(motion_speeds(machine, able))
     top_rad_s = float(np.quantile(speeds, 0.99)) if speeds.size else 0.0
-    still = min(settings.standstill_rad_s, STANDSTILL_SHARE * top_rad_s)
+    still = min(settings.standstill_rad_s, STANDSTILL_SHARE * (top_rad_s or np.inf))
     return able, replace(settings, standstill_rad_s=still)
 
 

@@ -9,7 +9,6 @@ from .axis_events import noted
 from .inputs import NS_PER_S
 from .statements import clock, span
 
-_NS_PER_MS = 1_000_000
 _NAMES = {"rate": "wears fast", "model": "model does not fit", "service": "service part down"}
 
 
@@ -51,7 +50,7 @@ class AlarmLatch:
         self._alarm: Alarm | None = None
         self._shelved_until_ns: int | None = None
         self._change_since_ns: int | None = None
-        self._occurrence = begun_ns // _NS_PER_MS  # so a state that was lost repeats none
+        self._occurrence = begun_ns // 1_000_000  # ms, so a state that was lost repeats none
 
     @property
     def active(self) -> bool:

@@ -32,7 +32,7 @@ _MODEL_NIS = 6.0
 """Mean squared normalised innovation from which the model does not fit; 1 if it does."""
 _SURELY_LOST = 0.9
 """Probability of a loss from which on it explains that the axis is not as it was learned."""
-_SUDDEN_S, _CLEAR_DELAY_S = 10.0, 5.0
+_SUDDEN_S, _CLEAR_DELAY_S, _DOUBTED_S = 10.0, 5.0, 20.0
 _START_S = 30
 """So long after a start, and after a first estimate that comes late, nobody misses data."""
 _BEGINNING_S = 20.0
@@ -240,7 +240,7 @@ class AxisAlarms:
             AlarmKind.PRELOAD_LOST: (lost if known else None, lost_words),
             AlarmKind.RATE: self._rate(health.trend),
             AlarmKind.SUDDEN_DROP: (None, SILENT),
-            AlarmKind.MODEL: self._model(health),
+            AlarmKind.MODEL: self._model(health, now_ns, known),
             AlarmKind.DATA_LOST: self._data_lost(health, now_ns),
             AlarmKind.SERVICE: (bool(self._down), next(iter(self._down.values()), SILENT)),
         }
@@ -266,7 +266,7 @@ class AxisAlarms:
         is_missed = True if now_ns >= self._patient_until_ns else None
         return (is_missed, condition_words(health)) if _lacks_data(health) else (False, SILENT)
 
-    def _model(self, health: AxisHealth) -> _Cause:
+    def _model(self, health: AxisHealth, now_ns: int, known: bool) -> _Cause:
         if _lacks_data(health):
             return None, SILENT
         consistency = health.consistency
@@ -276,8 +276,9 @@ class AxisAlarms:
         if consistency is not None and consistency.state is ConsistencyState.DISAGREES:
             return True, _changed_words(consistency.channel or "")
         if self._fit.status is EstimateStatus.INVALID:
-            is_known = True if self._fit.is_settled else None
-            return is_known, told(Code.MODEL_DISAGREES) if is_known else SILENT
+            is_lasting = not known and now_ns - health.since_time_ns >= _DOUBTED_S * NS_PER_S
+            is_known = is_lasting and self._fit.is_settled  # a force makes it doubted for less
+            return (True, told(Code.MODEL_DISAGREES)) if is_known else (None, SILENT)
         if self._fit.nis > _MODEL_NIS:
             return True, _changed_words("torque_nm")
         return (False if self._fit.nis < 0.8 * _MODEL_NIS else None), _changed_words("torque_nm")

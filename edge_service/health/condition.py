@@ -258,12 +258,10 @@ class ConditionMonitor:
                 reasons = (*reasons, "no_data: no measured data of the axis either")
             return AxisCondition.UNAVAILABLE, reasons
         estimated = self.estimate.status is EstimateStatus.ESTIMATED
-        reason = ""
         if estimated and self.estimate.preload_percent is None:
-            reason = "no_limit: preload in % not available"
-        elif self._tracker is None:
+            return AxisCondition.UNAVAILABLE, self.estimate.reasons
+        if self._tracker is None:
             reason = "no_limit: the preload of the fresh screw is not known"
-        if reason or self._tracker is None:
             return AxisCondition.UNAVAILABLE, (reason, *self.estimate.reasons)
         held: tuple[str, ...] = ()
         if not estimated:

@@ -27,7 +27,7 @@ REASONS: dict[str, tuple[Code, Task | None]] = {
     "stale_health": (Code.NO_DATA_SINCE, Task.CHECK_SERVICE),
     "no_health": (Code.STARTING, Task.CHECK_SERVICE),
     "no_limit": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
-    "no_percent": (Code.MACHINE_FILE_LACKS, None),
+    "no_percent": (Code.MACHINE_FILE_LACKS, Task.COMPLETE_MACHINE_FILE),
     "confirming": (Code.LEARNING, Task.WAIT),
     "model_mismatch": (Code.MODEL_DISAGREES, None),
 }
@@ -37,7 +37,7 @@ _CODE_OF_STATUS = {
     EstimateStatus.INVALID: Code.MODEL_DISAGREES,
 }
 _WITH_A_TIME = (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD)
-_LACKING = {"no_limit": "fresh preload", "no_percent": "load rating"}
+_LACKING = {"no_limit": "the fresh preload", "no_percent": "what preload in % needs"}
 _SENSORS = {"torque": "torque", "angle": "motor angle", "table": "linear encoder"}
 LIKELY_GREASE = 0.9
 """Probability of more friction at the same preload from which regreasing is advised."""
@@ -64,7 +64,7 @@ TEXTS = {
     Task.CHECK_CONNECTION: "Check the connection to the drive: no data are coming in.",
     Task.SWITCH_ON: "Check that the drive is on and connected: no data have come in yet.",
     Task.COMPLETE_MACHINE_FILE: (
-        "Complete the machine file: the fresh screw's preload or the load rating is missing."
+        "Complete the machine file from the data sheets: the reason says what is missing."
     ),
     Task.COMMISSION_SOURCE: (
         "Commission the axis from recordings of this source: its samples are slower than those of "
@@ -192,7 +192,8 @@ def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice
 
 def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Task]:
     active = {alarm.kind for alarm in health.alarms if alarm.active}
-    doubt = AlarmKind.MODEL in active or _status(estimate) is EstimateStatus.INVALID
+    unknown, status = health.condition is AxisCondition.UNAVAILABLE, _status(estimate)
+    doubt = AlarmKind.MODEL in active or (unknown and status is EstimateStatus.INVALID)
     if AlarmKind.SUDDEN_DROP in active:
         yield Task.INSPECT
     if doubt:
@@ -207,16 +208,15 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
         yield Task.PLAN_NUT
     if AlarmKind.RATE in active:
         yield Task.FIND_WEAR
-    is_estimated = _status(estimate) is EstimateStatus.ESTIMATED
     likely, said = (estimate.fault_probability, estimate.reasons) if estimate else ({}, ())
-    if is_estimated and likely.get("lubrication", 0.0) >= LIKELY_GREASE:
+    if status is EstimateStatus.ESTIMATED and likely.get("lubrication", 0.0) >= LIKELY_GREASE:
         yield Task.REGREASE
     yield from (Task.TEST for reason in said if reason.startswith("test_due:"))
     if health.trend is not None and health.trend.status is TrendStatus.RISING:
         yield Task.FIND_CHANGE
     if AlarmKind.SERVICE in active:
         yield Task.CHECK_SERVICE
-    if health.condition is AxisCondition.UNAVAILABLE:
+    if unknown:
         yield _for_a_number(health, estimate)
     elif AlarmKind.DATA_LOST in active:
         yield Task.WAIT

@@ -82,7 +82,7 @@ class Code(Enum):
     NOT_MOVED = "The axis has not moved enough since {time}."
     ONLY_UNDER_LOAD = "It has moved only under load since {time}."
     SENSOR_FAULTY = "{sensor} is faulty: {reason}."
-    MACHINE_FILE_LACKS = "The machine file lacks the {missing}."
+    MACHINE_FILE_LACKS = "The machine file lacks {missing}."
     TOO_SLOW = "Samples come more slowly than commissioned."
     NOT_KNOWN = "The preload is not known at present: {reason}."
 

@@ -120,13 +120,12 @@ def _answer(
             said = "not determined"
             if each.determined:
                 numbers = {"value": each.value, "low": each.low, "high": each.high}
-                said = f"{each.value:.4g} {each.unit} ({each.low:.3g} to {each.high:.3g})"
+                said = f"{each.value:.4g} {each.unit} ({each.low:.4g} to {each.high:.4g})"
             found.append({"name": name} | numbers | {"unit": each.unit})
             lines.append(f"  {name}: {said}")
     doubts = [each for each in findings or () if each.is_doubtful]
     if findings is None:
-        missing = "the machine file is incomplete: lead_m or inertia_kg_m2 is missing"
-        lines.append(f"not examined: {missing}")
+        lines.append("not examined: the machine file lacks lead_m or inertia_kg_m2")
     else:
         lines.append(f"examined: {len(findings)} checks, {len(doubts)} of them doubtful")
         lines += [f"  {each.name}: {each.sentence}" for each in doubts]

@@ -36,7 +36,7 @@ async def test_payloads_arrive_in_one_process_and_across_sessions(router: Bus, c
     assert (await anext(aiter(near)))[:2] == ("X", headers[0])
     assert (headers[0].sequence, headers[0].boot_epoch) == (0, publisher.boot_epoch)
     arrivals = aiter(far)
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         first = asyncio.ensure_future(anext(arrivals))
         while not first.done():
             headers.append(publisher.publish(FRAME, time.time_ns()))
@@ -52,7 +52,7 @@ async def test_the_first_payload_of_a_client_arrives() -> None:
     near = router.subscribe(KEYS.all_axes(RAW), RAW)
     client = await Bus.open(BusSettings(router.endpoint, "client"))
     client.publisher(KEYS.key("X", RAW), RAW, "X").publish(FRAME, 0)
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         assert (await anext(aiter(near)))[1].sequence == 0
     await client.close()
     await router.close()
@@ -74,7 +74,7 @@ async def test_events_that_come_together_all_cross_a_link(router: Bus, client: B
     publisher = router.publisher(KEYS.key("X", EVENT), EVENT, "X")
     event = Event(axis="X", kind="part", level=AxisCondition.NORMAL, text="one of many", time_ns=1)
     arrivals = aiter(far)
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         first = asyncio.ensure_future(anext(arrivals))
         while not first.done():
             publisher.publish(event, 1)
@@ -139,7 +139,7 @@ async def test_the_last_payload_answers_a_query(router: Bus, client: Bus) -> Non
         headers = [RAW.decode(r.ok.payload.to_bytes())[1] for r in replies if r.ok]
         return [replace(each, monotonic_time_ns=0) for each in headers]
 
-    async with asyncio.timeout(5.0):  # declarations travel asynchronously
+    async with asyncio.timeout(60.0):  # declarations travel asynchronously
         while Header(1, publisher.boot_epoch, 6, 0) not in await asyncio.to_thread(ask):
             await asyncio.sleep(0)
 
@@ -191,7 +191,7 @@ async def test_a_reader_that_rests_is_woken_by_what_comes_later_or_by_too_much(r
     for _ in range(40):
         await published("X")
     assert len(heard) > 20
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(60.0):
         while len(heard) < 43:  # what is left is read though nothing more comes
             await asyncio.sleep(0.01)
     publishers["X"].publish(FRAME, time.time_ns())

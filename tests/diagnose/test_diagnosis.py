@@ -12,6 +12,7 @@ from edge_service.diagnose.session.session import Session
 from edge_service.diagnose.validation.assessment import is_told
 from edge_service.models.effects.registry import effects, get_effect
 from edge_service.models.machine import Machine
+from edge_service.offline.report.diagnosis_page import verdict_sentence
 
 from .conftest import frame_of, recorded, session_of
 
@@ -34,8 +35,9 @@ def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:
     found, _ = diagnosed(machine, (), seed=3)
     assert found.verdict is Verdict.NO_GAP
     assert found.effects == ()
-    assert found.misfit is not None
-    assert found.misfit.p_value > 0.5
+    assert found.misfit is not None and found.misfit.p_value > 0.5
+    doubted = found.model_copy(update={"remarks": ("doctor: the torque repeats one value",)})
+    assert verdict_sentence(doubted).startswith("Where the recording can be trusted")
 
 
 @pytest.mark.parametrize("cause", ["drag_error", "torque_ripple", "timestamp_skew"])
@@ -44,8 +46,7 @@ def test_a_single_cause_is_named(machine: Machine, cause: str) -> None:
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == [cause]
     assert 0.9 < found.effects[0].probability <= SUREST
-    assert found.misfit is not None
-    assert found.misfit.p_value < 1e-3
+    assert found.misfit is not None and found.misfit.p_value < 1e-3
     assert found.misfit.p_value_after > 0.01
 
 

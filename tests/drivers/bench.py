@@ -19,7 +19,7 @@ from edge_service.recordings.reader import joined
 ROOT = Path(__file__).parents[2]
 MACHINE = Machine.model_validate(tomllib.loads((ROOT / "deploy" / "machine.toml").read_text()))
 CONTEXT = DriverContext("X", MACHINE)
-PATIENCE_S = 15.0
+PATIENCE_S = 60.0
 Action = Callable[[], Awaitable[None]]
 
 

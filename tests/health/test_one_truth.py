@@ -249,6 +249,15 @@ def test_grease_is_a_task_of_its_own_and_belongs_into_the_stop_for_the_nut() -> 
     assert Task.REGREASE not in {each.task for each in axis.answer().advice}
 
 
+def test_what_percent_needs_is_not_said_to_be_the_fresh_preload() -> None:
+    axis, why = Axis(), "no_percent: model.preload_drag_nm is unknown"
+    axis.hear(PreloadEstimate(time_s=0.0, status=EstimateStatus.ESTIMATED, reasons=(why,)), 20)
+    told = axis.answer()
+    assert told.headline.text == "The machine file lacks what preload in % needs."
+    assert told.reasons == (why,)
+    assert [each.task for each in told.advice] == [Task.COMPLETE_MACHINE_FILE]
+
+
 def test_a_test_that_is_due_is_a_task() -> None:
     axis = Axis()
     due = "test_due: no test yet, and the interval is 5.0 points wide: run a test"

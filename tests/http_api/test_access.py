@@ -18,6 +18,7 @@ from edge_service.http_api.app import create_app, static_digest
 from edge_service.http_api.guard import Authenticator, Caller
 from edge_service.messages.health import Command, Outcome
 
+from ..nodes.conftest import until
 from .conftest import client_of
 
 START_NS = 1_769_860_800_000_000_000
@@ -213,11 +214,10 @@ async def test_no_other_site_acts_for_a_browser(
 
 async def test_a_live_stream_ends_with_its_token(guarded: Guarded, box: httpx.AsyncClient) -> None:
     reading = asyncio.create_task(box.get("/api/v1/events", headers=guarded.bearer("screen")))
-    async with asyncio.timeout(10.0):
-        while len(guarded.state.readers) == 0:
-            await asyncio.sleep(0)
-        guarded.tokens.revoke("screen")
-        guarded.authenticator.refresh(guarded.now_ns)
+    await until(lambda: len(guarded.state.readers) == 1)
+    guarded.tokens.revoke("screen")
+    guarded.authenticator.refresh(guarded.now_ns)
+    async with asyncio.timeout(60.0):
         while not reading.done():
             guarded.now_ns += 1_000_000_000
             await asyncio.sleep(0.01)

@@ -28,7 +28,7 @@ class _Upload:
 
 async def _refusal(upload: _Upload) -> int:
     with pytest.raises(RefusedError) as refused:
-        await asyncio.wait_for(upload.done, 5.0)
+        await asyncio.wait_for(upload.done, 60.0)
     return refused.value.status_code
 
 

@@ -124,7 +124,7 @@ def test_a_verdict_that_comes_late_is_shown(make_service: Any, open_page: Any) -
     page.evaluate("new Promise((done) => setTimeout(done, 300))")
     for route in held:
         route.fulfill(json=FOUND)
-    page.wait_for_selector("#jobs .job-verdict:has-text('is explained')", timeout=15_000)
+    page.wait_for_selector("#jobs .job-verdict:has-text('is explained')")
 
 
 @pytest.mark.parametrize("typed", ["#/%", "#/X/%E0%A4%A"])
@@ -132,7 +132,7 @@ def test_an_address_that_is_no_address_still_shows_the_axis(
     make_service: Any, open_page: Any, typed: str
 ) -> None:
     page = open_page(f"{make_service(**HEALTHY).address}{typed}").page
-    page.wait_for_selector("#answer[data-level=NORMAL]", timeout=20_000)
+    page.wait_for_selector("#answer[data-level=NORMAL]")
 
 
 def test_a_note_is_written_over_plain_http(make_service: Any, open_page: Any) -> None:

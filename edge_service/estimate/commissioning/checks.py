@@ -129,11 +129,11 @@ def require_fresh_screw(
     left_nm = torque.coulomb_nm - guide.value - bearing.value
     sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2 + bearing.sigma**2))
     if left_nm + SIGMAS * sigma < WORN_SHARE * screw.value:
-        also = f" and {bearing.value:.3g} in the bearings" if bearing.value else ""
+        worn = "worn or warm; needs a healthy, cold axis, or" if left_nm > 0.0 else "needs"
         raise CommissioningError(
-            f"{whole}, of it {guide.value:.3g} in the guides{also}: the {left_nm:.3g} left is "
-            f"less than the fresh screw's own {screw.value:.3g} N m (model.preload_drag_nm): "
-            "worn or warm; needs a healthy, cold axis, or the right model.table_mass_kg"
+            f"{whole}, of it {guide.value:.3g} in the guides and {bearing.value:.3g} in the "
+            f"bearings: the {left_nm:.3g} left is less than the fresh screw's own "
+            f"{screw.value:.3g} N m (model.preload_drag_nm): {worn} the right model.table_mass_kg"
         )
 
 

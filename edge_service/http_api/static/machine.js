@@ -76,6 +76,7 @@ function limitText({ health, condition, connected }) {
     if (when) return t(`machine.limit.${limit}${when.form}`, when);
   }
   if (condition === "UNAVAILABLE") return "";
+  if (health?.reasons.some((each) => each.startsWith("may_be_below"))) return t("machine.limit.maybe");
   return t(condition === "NORMAL" ? "machine.limit.none" : `machine.limit.passed.${condition}`);
 }
 

@@ -82,7 +82,8 @@ def tolerated(quantity: Quantity, unit: str) -> str:
     >>> tolerated(Quantity(value=1.5e-3, tolerance=0.02), "kg m2")
     '0.0015 kg m2 +- 2 %'
     """
-    return f"{quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"
+    known = f"{quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"
+    return known if quantity.tolerance < 1.0 else "not told from none"
 
 
 def against(figure: IntervalEstimate, expected: float | None) -> str:

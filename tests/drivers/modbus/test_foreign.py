@@ -49,7 +49,7 @@ class Device:
             self._program, str(self.port), stdout=asyncio.subprocess.PIPE
         )
         assert self._process.stdout is not None
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             assert await self._process.stdout.readline() == b"listening\n"
 
     async def stop(self) -> None:

@@ -13,7 +13,7 @@ from edge_service.messages.samples import Quality
 
 REQUEST = ReadRequest(3, 0, 2, (RegisterConfig(channel="torque_command_nm", address=0),))
 WORDS = (0x4049, 0x0FDB)
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 Answer = Callable[[bytes], Sequence[bytes | None]]
 """Bytes of a request -> pieces that are sent back; None hangs up."""
 
@@ -157,7 +157,7 @@ async def test_silence_is_no_reply_and_close_ends_a_read_at_once(peer: Peer) -> 
     link = ModbusLink("127.0.0.1", peer.port, 1, 0.02)
     await link.connect()
     assert (await link.read(REQUEST)).quality is Quality.NO_REPLY
-    link = ModbusLink("127.0.0.1", peer.port, 1, 30.0)
+    link = ModbusLink("127.0.0.1", peer.port, 1, 2.0 * PATIENCE_S)
     await link.connect()
     reading = asyncio.create_task(link.read(REQUEST))
     await asyncio.sleep(0)

@@ -1,6 +1,5 @@
 """An agent for the behaviour suite."""
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -9,6 +8,7 @@ from edge_service.outputs.base import Output
 from edge_service.outputs.mtconnect import DEVICES_FILE
 
 from ...drivers.bench import free_port
+from ...nodes.conftest import until
 from ..bench import OutputBench, PortTaker, output
 from .agent import connected
 
@@ -22,9 +22,7 @@ async def bench(folder: Path) -> AsyncIterator[OutputBench]:
 
     async def heard() -> bool:
         async with connected(taker.port, (folder / DEVICES_FILE).read_text()) as agent:
-            async with asyncio.timeout(60.0):
-                while "condition_X" not in agent.conditions:
-                    await asyncio.sleep(0.01)
+            await until(lambda: "condition_X" in agent.conditions)
             return agent.level("condition_X") == "NORMAL"
 
     yield OutputBench(make, heard, taker.start, taker.stop)
