@@ -17,8 +17,8 @@ LEARN_S = 1.0
 """Informative motion needed before the first number."""
 FAULT_S = 2.0
 """Without usable data for this long the estimate is invalid."""
-SURPRISE_MEMORY = 10.0
-"""Informative intervals over which the surprise is averaged."""
+SURPRISE_MEMORY, GROSS_MEMORY = 10.0, 60.0
+"""Informative intervals over which the surprise is averaged; the same while a gross one mends."""
 SURPRISE_HIGH, SURPRISE_LOW = 9.0, 4.0
 """Averaged surprise above which model and data disagree, and below which they agree again."""
 SURPRISE_MOST = 40.0
@@ -43,8 +43,8 @@ class _State:
     fault_names: tuple[str, ...] = ()  # of the last unusable interval
     channels: tuple[str, ...] = ()  # caveats on the channels of the last interval
     stuck: bool = False  # a channel was, and no motion has shown since that it is free again
-    surprise: float = 0.0
-    disagreeing: bool = False
+    surprise: float = SURPRISE_HIGH  # until it has agreed
+    disagreeing: bool = True
 
 
 _STORED: Stored[_State] = Stored(_State)
@@ -97,11 +97,10 @@ class Validity:
             now.last_informative_s = block.time_s
         if used and surprise is not None:
             most = self._worst if now.disagreeing else SURPRISE_MOST
-            now.surprise += 1.0 / SURPRISE_MEMORY * (min(surprise, most) - now.surprise)
-            if now.surprise > self._high:
-                now.disagreeing = True
-            elif now.surprise < SURPRISE_LOW:
-                now.disagreeing = False
+            mends = now.disagreeing and now.surprise > max(surprise, self._high)
+            memory = GROSS_MEMORY if mends else SURPRISE_MEMORY
+            now.surprise += (min(surprise, most) - now.surprise) / memory
+            now.disagreeing = now.surprise > (SURPRISE_LOW if now.disagreeing else self._high)
 
     def interrupt(self) -> None:
         """Treat earlier data as of unknown age: no number stands on it until motion is seen."""

@@ -23,18 +23,19 @@ class Hostile:
     effects: tuple[str, ...] = ()  # of the test alone
 
 
+def edited(name: str, edit: Callable[[Floats, Floats], Floats]) -> _Edit:
+    """A channel of which `edit` makes another from time and values, (n,) each."""
+    return lambda f: replace(f, channels=f.channels | {name: edit(f.time_s, f.channels[name])})
+
+
 def scaled(channel: str, share: float) -> _Edit:
-    return lambda frame: _with(frame, channel, frame.channels[channel] * share)
+    return edited(channel, lambda _, column: column * share)
 
 
 def stuck(channel: str) -> _Edit:
     """A channel that repeats one value from the first of `STUCK_S` to the second."""
-
-    def edit(frame: SampleFrame) -> SampleFrame:
-        held = (frame.time_s >= STUCK_S[0]) & (frame.time_s < STUCK_S[1])
-        return _with(frame, channel, np.where(held, 1.0, frame.channels[channel]))
-
-    return edit
+    first_s, last_s = STUCK_S
+    return edited(channel, lambda t, column: np.where((t >= first_s) & (t < last_s), 1.0, column))
 
 
 def holed(share: float) -> _Edit:
@@ -51,10 +52,6 @@ def holed(share: float) -> _Edit:
     return edit
 
 
-def _with(frame: SampleFrame, channel: str, column: Floats) -> SampleFrame:
-    return replace(frame, channels={**frame.channels, channel: column})
-
-
 CASES = {
     "saturated drive": Hostile(effects=("saturation:limit_nm=0.9",)),
     "5 % of all values missing": Hostile(holed(0.05)),
@@ -68,6 +65,8 @@ CASES = {
     "lead wrong by 1 %": Hostile(scaled(ANGLE, 1.01)),
     "torque constant +30 %": Hostile(scaled(TORQUE, 1.3)),
     "torque constant -30 %": Hostile(scaled(TORQUE, 0.7)),
+    "angle 3 ms late": Hostile(edited(ANGLE, lambda _, x: np.r_[x[[0, 0, 0]], x[:-3]])),
+    "table new every 2 ms": Hostile(edited(TABLE_POSITION, lambda _, x: x[::2].repeat(2))),
 }
 
 
