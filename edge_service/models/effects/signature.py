@@ -42,7 +42,7 @@ _CURRENT_LOOP_S = 3e-4
 _CROSSING = 0.499  # of a play, from its middle, up to which the motor touches no flank
 _FLOATING = 0.05
 """Load over the whole Coulomb level from which on it lays the table onto a flank."""
-_RATTLING = 0.2  # the same of a table without dry friction, whose rattling is a load too
+_RATTLING = 0.2  # the same of a table without friction, whose rattling is a load too
 
 
 def torque_signature(effect: Effect, values: Values, motion: Motion, baseline: Baseline) -> Floats:
