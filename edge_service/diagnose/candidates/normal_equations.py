@@ -10,7 +10,7 @@ from ...messages.samples import Floats, Integers
 
 Columns = npt.NDArray[np.float32]
 """Half the memory; products of theirs are summed in double precision."""
-_CHUNK = 4096  # rows whose products are summed at once, in double precision
+_CHUNK = 1024  # rows whose products are summed at once, in double precision
 _RIDGE = 1e-12
 
 
@@ -31,13 +31,14 @@ class NormalEquations:
         """
         chosen = np.arange(len(gap)) if rows is None else rows
         shown = np.flatnonzero([np.any(column) for column in columns.T])
-        gram = np.zeros((columns.shape[1], columns.shape[1]))
-        cross = np.zeros(columns.shape[1])
+        gram, cross = np.zeros((columns.shape[1],) * 2), np.zeros(columns.shape[1])
+        square, product = np.zeros((len(shown),) * 2), np.zeros(len(shown))
         for start in range(0, len(chosen), _CHUNK):
             some = chosen[start : start + _CHUNK]
             part = columns[np.ix_(some, shown)].astype(np.float64)
-            gram[np.ix_(shown, shown)] += part.T @ part
-            cross[shown] += part.T @ gap[some]
+            square += part.T @ part
+            product += part.T @ gap[some]
+        gram[np.ix_(shown, shown)], cross[shown] = square, product
         return cls(gram, cross, float(gap[chosen] @ gap[chosen]), len(chosen))
 
     def of_sets(self, index: Integers) -> "NormalEquations":

@@ -30,8 +30,6 @@ _OFTEN = 0.75
 _NOISE_SIGMAS = 5.0
 _LEAST_LEADS, _MOST_WAVES = 2.0, 40
 """Waves along the travel: half ones of it, a whole one, and so on; of a turn there are orders."""
-_SPANS_K = (8.0, 16.0, 40.0)
-"""A lubricant falls to 1/e of its viscosity within these."""
 _LEAST_WARMING_K = 0.5
 """A housing that warms up by less says nothing of what follows its temperature."""
 _WARMING_S = 20.0
@@ -286,6 +284,7 @@ class Ranges:
     warmest_c: float  # the same
     lead_m: float
     coulomb_nm: float  # of the model
+    table_coulomb_nm: float  # of it what acts on the table
 
     @property
     def span_m(self) -> float:
@@ -318,12 +317,15 @@ class Ranges:
             warmest_c=float(known_c.max()) if len(known_c) else math.nan,
             lead_m=2.0 * math.pi * session.baseline.ratio_m_per_rad,
             coulomb_nm=session.baseline.coulomb_nm,
+            table_coulomb_nm=session.baseline.table_coulomb_nm,
         )
 
 
 def grid(parameter: Parameter, ranges: Ranges, amount: str = "") -> Sequence[float]:
     """Values of a shape worth trying: stated, or by its unit and by what the recording covers."""
     match parameter.unit:
+        case _ if parameter.name == "friction_share" and not ranges.table_coulomb_nm:
+            values = np.array(parameter.tried)[[0, -1]]  # none or any: of no friction all are alike
         case _ if parameter.tried:
             values = np.array(parameter.tried)
         case _ if parameter.tried_of_travel:
@@ -338,8 +340,6 @@ def grid(parameter: Parameter, ranges: Ranges, amount: str = "") -> Sequence[flo
         case "degC":
             warms = ranges.warmest_c - ranges.coldest_c >= _LEAST_WARMING_K
             values = np.linspace(ranges.coldest_c, ranges.warmest_c, 5) if warms else np.empty(0)
-        case "K":
-            values = np.array(_SPANS_K)
         case "m" if parameter.name == "wavelength_m":
             most = math.ceil(2.0 * ranges.span_m / (_LEAST_LEADS * ranges.lead_m))
             values = 2.0 * ranges.span_m / np.arange(1.0, min(most, _MOST_WAVES) + 1.0)
@@ -350,8 +350,6 @@ def grid(parameter: Parameter, ranges: Ranges, amount: str = "") -> Sequence[flo
         case "N m":
             low, high = ranges.often_nm, 0.99 * ranges.strongest_nm
             values = np.geomspace(low, high, 16) if 0.0 < low < high else np.empty(0)
-        case "1":
-            values = np.array([1.0, 2.0])
         case _:
             values = parameter.faulty * np.geomspace(0.1, 10.0, 6)
     return [float(v) for v in values if parameter.low <= v <= parameter.high]

@@ -42,6 +42,7 @@ _CURRENT_LOOP_S = 3e-4
 _CROSSING = 0.499  # of a play, from its middle, up to which the motor touches no flank
 _FLOATING = 0.05
 """Load over the whole Coulomb level from which on it lays the table onto a flank."""
+_RATTLING = 0.2  # the same of a table without friction, whose rattling is a load too
 
 
 def torque_signature(effect: Effect, values: Values, motion: Motion, baseline: Baseline) -> Floats:
@@ -174,9 +175,15 @@ def _wind_up_by_travel(each: PreslidingWindUp, motion: Motion, baseline: Baselin
 
 
 def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
-    """Lost motion of friction's flank, and that of a table that brakes onto the other one."""
+    """Lost motion of friction's flank, and that of a table that brakes onto the other one.
+
+    One without friction rattles wherever no load holds it on a flank: halfway in the mean, here 0.
+    """
     travel = baseline.ratio_m_per_rad * motion.angle_rad
     load_nm = _carried_nm(each.friction_share, each.viscous_share, motion, baseline)
+    if not each.friction_share and not each.viscous_share:
+        held = np.abs(load_nm) > _RATTLING * baseline.coulomb_nm
+        return np.where(held, -0.5 * each.width_m * np.sign(load_nm), 0.0)
     leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel
@@ -184,6 +191,8 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
 
 def _let_go(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     """Torque of the table's load, which the motor is without while it crosses a play, N m, (n,)."""
+    if not each.friction_share and not each.viscous_share:  # it rattles
+        return np.zeros(len(motion))
     share = _lost_motion(each, motion, baseline) / (each.width_m or 1.0)
     carried_nm = _carried_nm(each.friction_share, each.viscous_share, motion, baseline)
     return np.where(np.abs(share - 0.5) < _CROSSING, -carried_nm, 0.0)

@@ -46,7 +46,7 @@ EFFECT = Effect(
     kind=Kind.LOST_MOTION,
     parameters=(
         Parameter("width_m", "m", "Clearance.", 0.0, 2e-3, 0.0, 1e-5, Role.SHAPE),
-        friction_share(0.1, 0.4, 0.8, 1.2, 2.4, most=4.0),
+        friction_share(0.1, 0.4, 0.8, 1.2, 2.4, 0.0, most=4.0),  # the first must show
         viscous_share(0.0, 0.4, 1.0),
     ),
     contributions=lambda values: (

@@ -10,14 +10,7 @@ EFFECT = Effect(
     kind=Kind.FRICTION,
     parameters=(
         Parameter(
-            "reach_m",
-            "m",
-            "Friction level divided by presliding stiffness, as table travel.",
-            0.0,
-            1e-3,
-            0.0,
-            2e-5,
-            Role.SHAPE,
+            "reach_m", "m", "Friction level over its stiffness.", 0.0, 1e-3, 0.0, 2e-5, Role.SHAPE
         ),
     ),
     contributions=lambda values: (Change(Constant.PRESLIDING_REACH, values["reach_m"]),),

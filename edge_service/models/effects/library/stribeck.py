@@ -57,7 +57,7 @@ EFFECT = Effect(
         shape(
             "speed_rad_s", "rad/s", "Speed at which the excess has fallen to 1/e.", 0.01, 100.0, 2.0
         ),
-        shape("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0),
+        shape("exponent", "1", "Steepness of the fall.", 0.5, 4.0, 2.0, tried=(1.0, 2.0)),
     ),
     contributions=_contributions,
     imitates=frozenset({"presliding", "quadratic_friction"}),

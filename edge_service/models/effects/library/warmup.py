@@ -22,6 +22,8 @@ WARM_RISE_K = 8.0
 LEAST_SPAN_K = 8.0
 """An oil of ISO VG 460 thins to 1/e within 9 K at 0 degC, VG 68 within 20 K at 40 degC (Walther's
 law, viscosity index 95); what seems steeper warms up before its sensor does."""
+_SPANS_K = (8.0, 16.0, 40.0)
+"""Tried: a lubricant falls to 1/e of its viscosity within these."""
 _BY_TIME = ("excess_nm", "viscous_excess_nm_s_per_rad")
 _BY_TEMPERATURE = ("thinned_nm", "thinned_nm_s_per_rad")
 
@@ -114,15 +116,7 @@ EFFECT = Effect(
             tried=(0.0, 0.25, 0.5, 0.75, 1.0),
         ),
         reference_temperature(*_BY_TEMPERATURE),
-        shape(
-            "span_k",
-            "K",
-            "Warming in which it falls to 1/e.",
-            LEAST_SPAN_K,
-            1e3,
-            12.0,
-            amounts=_BY_TEMPERATURE,
-        ),
+        shape("span_k", "K", "Warming to 1/e.", LEAST_SPAN_K, 1e3, 12.0, _BY_TEMPERATURE, _SPANS_K),
     ),
     contributions=_contributions,
     is_thermal=True,
