@@ -149,9 +149,9 @@ MOST_LINES = {
     "diagnose": 4953,
     "downsample": 1183,
     "drivers": 3668,
-    "estimate": 5162,
+    "estimate": 5161,
     "fingerprint": 2769,
-    "health": 4525,
+    "health": 4523,
     "http_api": 2412,
     "messages": 2024,
     "models": 5657,
@@ -160,8 +160,8 @@ MOST_LINES = {
     "outputs": 1783,
     "recordings": 3264,
     "regression": 1000,
-    "beside the rooms": 760,
-    "tests": 44983,
+    "beside the rooms": 759,
+    "tests": 44982,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366
