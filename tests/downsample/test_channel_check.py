@@ -13,16 +13,8 @@ from edge_service.messages.features import Fault, FeatureBlock
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 
-OF_CHANNELS = (
-    Fault.NO_TABLE
-    | Fault.TABLE_STUCK
-    | Fault.TABLE_DISAGREES
-    | Fault.TABLE_DOUBTED
-    | Fault.TABLE_SHIFTED
-    | Fault.STUCK
-    | Fault.TORQUE_STUCK
-    | Fault.ANGLE_STUCK
-)
+OF_CHANNELS = Fault.NO_TABLE | Fault.TABLE_STUCK | Fault.TABLE_DISAGREES | Fault.TABLE_DOUBTED
+OF_CHANNELS |= Fault.TABLE_SHIFTED | Fault.STUCK | Fault.TORQUE_STUCK | Fault.ANGLE_STUCK
 TRUE_HZ = 2000
 INERTIA_KG_M2, TABLE_KG, GUIDE_N, DRAG_NM = 1e-3, 30.0, 60.0, 0.15
 COMPLIANCE_M_PER_N = 1.0 / 3e7
@@ -72,9 +64,8 @@ def recording(axis: Axis, speed_m_s: Floats) -> dict[str, Floats]:
     acceleration = np.gradient(speed_m_s) * TRUE_HZ
     along = np.sign(speed_m_s)
     force = TABLE_KG * acceleration + GUIDE_N * along
-    force += (
-        axis.chatter_n * np.abs(along) * np.sin(2.0 * np.pi * 35.0 * np.arange(count) / TRUE_HZ)
-    )
+    chatter = np.sin(2.0 * np.pi * 35.0 * np.arange(count) / TRUE_HZ)
+    force += axis.chatter_n * np.abs(along) * chatter
     turn = 2.0 * np.pi * RESONANCE_HZ / TRUE_HZ
     poles = np.exp(turn * (-DAMPING + 1j * np.sqrt(1.0 - DAMPING**2)))
     a = np.real(np.poly([poles, np.conj(poles)]))
@@ -239,15 +230,20 @@ def test_a_leap_is_reported_at_once_and_the_new_level_too(axis: Axis, by_m: floa
     assert Fault.NO_TABLE not in blocks[-1].fault
 
 
-def scaled(_: Floats, table_m: Floats) -> Floats:
-    return table_m[0] + 1.02 * (table_m - table_m[0])
-
-
 @pytest.mark.parametrize("axis", KINDS)
 def test_another_scale_is_reported(axis: Axis) -> None:
-    _, broken = damaged(axis, 0.5, 99.0, scaled)
+    _, broken = damaged(axis, 0.5, 99.0, lambda _, x: x[0] + 1.02 * (x - x[0]))
     blocks = blocks_of(axis, broken)
     assert Fault.TABLE_DISAGREES in faults_of(between(blocks, 0.5, 1.0))
+
+
+def test_an_encoder_that_comes_late_is_not_believed_for_its_slow_motion() -> None:
+    axis = Axis()
+    columns = recording(axis, moves(axis, [0.3, 0.02, 0.02, 0.02, 0.005]))
+    late = np.r_[np.full(10, columns[TABLE_POSITION][0]), columns[TABLE_POSITION][:-10]]
+    blocks = blocks_of(axis, {**columns, TABLE_POSITION: late})
+    parted = [Fault.TABLE_DISAGREES in block.fault for block in blocks].index(True)
+    assert all(Fault.NO_TABLE in block.fault for block in blocks[parted:])
 
 
 def test_a_torque_that_stands_is_reported_until_it_moves_again() -> None:

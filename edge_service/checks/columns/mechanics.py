@@ -35,12 +35,9 @@ class Mechanics:
     sign_is_told: bool = True  # inertia or friction shows which way the torque counts
 
     def named(self) -> dict[str, IntervalEstimate]:
-        return {
-            "inertia": self.inertia,
-            "dry friction": self.coulomb,
-            "viscous friction": self.viscous,
-            "constant load": self.offset,
-        }
+        names = "inertia", "dry friction", "viscous friction", "constant load"
+        found = self.inertia, self.coulomb, self.viscous, self.offset
+        return dict(zip(names, found, strict=True))
 
 
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:

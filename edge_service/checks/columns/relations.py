@@ -54,8 +54,7 @@ def whole_windows(time_s: Floats, window: int = WINDOW) -> Floats:
 
 def changes(values: Floats, windows: Floats) -> Floats:
     """Change over each window, shape (n,)."""
-    result: Floats = values[windows[:, 1]] - values[windows[:, 0]]
-    return result
+    return np.asarray(values[windows[:, 1]] - values[windows[:, 0]])
 
 
 def travelled(speed: Floats, time_s: Floats, windows: Floats) -> Floats:

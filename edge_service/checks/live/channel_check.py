@@ -14,14 +14,15 @@ from ...messages.row_faults import THETA, T, U, X
 from ...messages.samples import Floats
 from ...messages.stored import Number, StoredFloats
 from .channel_limits import ChannelLimits
-from .encoder_agreement import CLOSED, Agreement, measured, parted_m
+from .encoder_agreement import CLOSED, SPEED, Agreement, measured, parted_m
 from .repeats import FORGET, OpenRun, followed, holds
 
 TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
 what the detection of a fault needs, and every error periodic in a turn has shown itself."""
-LONGEST_TRIAL_S = 64.0
-SETTLED_S = 60.0  # a fault within so much motion after a trial doubles the next one
+LONG_TRIAL_S = 64.0
+AS_FAST = 0.8  # of the speed at which the encoders parted
+SETTLED_S = 60.0  # a fault within so much motion after a trial makes the next one long
 LOST_S = 1.0  # a channel that was missing for longer may have been reset
 _SMOOTH = 1.0 / 16.0  # of the noise of the last interval
 LONGER = 1.5
@@ -65,7 +66,10 @@ class _Trial:
     needed_s: float = 0.0
     agreed_s: float = 0.0
     way_m: float = 0.0
-    last_s: float = TRIAL_S  # needed by the last trial
+    # parted_m_s: greatest speed at which the encoders parted; ahead_m_s, back_m_s: and agreed since
+    parted_m_s: float = 0.0
+    ahead_m_s: float = 0.0
+    back_m_s: float = 0.0
     since_s: Number = np.inf  # motion since it was passed
     missing_s: float = 0.0  # without a value
     elsewhere: bool = False  # agrees, at another level
@@ -75,22 +79,26 @@ class _Trial:
     def doubted(self) -> bool:
         return self.needed_s > 0.0
 
-    def begin(self) -> None:
-        """Doubt the encoder; a relapse makes the next trial longer."""
+    def begin(self, speed_m_s: float) -> None:
+        """Doubt the encoder; after a relapse it has to agree for long."""
         if not self.doubted:
             relapsed = self.since_s < SETTLED_S
-            self.last_s = min(2.0 * self.last_s, LONGEST_TRIAL_S) if relapsed else TRIAL_S
-            self.needed_s = self.last_s
+            self.needed_s = LONG_TRIAL_S if relapsed else TRIAL_S
         self.agreed_s, self.way_m, self.elsewhere = 0.0, 0.0, False
+        self.parted_m_s = max(self.parted_m_s, speed_m_s)
+        self.ahead_m_s = self.back_m_s = 0.0
 
-    def follow(self, moved_s: float, way_m: float, turn_m: float) -> None:
-        """Take motion in which the encoders agreed."""
+    def follow(self, moved_s: float, way_m: float, turn_m: float, speeds_m_s: Floats) -> None:
+        """Take motion in which the encoders agreed. A lag shows at its speeds, both ways, alone."""
         if not self.doubted:
             self.since_s += moved_s
             return
         self.agreed_s += moved_s
         self.way_m += way_m
-        if self.agreed_s >= self.needed_s and self.way_m >= turn_m:
+        self.ahead_m_s = max(self.ahead_m_s, float(speeds_m_s.max()))
+        self.back_m_s = max(self.back_m_s, -float(speeds_m_s.min()))
+        is_told = min(self.ahead_m_s, self.back_m_s) >= AS_FAST * self.parted_m_s
+        if is_told and self.agreed_s >= self.needed_s and self.way_m >= turn_m:
             self.needed_s, self.since_s, self.returned = 0.0, 0.0, True
 
 
@@ -185,7 +193,7 @@ class ChannelCheck:
         state.agreement.interrupt()
         state.trial.missing_s += float(inside[-1, T] - inside[0, T])
         if state.trial.missing_s >= LOST_S:
-            _doubt(state)
+            _doubt(state, 0.0)
         return Verdict(Fault.NONE, False, False)
 
     def _check_both(self, inside: Floats, ahead: Floats, span_nm: float) -> Verdict:
@@ -211,7 +219,7 @@ class ChannelCheck:
         hidden_m = stretch_m + (0.0 if pushed and agreement.contact[CLOSED] else limits.play_m)
         table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
         if table_stands or apart_m > 0.0:
-            _doubt(state)
+            _doubt(state, speed_m_s)
             stuck = table_stands or open_m > 0.5 * apart_m
             why = Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES
             return Verdict(why | Fault.NO_TABLE, False, False)
@@ -221,15 +229,16 @@ class ChannelCheck:
                 trial.elsewhere = state.level.is_elsewhere(pieces[-1], self._numbers, rough)
             state.noise_m += _SMOOTH * (noise_m - state.noise_m)
             turn_m = 2.0 * np.pi * limits.ratio_m_per_rad
-            trial.follow(moving * float(inside[-1, T] - inside[0, T]), way_m, turn_m)
+            moved_s = moving * float(inside[-1, T] - inside[0, T])
+            trial.follow(moved_s, way_m, turn_m, pieces[:, SPEED])
         return _verdict(state.trial, Fault.NONE, has_stretch=not suspect)
 
 
-def _doubt(state: ChannelState) -> None:
+def _doubt(state: ChannelState, speed_m_s: float) -> None:
     if not state.trial.doubted:
         state.level = state.agreement
     state.agreement = Agreement()
-    state.trial.begin()
+    state.trial.begin(speed_m_s)
 
 
 def _verdict(trial: _Trial, fault: Fault, has_stretch: bool) -> Verdict:

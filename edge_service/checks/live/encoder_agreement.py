@@ -119,12 +119,6 @@ def pieces_of(rows: Floats, ratio_m_per_rad: float, skew_s: float) -> Floats:
 
 
 @compiled
-def _rests(piece: Floats, limits: Floats) -> bool:
-    """Screw at a standstill."""
-    return bool(abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO])
-
-
-@compiled
 def parted_m(pieces: Floats, push: Floats, anchors: Floats, limits: Floats, rough: Floats) -> float:
     """Take pieces up to the first at which the encoders part beyond a sound axis' limits, m, or 0.
 
@@ -139,7 +133,7 @@ def parted_m(pieces: Floats, push: Floats, anchors: Floats, limits: Floats, roug
         push[CLOSED] = _pushes(piece, push, limits, rough)
         if push[CLOSED] == 0.0:
             anchors[BEGUN], anchors[NEWEST] = np.nan, np.nan
-        resting = _rests(piece, limits)
+        resting = abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO]
         for name in range(4):
             if np.isnan(anchors[name, TIME]) or (name == REST and not resting):
                 continue
@@ -184,7 +178,8 @@ def _stretch_m(torque_span_nm: float, limits: Floats) -> float:
 @compiled
 def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> float:
     """Take the next piece of the motion; 1 once the nut pushed beyond play and stretch, else 0."""
-    along = 0.0 if _rests(piece, limits) else (1.0 if piece[SPEED] > 0.0 else -1.0)
+    resting = abs(piece[SPEED]) <= RESTING_RAD_S * limits[RATIO]
+    along = 0.0 if resting else (1.0 if piece[SPEED] > 0.0 else -1.0)
     gained_m_s = (piece[SPEED] - contact[PUSHED_SPEED]) * along
     most_m_s = BRAKING_RAD_S2 * limits[RATIO] * (piece[TIME] - contact[PUSHED_TIME])
     pushing = along != 0.0 and along == contact[DIRECTION] and piece[TORQUE] * along > 0.0
