@@ -51,7 +51,7 @@ FAULT_WORDS = {
     Fault.SPARSE: "samples too slow to know the torque between them; intervals are wide",
     Fault.TABLE_STUCK: "the linear encoder stands still while the motor turns",
     Fault.TABLE_DISAGREES: "the linear encoder does not follow the motor",
-    Fault.TABLE_DOUBTED: "the linear encoder agrees again, but not yet for long enough",
+    Fault.TABLE_DOUBTED: "the linear encoder agrees again, but not yet long and fast enough",
     Fault.TABLE_SHIFTED: "the zero of the linear encoder may have shifted",
     Fault.TORQUE_STUCK: "the torque repeats one value while the axis moves",
     Fault.ANGLE_STUCK: "the motor angle stands still while the axis moves",

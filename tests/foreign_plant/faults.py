@@ -75,10 +75,8 @@ def magnets(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
 
 def thin_film(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     """Breakaway above the kinetic level, fading as exp(-|v|/vs) in one of the three bodies."""
-    excess, speed = (
-        rng.uniform(0.2, 0.4) * strength,
-        float(np.exp(rng.uniform(np.log(0.6), np.log(4.0)))),
-    )
+    excess = rng.uniform(0.2, 0.4) * strength
+    speed = float(np.exp(rng.uniform(np.log(0.6), np.log(4.0))))
     part = str(rng.choice(["guide", "nut", "bearing"]))
     lever = plan.machine.lead_rad
     level = {
@@ -169,9 +167,8 @@ def hot_screw(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
 def cogging(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     order, size = float(rng.choice([4, 6, 8, 12, 16])), rng.uniform(0.08, 0.16) * strength
     for each, share in ((order, 1.0), (2 * order, 0.3), (order / 2, 0.15)):
-        plan.waves["ripple"].append(
-            (each, share * size, rng.uniform(0, 6.28), rng.uniform(40, 200))
-        )
+        wave = each, share * size, rng.uniform(0, 6.28), rng.uniform(40, 200)
+        plan.waves["ripple"].append(wave)
     return {"order": order, "amplitude_nm": size}
 
 
@@ -188,9 +185,8 @@ def slow_current(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     share = rng.uniform(0.3, 0.6)
     plan.drive["queue"] = min(share * total / 125e-6, 60.0)
     plan.drive["lag"] += (1.0 - share) * total
-    plan.scale(
-        kp=1.0 / (1.0 + total / 1.5e-3), ti=1.0 + total / 1e-3, kv=1.0 / (1.0 + total / 4e-3)
-    )
+    softer, slower = 1.0 / (1.0 + total / 1.5e-3), 1.0 / (1.0 + total / 4e-3)
+    plan.scale(kp=softer, ti=1.0 + total / 1e-3, kv=slower)
     return {"lag_s": total}
 
 
@@ -216,9 +212,8 @@ def milling(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
     end = plan.samples * 1e-3
     count = int(rng.integers(3, 7))
     starts = np.sort(rng.uniform(0.05, 0.9, count)) * end
-    bursts = tuple(
-        (float(at), rng.uniform(1.5, 4.0), rng.uniform(150, 350) * strength) for at in starts
-    )
+    draw = rng.uniform
+    bursts = tuple((float(at), draw(1.5, 4.0), draw(150, 350) * strength) for at in starts)
     cut(plan, ProcessForce(tooth_hz=rng.uniform(15, 45), against_motion=0.3, bursts=bursts), rng)
     return {"bursts": bursts}
 

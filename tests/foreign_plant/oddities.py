@@ -84,9 +84,8 @@ def noise_bursts(plan: Plan, rng: Draw, strength: float) -> dict[str, Any]:
         length = int(rng.integers(30, 250))
         loud[at : at + length] = 1.0
         at += length + int(rng.integers(200, 2500))
-    torque = (
-        loud * np.convolve(rng.standard_normal(n), np.ones(12) / np.sqrt(12), mode="same") * size
-    )
+    hiss = np.convolve(rng.standard_normal(n), np.ones(12) / np.sqrt(12), mode="same")
+    torque = loud * hiss * size
     linear = loud * rng.standard_normal(n) * 1e-6 * strength
 
     def edit(columns: Columns) -> None:

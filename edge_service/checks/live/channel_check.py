@@ -21,7 +21,7 @@ TRIAL_S = 1.0
 """Motion for which the encoders have to agree again, and a turn of the screw in it: ten times
 what the detection of a fault needs, and every error periodic in a turn has shown itself."""
 LONG_TRIAL_S = 64.0
-AS_FAST = 0.8  # of the speed at which the encoders parted
+AS_FAST = 0.8  # of the speed at which the encoders parted; a trial reaches it both ways
 SETTLED_S = 60.0  # a fault within so much motion after a trial makes the next one long
 LOST_S = 1.0  # a channel that was missing for longer may have been reset
 _SMOOTH = 1.0 / 16.0  # of the noise of the last interval
@@ -66,7 +66,7 @@ class _Trial:
     needed_s: float = 0.0
     agreed_s: float = 0.0
     way_m: float = 0.0
-    # parted_m_s: greatest speed at which the encoders parted; ahead_m_s, back_m_s: and agreed since
+    # parted_m_s: speed of parting; ahead_m_s, back_m_s: greatest of agreement since, either way
     parted_m_s: float = 0.0
     ahead_m_s: float = 0.0
     back_m_s: float = 0.0
@@ -89,7 +89,7 @@ class _Trial:
         self.ahead_m_s = self.back_m_s = 0.0
 
     def follow(self, moved_s: float, way_m: float, turn_m: float, speeds_m_s: Floats) -> None:
-        """Take motion in which the encoders agreed. A lag shows at its speeds, both ways, alone."""
+        """Take motion in which the encoders agreed; at an even speed a lag is a mere offset."""
         if not self.doubted:
             self.since_s += moved_s
             return
@@ -99,7 +99,7 @@ class _Trial:
         self.back_m_s = max(self.back_m_s, -float(speeds_m_s.min()))
         is_told = min(self.ahead_m_s, self.back_m_s) >= AS_FAST * self.parted_m_s
         if is_told and self.agreed_s >= self.needed_s and self.way_m >= turn_m:
-            self.needed_s, self.since_s, self.returned = 0.0, 0.0, True
+            self.needed_s, self.parted_m_s, self.since_s, self.returned = 0.0, 0.0, 0.0, True
 
 
 @dataclass(slots=True, eq=False)
@@ -219,7 +219,7 @@ class ChannelCheck:
         hidden_m = stretch_m + (0.0 if pushed and agreement.contact[CLOSED] else limits.play_m)
         table_stands = table_m > max(hidden_m, limits.periodic_m) + coarse_m
         if table_stands or apart_m > 0.0:
-            _doubt(state, speed_m_s)
+            _doubt(state, float(np.sort(np.abs(pieces[:, SPEED]))[-2:][0]))  # one may be a leap
             stuck = table_stands or open_m > 0.5 * apart_m
             why = Fault.TABLE_STUCK if stuck else Fault.TABLE_DISAGREES
             return Verdict(why | Fault.NO_TABLE, False, False)
