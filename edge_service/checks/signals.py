@@ -28,7 +28,7 @@ from .columns.names import Quantity, column_names
 from .finding import FACTOR_TOLERANCE, Finding, Verdict
 from .live.channel_check import LONGER
 from .live.excursions import longest_rows, mend
-from .live.repeats import held
+from .live.repeats import holds
 from .positions import SPEEDS, Recordings
 from .sampling import GAP_PERIODS, clock_of, motion_speeds, wrap_of
 from .torque import INERTIA_FACTOR, measured_inertia
@@ -152,15 +152,15 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     """Find samples that no drive can make, positions that wrap, and channels that are slower."""
     period_s = clock_of([frame.time_s for frame in recordings]).period_s
     usual_s = getattr(machine.commissioned, "hold_s", None) or (0.0, 0.0, 0.0)
-    hold_s, bits = [0.0, 0.0, 0.0], []
+    hold_s, bits = np.zeros(3), []
     for frame in with_angle(recordings, machine.transmission_ratio_m_per_rad):
         new = np.diff(frame.time_s, prepend=-np.inf) != 0.0
         rows = np.full((np.count_nonzero(new), X + 1), np.nan)
         rows[:, T] = frame.time_s[new]
-        for k, (name, (place, _, _)) in enumerate(_MEASURED.items()):
-            if name in frame.channels:
-                rows[:, place] = frame.channels[name][new]
-            hold_s[k] = max(hold_s[k], period_s * (held(rows[:, place], np.nan, 0.0, 0.0)[0] - 1.0))
+        for name in _MEASURED.keys() & frame.channels.keys():
+            rows[:, _MEASURED[name][0]] = frame.channels[name][new]
+        held = holds(rows, np.full(3, np.nan), *np.zeros((3, 3)))
+        hold_s = np.maximum(hold_s, period_s * (held - 1.0))
         bits.append(mend(rows, 0, len(rows), longest_rows(period_s)))
     turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
     said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]

@@ -59,8 +59,8 @@ FAULT_WORDS = {
     Fault.ANGLE_OUTLIERS: "samples of the motor angle that no drive can make, left out",
     Fault.TABLE_OUTLIERS: "samples of the linear encoder that no drive can make, left out",
     Fault.TORQUE_HELD: "the torque repeats its values for longer than at commissioning",
-    Fault.ANGLE_HELD: "the motor angle repeats its values for longer than at commissioning",
-    Fault.TABLE_HELD: "the linear encoder repeats its values for longer than at commissioning",
+    Fault.ANGLE_HELD: "the motor angle is held for longer, or coarser, than at commissioning",
+    Fault.TABLE_HELD: "the linear encoder is held for longer, or coarser, than at commissioning",
 }
 """Kind of fault -> its words, wherever it is told."""
 

@@ -40,7 +40,7 @@ class Edit(Strict):
     between_s: tuple[float, float] | None = Field(
         None, description="only there: scale, shift, stuck, missing, value, old_rows"
     )
-    share: float = Field(1.0, description="of the cells: missing, value, old_rows")
+    share: float = Field(1.0, description="of the cells: shift, missing, value, old_rows")
 
 
 class Foreign(Strict):

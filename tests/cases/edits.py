@@ -28,7 +28,7 @@ def _in_place(columns: Columns, edit: Edit, rng: np.random.Generator) -> None:
     for name, factor in edit.scale.items():
         columns[name][there] *= factor
     for name, added in edit.shift.items():
-        columns[name][there] += added
+        columns[name][there & (rng.random(len(there)) < edit.share)] += added
     if edit.drag_nm:
         way = np.tanh(columns["motor_speed_rad_s"] / 0.1)
         columns["torque_command_nm"][there] += edit.drag_nm * way[there]
@@ -47,10 +47,10 @@ def _in_place(columns: Columns, edit: Edit, rng: np.random.Generator) -> None:
         columns[name] = np.repeat(columns[name][::rows], rows)[: len(there)]
     for name, turn in edit.wrap.items():
         columns[name] %= turn
-    rows = np.arange(len(there))
+    order = np.arange(len(there))
     for name in columns if edit.interpolated_rows > 1 else ():
-        kept = rows[:: edit.interpolated_rows]
-        columns[name] = np.interp(rows, kept, columns[name][kept])
+        kept = order[:: edit.interpolated_rows]
+        columns[name] = np.interp(order, kept, columns[name][kept])
     for name, deviation in edit.noise.items():
         columns[name][there] = deviation * rng.standard_normal(there.sum())
 

@@ -71,9 +71,9 @@ def test_what_a_sound_axis_does_is_not_replaced(name: str) -> None:
 
 
 def blocks_of(
-    columns: dict[str, Floats], hold_s: tuple[float, ...] | None, *cuts: int
+    columns: dict[str, Floats], hold_s: tuple[float, ...] | None, *cuts: int, coarsest=(np.inf,) * 3
 ) -> list[FeatureBlock]:
-    limits = replace(channel_limits(AXIS.machine), hold_s=hold_s)
+    limits = replace(channel_limits(AXIS.machine), hold_s=hold_s, coarsest=coarsest)
     downsampler = Downsampler(DownsampleSettings(channels=limits), AXIS.ratio)
     frame = frame_of(columns)
     parts = zip((0, *cuts), (*cuts, len(frame)), strict=True)
@@ -102,3 +102,14 @@ def test_a_channel_that_is_held_for_longer_than_before_is_named(
     assert np.mean([fault in block.fault for block in moving[3:]]) > 0.95
     known_s = (1e-3 * (rows - 1),) * 3
     assert not any(block.fault & fault for block in blocks_of(columns, known_s))
+
+
+@pytest.mark.parametrize("channel", [ANGLE, TABLE_POSITION])
+def test_a_position_that_is_coarser_than_before_is_named(channel: str) -> None:
+    columns = recording(AXIS, moves(AXIS, [0.02, 0.3, 0.1]))
+    most = dict(zip(COLUMNS, (np.inf, 5e-5, 2e-7), strict=True))  # ten times the encoders' noise
+    for step, low, high in ((0.5 * most[channel], 0.0, 0.0), (2.0 * most[channel], 0.9, 1.0)):
+        coarse = {**columns, channel: step * np.round(columns[channel] / step)}
+        blocks = blocks_of(coarse, (0.0, 0.0, 0.0), coarsest=tuple(most.values()))
+        moving = [block for block in blocks if block.moving_fraction == 1.0][3:]
+        assert low <= np.mean([HELD[channel] in block.fault for block in moving]) <= high

@@ -122,6 +122,7 @@ class ChannelState:
     hold_s: StoredFloats = field(default_factory=lambda: np.zeros(3))
     leaps: StoredFloats = field(default_factory=lambda: np.zeros(3))
     repeats: StoredFloats = field(default_factory=lambda: np.zeros(3))
+    grid: StoredFloats = field(default_factory=lambda: np.zeros(3))  # resolution, in their units
 
 
 class ChannelCheck:
@@ -164,13 +165,15 @@ class ChannelCheck:
         return replace(verdict, fault=verdict.fault | held_longer) if held_longer else verdict
 
     def _held_longer(self, inside: Floats) -> Fault:
-        """Channels that repeat their values for longer than at commissioning."""
-        fault, state, usual_s = Fault.NONE, self.state, self._limits.hold_s
+        """Channels that repeat values for longer than at commissioning, or are coarser."""
+        fault, state, limits = Fault.NONE, self.state, self._limits
         period_s = float(inside[-1, T] - inside[0, T]) / (len(inside) - 1)
-        hold_s = period_s * (holds(inside, state.least_step, state.leaps, state.repeats) - 1.0)
+        known = state.least_step, state.leaps, state.repeats, state.grid
+        hold_s = period_s * (holds(inside, *known) - 1.0)
         state.hold_s = np.maximum(hold_s, state.hold_s / FORGET)
-        for kind, now_s, usual in zip(_HELD, hold_s.tolist(), usual_s or (), strict=False):
-            if now_s > LONGER * usual + 0.5 * period_s:
+        each = zip(_HELD, hold_s, limits.hold_s or (), state.grid, limits.coarsest, strict=False)
+        for kind, now_s, usual_s, grid, most in each:
+            if now_s > LONGER * usual_s + 0.5 * period_s or (usual_s == 0.0 and grid > most):
                 fault |= kind
         return fault
 
@@ -243,10 +246,8 @@ def _doubt(state: ChannelState, speed_m_s: float) -> None:
 
 def _verdict(trial: _Trial, fault: Fault, has_stretch: bool) -> Verdict:
     if trial.doubted:
-        fault |= Fault.NO_TABLE | Fault.TABLE_DOUBTED
-        if trial.elsewhere:
-            fault |= Fault.TABLE_SHIFTED
-        return Verdict(fault, False, False)
+        fault |= Fault.TABLE_SHIFTED if trial.elsewhere else Fault.NONE
+        return Verdict(fault | Fault.NO_TABLE | Fault.TABLE_DOUBTED, False, False)
     if trial.returned:
         trial.returned = False
         fault |= Fault.TABLE_SHIFTED

@@ -1,7 +1,7 @@
 """Limits to the parting of a sound axis' encoders, from the machine and not from one axis."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...models.machine import Machine
 from ...models.screw.stiffness import STEEL_MODULUS_PA, screw_area
@@ -23,6 +23,8 @@ GROWTH_PER_LENGTH_S = 12e-6 / 60.0
 MOST_GROWTH = 12e-6 * 30.0
 """Growth of a steel screw per length, 1/s and in all: one kelvin a minute, thirty kelvins."""
 LONGEST_SCREW_M = 1.0
+COARSER = 4.0  # variance of its rounding over all noise at commissioning: another resolution
+FASTEST_S = 1e-3  # period of samples as fast as a drive holds its torque, where none is stated
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,8 @@ class ChannelLimits:
     skew_s: float = 0.0  # lag of the table's samples at commissioning
     # for which torque, motor angle and table repeated a value then; None if unknown
     hold_s: tuple[float, float, float] | None = None
+    # resolution of each, in its unit, that may still be that of commissioning
+    coarsest: tuple[float, float, float] = (math.inf, math.inf, math.inf)
 
     @classmethod
     def of_ratio(cls, ratio_m_per_rad: float) -> "ChannelLimits":
@@ -62,16 +66,17 @@ class ChannelLimits:
 def channel_limits(machine: Machine) -> ChannelLimits:
     """Limits of a machine, commissioned or nominal."""
     plain = ChannelLimits.of_ratio(machine.transmission_ratio_m_per_rad)
-    commissioned = machine.commissioned
-    transmission = None if commissioned is None else commissioned.transmission
-    return ChannelLimits(
-        plain.ratio_m_per_rad,
-        plain.play_m,
-        _compliance(machine),
-        machine.axis.screw_length_m or machine.axis.stroke_m or LONGEST_SCREW_M,
-        0.0 if transmission is None else transmission.clock_skew_s,
-        None if commissioned is None else commissioned.hold_s,
-    )
+    length_m = machine.axis.screw_length_m or machine.axis.stroke_m or LONGEST_SCREW_M
+    limits = replace(plain, compliance_m_per_n=_compliance(machine), length_m=length_m)
+    if (commissioned := machine.commissioned) is None:
+        return limits
+    limits = replace(limits, hold_s=commissioned.hold_s)
+    if (told := commissioned.transmission) is None:
+        return limits
+    period_s = commissioned.sample_period_s or FASTEST_S
+    coarsest_m = math.sqrt(12.0 * COARSER * told.noise_density_m2_s / period_s)
+    coarsest = math.inf, coarsest_m / limits.ratio_m_per_rad, coarsest_m
+    return replace(limits, skew_s=told.clock_skew_s, coarsest=coarsest)
 
 
 def _compliance(machine: Machine) -> float:

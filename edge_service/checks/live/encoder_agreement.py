@@ -148,21 +148,18 @@ def parted_m(pieces: Floats, push: Floats, anchors: Floats, limits: Floats, roug
         if push[CLOSED] != 0.0:
             if np.isnan(anchors[BEGUN, TIME]):
                 anchors[BEGUN] = piece
-            anchors[NEWEST] = piece
-            anchors[HELD] = piece
+            anchors[NEWEST], anchors[HELD] = piece, piece
     return 0.0
 
 
 @compiled
 def _allowed_m(anchor: Floats, piece: Floats, limits: Floats, rough: Floats) -> float:
     """Most by which a sound axis parts its encoders between two pieces, without play, m."""
-    turned_nm = abs(piece[TORQUE] - anchor[TORQUE])
-    span_nm = turned_nm if turned_nm > rough[SPAN] else rough[SPAN]
     growth = min(GROWTH_PER_LENGTH_S * (piece[TIME] - anchor[TIME]), MOST_GROWTH)
     return float(
         limits[PERIODIC]
         + 3.0 * rough[NOISE]
-        + _stretch_m(span_nm, limits)
+        + _stretch_m(piece[TORQUE] - anchor[TORQUE], limits, rough)
         + limits[LENGTH] * growth
         + SLOPE * abs(piece[WAY] - anchor[WAY])
         + (LAG_S + rough[LAG]) * abs(piece[SPEED] - anchor[SPEED])
@@ -170,9 +167,10 @@ def _allowed_m(anchor: Floats, piece: Floats, limits: Floats, rough: Floats) -> 
 
 
 @compiled
-def _stretch_m(torque_span_nm: float, limits: Floats) -> float:
+def _stretch_m(torque_nm: float, limits: Floats, rough: Floats) -> float:
     """Greatest stretch with a change of torque, m; where none is known, as much as play."""
-    return float(limits[PLAY] if np.isnan(torque_span_nm) else limits[STRETCH] * torque_span_nm)
+    span_nm = abs(torque_nm) if abs(torque_nm) > rough[SPAN] else rough[SPAN]
+    return float(limits[PLAY] if np.isnan(span_nm) else limits[STRETCH] * span_nm)
 
 
 @compiled
@@ -192,7 +190,5 @@ def _pushes(piece: Floats, contact: Floats, limits: Floats, rough: Floats) -> fl
     if np.isnan(contact[PUSHED_FROM]):
         contact[PUSHED_FROM] = piece[WAY]
         return 0.0
-    torque_nm = abs(piece[TORQUE])
-    span_nm = torque_nm if torque_nm > rough[SPAN] else rough[SPAN]
-    hidden_m = limits[PLAY] + _stretch_m(span_nm, limits)
+    hidden_m = limits[PLAY] + _stretch_m(piece[TORQUE], limits, rough)
     return 1.0 if abs(piece[WAY] - contact[PUSHED_FROM]) >= hidden_m else 0.0

@@ -1,4 +1,4 @@
-"""Runs of one repeated value with the travel meanwhile, and channels that hold their values."""
+"""Runs of one repeated value with the travel meanwhile; channels that hold values or are coarse."""
 
 from typing import NamedTuple
 
@@ -73,33 +73,31 @@ def followed(values: Floats, other_m: Floats, before: OpenRun) -> OpenRun:
 
 
 @compiled
-def holds(rows: Floats, least: Floats, leaps: Floats, repeats: Floats) -> Floats:
-    """Mean rows of a value of torque, angle and table, (3,), as of `held`; the rest in place."""
-    found = np.empty(3)
-    for k, column in enumerate((U, THETA, X)):
-        so_far = least[k], leaps[k], repeats[k]
-        found[k], least[k], leaps[k], repeats[k] = held(rows[:, column], *so_far)
-    return found
+def holds(rows: Floats, least: Floats, leaps: Floats, repeats: Floats, grid: Floats) -> Floats:
+    """Mean rows of a value of torque, angle and table, (3,), that repeat it and leap on, else 1.
 
-
-@compiled
-def held(values: Floats, least: float, leaps: float, repeats: float) -> tuple[float, ...]:
-    """Mean rows of a value of a channel (n,) that repeats it and leaps on, else 1; and the rest.
-
-    `least` is the least step so far, NaN if unknown; `leaps` and `repeats` before them are those of
-    earlier intervals, which fade: in a short one of a slow source there are few.
+    The rest, (3,) each, changes in place. `least` is the least step so far, NaN if unknown; `leaps`
+    and `repeats` before them are those of earlier intervals, which fade: in a short one of a slow
+    source there are few. `grid` is the least bend, kept where too few turn: the resolution.
     """
-    rounding, now = 1e-9 * np.abs(values).max(), np.inf
-    for step in np.abs(values[1:] - values[:-1]):
-        if rounding < step < now:
-            now = step
-    least = now if np.isnan(least) else min(FORGET * least, now)
-    begun, leaps, repeats = 0, _KEPT * leaps, _KEPT * repeats
-    for row in range(1, len(values)):
-        step = abs(values[row] - values[row - 1])
-        if step >= _LEAP * least and begun and row - begun <= _LONGEST_RUN:
-            leaps, repeats = leaps + 1.0, repeats + row - begun - 1
-        if step != 0.0:
-            begun = row
-    is_held = leaps >= _LEAST_LEAPS and repeats > HELD_SHARE * (leaps + repeats)
-    return (1.0 + repeats / leaps if is_held else 1.0), least, leaps, repeats
+    found = np.ones(3)
+    for k, column in enumerate((U, THETA, X)):
+        values, now, finest, turns, before, last = rows[:, column], np.inf, np.inf, 0, np.nan, 0.0
+        rounding = 1e-9 * np.abs(values).max()
+        for step in values[1:] - values[:-1]:
+            now = abs(step) if rounding < abs(step) < now else now
+            bend, before = step - before, step
+            if abs(bend) > 4.0 * rounding:
+                finest, turns, last = min(finest, abs(bend)), turns + (bend * last < 0.0), bend
+        grid[k] = finest if turns >= _LEAST_LEAPS else grid[k]
+        least[k] = now if np.isnan(least[k]) else min(FORGET * least[k], now)
+        begun, leaps[k], repeats[k] = 0, _KEPT * leaps[k], _KEPT * repeats[k]
+        for row in range(1, len(values)):
+            step = abs(values[row] - values[row - 1])
+            if step >= _LEAP * least[k] and begun and row - begun <= _LONGEST_RUN:
+                leaps[k], repeats[k] = leaps[k] + 1.0, repeats[k] + row - begun - 1
+            if step != 0.0:
+                begun = row
+        if leaps[k] >= _LEAST_LEAPS and repeats[k] > HELD_SHARE * (leaps[k] + repeats[k]):
+            found[k] += repeats[k] / leaps[k]
+    return found

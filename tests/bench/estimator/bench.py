@@ -16,6 +16,7 @@ from .dates import LAWS, ask_healthy, ask_of_a_law, dates_table
 from .healthy.false_conditions import healthy_table, shifts
 from .healthy.production_cases import PLANTS, SHIFT_S
 from .losses import losses_table, lost
+from .lying import lied
 from .notch import notch_table, tested
 from .parts import FIRST_SEED, TABLE
 from .plants.foreign import foreign, foreign_one_encoder
@@ -24,11 +25,13 @@ from .plants.thesis import thesis_runs
 from .rows import table_of
 
 PROCESSES = 2
+LIE_S = 120.0
 _TABLES: Mapping[str, Callable[[Any], Table]] = {
     "table": table_of,
     "life": life_table,
     "healthy": healthy_table,
     "losses": losses_table,
+    "lying": losses_table,
     "notch": notch_table,
     "dates": dates_table,
 }
@@ -75,6 +78,9 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
             healthy = partial(shifts, plant, axis, shift_s)
             yield Task("healthy", f"healthy {plant} {axis}", healthy)
             yield Task("losses", f"losses {plant} {axis}", partial(lost, plant, axis, shift_s))
+        for plant in ("foreign", "own"):
+            told = partial(lied, plant, axis, 10.0 if quick else LIE_S)
+            yield Task("lying", f"lying channels {plant} {axis}", told)
 
 
 def _dates(quick: bool, axes: range) -> Iterator[Task]:

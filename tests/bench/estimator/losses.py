@@ -61,7 +61,7 @@ def losses_table(parts: Sequence[LossPart]) -> Table:
         same = [part for part in parts if (part.plant, part.case) == (plant, case)]
         whole = pooled(part.score for part in same)
         row = {
-            "preload lost in production": f"{plant}: {case}",
+            "in production": f"{plant}: {case}",
             "wrong": whole.wrong,
             "held": whole.coverage,
             "MAE": whole.mae,

@@ -135,7 +135,7 @@ def test_wear_over_months_is_followed_on_an_axis_that_no_rule_was_set_on() -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "part", ["life", "healthy", pytest.param("losses", marks=pytest.mark.smoke), "notch"]
+    "part", ["life", "healthy", pytest.param("losses", marks=pytest.mark.smoke), "lying", "notch"]
 )
 def test_a_quick_part_is_measured_and_printed(part: str) -> None:
     line = ["estimator", "--quick", "--only", part, "--seed", "3"]

@@ -12,12 +12,13 @@ from edge_service.messages.features import FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
-from ...bench.estimator.axis import OwnAxis, downsampled
+from ...bench.estimator.axis import RATE_HZ, OwnAxis, downsampled
+from ...bench.estimator.lying import spoiled
 from ...bench.estimator.scores import MISLEADING_PERCENT
+from ...cases.case_file import Edit
 
 AXIS = OwnAxis(1)
 FRESH = AXIS.fresh_percent
-RATIO = AXIS.nominal().transmission_ratio_m_per_rad
 
 
 @cache
@@ -49,6 +50,15 @@ def run(
         estimator.update(block)
         estimates.append(estimator.estimate())
     return estimates
+
+
+def answers_to(
+    edit: Edit, duration_s: float = 60.0, effects: Sequence[str] = ()
+) -> list[PreloadEstimate]:
+    """Estimates of a well commissioned axis, (intervals,), whose recorder has a fault."""
+    percent = np.full(round(duration_s * RATE_HZ), FRESH)
+    frames = AXIS.frames("production", percent, 81, effects)
+    return run(downsampled([spoiled(frames, edit)], machine()))
 
 
 def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:

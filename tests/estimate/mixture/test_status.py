@@ -1,6 +1,5 @@
 """Status of the mixture estimator: where no number may stand, slow sources among it."""
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -14,12 +13,13 @@ from edge_service.estimate.mixture.estimator import MixturePreloadEstimator
 from edge_service.messages import samples
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import PHASES, Fault, FeatureBlock
-from edge_service.messages.samples import Floats, SampleFrame
+from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
 
 from ...bench.estimator.axis import FRAME_ROWS, downsampled
-from .production import AXIS, FRESH, RATIO, held, machine, misled, numbers, production, run
-from .spoiled import answers_to
+from ...bench.estimator.healthy.production_cases import without_table
+from ...cases.case_file import Edit
+from .production import AXIS, FRESH, answers_to, held, machine, misled, numbers, production, run
 
 
 def moved_then(table_m: Callable[[Floats], Floats], seconds: float) -> list[PreloadEstimate]:
@@ -29,25 +29,20 @@ def moved_then(table_m: Callable[[Floats], Floats], seconds: float) -> list[Prel
     target = frames[-1].channels[samples.SETPOINT]
     until = next(i for i in range(150, len(target)) if np.ptp(target[i - 150 : i]) == 0.0)
     begin_s = float(frames[-1].time_s[until])
-    frames[-1] = part(frames[-1], until)
+    frames[-1] = frames[-1].part(slice(until))
     last = {name: float(column[-1]) for name, column in frames[-1].channels.items()}
-    time_s = np.arange(round(seconds * 1e3)) / 1e3
+    time_s, ratio = np.arange(round(seconds * 1e3)) / 1e3, machine().transmission_ratio_m_per_rad
     noise = np.random.default_rng(9).standard_normal((4, len(time_s)))
     rest = {
         samples.TORQUE: 0.05 + 0.02 * noise[0],
-        samples.ANGLE: last[samples.ANGLE] + table_m(time_s) / RATIO + 5e-6 * noise[1],
-        samples.MOTOR_SPEED: np.gradient(table_m(time_s), 1e-3) / RATIO + 0.01 * noise[2],
+        samples.ANGLE: last[samples.ANGLE] + table_m(time_s) / ratio + 5e-6 * noise[1],
+        samples.MOTOR_SPEED: np.gradient(table_m(time_s), 1e-3) / ratio + 0.01 * noise[2],
         samples.TABLE_POSITION: last[samples.TABLE_POSITION] + table_m(time_s) + 5e-8 * noise[3],
         samples.TABLE_SPEED: np.gradient(table_m(time_s), 1e-3) + 5e-5 * noise[2],
         samples.SETPOINT: last[samples.SETPOINT] + table_m(time_s),
     }
     rested = SampleFrame(begin_s + time_s, rest)
     return run(downsampled([*frames, rested], machine()))
-
-
-def part(frame: SampleFrame, rows: int) -> SampleFrame:
-    channels = {name: column[:rows] for name, column in frame.channels.items()}
-    return SampleFrame(frame.time_s[:rows], channels)
 
 
 def resting(time_s: Floats) -> Floats:
@@ -73,29 +68,33 @@ def test_a_number_stands_for_ten_seconds_without_motion_and_no_longer(
     assert {e.status for e in held} == {EstimateStatus.ESTIMATED}
 
 
-WRONG = ("torque missing", "torque sign swapped", "angle sign swapped", "lead wrong by 2")
+WRONG = [{TORQUE: np.nan}, {TORQUE: -1.0}, {ANGLE: -1.0}, {ANGLE: 2.0}]
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_what_contradicts_the_model_gives_a_reason_instead_of_a_number(name: str) -> None:
-    late = [e for e in answers_to(name, 20.0) if e.time_s > 10.0]
+@pytest.mark.parametrize("scale", WRONG, ids=str)
+def test_what_contradicts_the_model_gives_a_reason_instead_of_a_number(
+    scale: dict[str, float],
+) -> None:
+    late = [e for e in answers_to(Edit(scale=scale), 20.0) if e.time_s > 10.0]
     assert all(e.preload_percent is None and e.reasons for e in late)
 
 
-HARMLESS = ("5 % of all values missing", "linear encoder stuck", "rotary encoder stuck")
-HARMLESS += ("torque stuck", "lead wrong by 1 %")
+HARMLESS = {
+    "values missing": Edit(missing=[TORQUE, ANGLE, TABLE_POSITION], share=0.05),
+    "lead wrong by 1 %": Edit(scale={ANGLE: 1.01}),
+} | {name: Edit(stuck=[name], between_s=(20.0, 35.0)) for name in (TORQUE, ANGLE, TABLE_POSITION)}
 
 
 @pytest.mark.parametrize("name", HARMLESS)
 def test_what_is_spoiled_misleads_nobody(name: str) -> None:
-    answers = numbers(answers_to(name))
+    answers = numbers(answers_to(HARMLESS[name]))
     assert len(answers) > 100
     assert held(answers, FRESH) > 0.94
 
 
-@pytest.mark.parametrize("name", ["angle 3 ms late", "table new every 2 ms"])
-def test_a_quiet_second_mends_no_gross_disagreement(name: str) -> None:
-    assert misled(numbers(answers_to(name, 120.0)), FRESH) == 0.0
+@pytest.mark.parametrize("edit", [Edit(old_rows={ANGLE: 3}), Edit(held_rows={TABLE_POSITION: 2})])
+def test_a_quiet_second_mends_no_gross_disagreement(edit: Edit) -> None:
+    assert misled(numbers(answers_to(edit, 120.0)), FRESH) == 0.0
 
 
 @pytest.mark.parametrize("interval_s", [0.02, 0.005])
@@ -104,12 +103,6 @@ def test_shorter_intervals_hold_the_truth_as_well(interval_s: float) -> None:
     answers = numbers(run(downsampled(frames, machine(), interval_s)))
     assert len(answers) > 10.0 / interval_s
     assert held(answers, FRESH) > 0.94
-
-
-def without_table(block: FeatureBlock) -> FeatureBlock:
-    """As the downsampler says it when the linear encoder is missing."""
-    phases = {name: replace(getattr(block, name), table_m=math.nan) for name in PHASES}
-    return replace(block, fault=block.fault | Fault.NO_TABLE, **phases)
 
 
 def shifted(block: FeatureBlock, by_m: float) -> FeatureBlock:
@@ -173,10 +166,8 @@ def thinned(frames: Iterator[SampleFrame], every: int, of: Machine) -> list[Feat
     downsampler = Downsampler(DownsampleSettings(), of.transmission_ratio_m_per_rad)
     blocks, begin = [], 0
     for frame in frames:
-        rows = slice(-begin % every, None, every)
+        blocks += downsampler.push(frame.part(slice(-begin % every, None, every)))
         begin += len(frame)
-        channels = {name: values[rows] for name, values in frame.channels.items()}
-        blocks += downsampler.push(SampleFrame(frame.time_s[rows], channels))
     return blocks
 
 

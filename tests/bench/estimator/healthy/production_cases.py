@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from edge_service.messages.features import Fault
+from edge_service.messages.features import PHASES, Fault, FeatureBlock
 from edge_service.messages.samples import Floats
 from edge_service.models.machine import Machine
 
@@ -85,19 +85,15 @@ def produced(
     else:
         machine = commissioned_machine(axis_seed, one_encoder=blind)
         made = foreign_shift(shift, course)
-    return machine, _blind(made) if blind else made
+    if blind:
+        made = replace(made, blocks=[without_table(block) for block in made.blocks])
+    return machine, made
 
 
-def _blind(recorded: Recorded) -> Recorded:
-    """The same shift without anything that its linear encoder told."""
-    blocks = []
-    for block in recorded.blocks:
-        phases = {
-            name: replace(getattr(block, name), table_m=math.nan)
-            for name in ("accelerating", "cruising", "braking")
-        }
-        blocks.append(replace(block, fault=block.fault | Fault.NO_TABLE, **phases))
-    return replace(recorded, blocks=blocks)
+def without_table(block: FeatureBlock) -> FeatureBlock:
+    """As the downsampler says it when the linear encoder is missing."""
+    phases = {name: replace(getattr(block, name), table_m=math.nan) for name in PHASES}
+    return replace(block, fault=block.fault | Fault.NO_TABLE, **phases)
 
 
 def foreign_shift(shift: Shift, course: Course) -> Recorded:

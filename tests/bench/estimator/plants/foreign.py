@@ -30,13 +30,8 @@ def recorded(case: Any, one_encoder: bool = False, clock_s: float = 0.0) -> Reco
     time_s = columns.pop(TIME) + clock_s
     if one_encoder:
         del columns[TABLE_POSITION], columns[TABLE_SPEED]
-    frames = (
-        SampleFrame(
-            time_s[first : first + FRAME_ROWS],
-            {name: column[first : first + FRAME_ROWS] for name, column in columns.items()},
-        )
-        for first in range(0, len(time_s), FRAME_ROWS)
-    )
+    whole, starts = SampleFrame(time_s, columns), range(0, len(time_s), FRAME_ROWS)
+    frames = (whole.part(slice(first, first + FRAME_ROWS)) for first in starts)
     truth = recording.truth
     blocks = downsampled(frames, nominal_machine())
     return Recorded(blocks, truth["time_s"] + clock_s, truth["preload_percent"])
