@@ -239,23 +239,18 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     """Hypotheses at the start, until one is accepted: preloads, with and without a load."""
     bank = empty_bank(len(start.mean))
     fresh = 1.0 - settings.used - settings.half - settings.none
-    levels = (
-        (1.0, settings.start, fresh),
-        (_HALF, _HALF_SIGMA, settings.half),
-        (_NONE, _NONE_SIGMA, settings.none),
-    )
+    levels = [(1.0, settings.start, fresh), (_HALF, _HALF_SIGMA, settings.half)]
+    levels += [(_NONE, _NONE_SIGMA, settings.none)]
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
     slots = iter((state.STEADY, *state.CHALLENGERS))
-    for load, load_share in loads:
-        if load and len(start.mean) == state.TORQUE_STATES:
-            continue
+    for load, load_share in loads[: 1 if len(start.mean) == state.TORQUE_STATES else 2]:
         for share, sigma, level_share in levels:
             if load_share * level_share <= 0.0:
                 continue
             slot = next(slots)
             bank.mean[slot] = start.mean
             bank.mean[slot, state.PRELOAD] += math.log(share)
-            bank.covariance[slot] = start.covariance + load * start.load
+            bank.covariance[slot] = start.covariance + load * start.other_load
             bank.covariance[slot, state.PRELOAD, state.PRELOAD] = sigma**2
             if load:
                 _renew(bank, slot, state.TORQUE_SCALE, 0.0, 0.0)
@@ -293,7 +288,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
         copy_to(bank, LOAD_SLOT, state.STEADY, math.log(_OTHER_LOAD))
         _renew(bank, LOAD_SLOT, state.PAYLOAD, 0.0, 0.0)
         _renew(bank, LOAD_SLOT, state.TORQUE_SCALE, 0.0, 0.0)
-        bank.covariance[LOAD_SLOT] += start.load
+        bank.covariance[LOAD_SLOT] += start.other_load
     bank.moments[:] = 0.0
     bank.moments[state.LEARNING] = 1.0
 

@@ -78,6 +78,7 @@ class Start:
     mean: Floats  # (n,) of a fresh preload
     covariance: Floats  # (n, n) before the first phase, the preload's being that of a fresh screw
     load: Floats  # (n, n), added by another load
+    other_load: Floats  # (n, n), added by another load since the last session
 
 
 def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> Start:
@@ -125,7 +126,10 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     along = UPRIGHT * hung
     along[state.PAYLOAD] = settings.load * model.table_mass_kg
     apart = np.diag(load**2) + UPRIGHT_SIGMA**2 * np.outer(hung, hung)
-    return Start(mean, covariance, apart + np.outer(along, along))
+    load, zero_nm = apart + np.outer(along, along), settings.zero * commissioned.coulomb_nm
+    other_load = load.copy()
+    other_load[state.TORQUE_OFFSET, state.TORQUE_OFFSET] += zero_nm**2
+    return Start(mean, covariance, load, other_load)
 
 
 def _frictions(size: int, together: float, apart: float) -> Floats:

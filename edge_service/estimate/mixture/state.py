@@ -123,12 +123,13 @@ class MixtureSettings(NamedTuple):
     used_sigma: float = 0.3  # of ln(preload) in that case
     half: float = 0.2  # that half of it is
     none: float = 0.1  # that all is
-    loaded: float = 0.2  # that the load is another
+    loaded: float = 0.3  # that the load is another
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
     lubricated_apart: float = 0.08
     scale: float = 0.3
     load: float = 0.4
+    zero: float = 0.3  # of the torque since the last session, over the Coulomb friction
     loosened: float = 0.15  # of each joint, over the compliance of the axis
     loosened_large: float = 0.5  # a broken element of a coupling, a slack belt
     lost_sigma: float = 0.7  # of ln(preload) after a total loss

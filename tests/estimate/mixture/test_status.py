@@ -82,6 +82,7 @@ def test_what_contradicts_the_model_gives_a_reason_instead_of_a_number(
 HARMLESS = {
     "values missing": Edit(missing=[TORQUE, ANGLE, TABLE_POSITION], share=0.05),
     "lead wrong by 1 %": Edit(scale={ANGLE: 1.01}),
+    "torque with another zero": Edit(shift={TORQUE: 0.3}),
 } | {name: Edit(stuck=[name], between_s=(20.0, 35.0)) for name in (TORQUE, ANGLE, TABLE_POSITION)}
 
 
