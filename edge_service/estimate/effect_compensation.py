@@ -38,14 +38,8 @@ class EffectCompensation:
     baseline: Baseline
 
     @classmethod
-    def of_machine(cls, machine: Machine) -> "EffectCompensation | None":
-        """None without `[[effects]]`.
-
-        Raises:
-            ValueError: an effect or its parameter does not exist.
-        """
-        if not machine.effects:
-            return None
+    def of_machine(cls, machine: Machine) -> "EffectCompensation":
+        """Effects of a machine file. Raises ValueError: one or its parameter does not exist."""
         every = machine_effects(machine)
         used = tuple(one for one in every if _steady(one))
         share = math.prod(1.0 + each.value for one in used for each in _command_shares(one))

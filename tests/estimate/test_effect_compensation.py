@@ -30,9 +30,7 @@ def with_effects(machine: Machine, *texts: str) -> Machine:
 
 
 def known(*texts: str) -> EffectCompensation:
-    found = EffectCompensation.of_machine(with_effects(AXIS.nominal(), *texts))
-    assert found is not None
-    return found
+    return EffectCompensation.of_machine(with_effects(AXIS.nominal(), *texts))
 
 
 def cruise(speed_rad_s: float, table_m: float = 0.4, acceleration: float = 0.0) -> Phase:

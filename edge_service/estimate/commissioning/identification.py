@@ -44,7 +44,8 @@ def commissioned(
         CommissioningError: the recordings cannot determine it; the text names the motion.
     """
     limits = limits or steady_limits(machine.model_copy(update={"commissioned": None}))
-    phases = SteadyPhases.of(recordings, EffectCompensation.of_machine(machine))
+    known = EffectCompensation.of_machine(machine) if machine.effects else None
+    phases = SteadyPhases.of(recordings, known)
     torque = fit_torque_balance(phases, machine, limits)
     # known effects are still in the windows of intervals
     doubt_kg_m2 = 0.0 if machine.effects else inertia_doubt(recordings, torque)

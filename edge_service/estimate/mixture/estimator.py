@@ -10,7 +10,6 @@ from ...messages.interval import Interval
 from ...messages.stored import Number, Stored
 from ...models.machine import Machine
 from ...models.steady_limits import LONGEST_HOLD_S
-from ..effect_compensation import EffectCompensation
 from ..validity import Validity
 from . import state
 from .gathering import SteadyInterval, gathered, interval_snapshot, restored_interval
@@ -64,7 +63,11 @@ class MixturePreloadEstimator:
         self._start = start_of(machine, self._model, self._settings)
         self.process = process_of(machine, self._model, self._start, self._settings)
         self._limits = fault_limits(machine, self._model, self._settings)
-        self._known = EffectCompensation.of_machine(machine)
+        self._known = None
+        if machine.effects:
+            from ..effect_compensation import EffectCompensation  # 25 ms that most do without
+
+            self._known = EffectCompensation.of_machine(machine)
         known_s = machine.commissioned.sample_period_s or 0.0
         self._slowest_s = max(SLOWER * known_s, LONGEST_HOLD_S)
         self.reset()
