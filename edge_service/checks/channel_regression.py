@@ -66,9 +66,8 @@ def regress_channel(
     moving = [run for run in runs if _moves(run.channels[source])]
     if not moving:
         raise ValueError(f"{source} does not move")
-    pieces = [_rows(run, target, source, derivative, mechanics) for run in moving]
-    design = np.concatenate([rows for rows, _ in pieces])
-    wanted = np.concatenate([values for _, values in pieces])
+    pieces = (_rows(run, target, source, derivative, mechanics) for run in moving)
+    design, wanted = map(np.concatenate, zip(*pieces, strict=True))
     step = len(wanted) // MOST_ROWS + 1
     names = ("factor", "lag", "direction", "stretch")[: design.shape[1]]
     fit = least_squares(names, design[::step], wanted[::step])

@@ -203,7 +203,7 @@ def rows_in_motion(
     recordings: Sequence[SampleFrame], settings: PreparationSettings
 ) -> tuple[Floats, Floats, Floats]:
     """Torque, speed and acceleration in motion, (n,) each."""
-    runs = [run for frame in recordings for run in prepare(frame, settings, beside=())]
+    runs = (run for frame in recordings for run in prepare(frame, settings, beside=()))
     found = [np.empty((0, 3))]
     for run in runs:
         columns = np.column_stack([run.channels[TORQUE], run.speed_rad_s, run.acceleration_rad_s2])
