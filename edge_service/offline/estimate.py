@@ -17,7 +17,7 @@ from ..models.machine import Machine
 from ..nodes.estimated_axis import DAMAGED, LONGEST_STOP_S, Kept, StateError, identity_of
 from ..nodes.stages import make_downsampler, make_estimator
 from ..recordings.conditioning import MAX_ROWS
-from ..recordings.reader import joined
+from ..recordings.reader import ASKED, joined
 from .recordings import examine, open_recording, reported, require_sound
 
 _NUMBERS = ("time_s", "preload_percent", "low", "high")
@@ -101,7 +101,7 @@ def estimate_to_csv(
     if state is not None and state.resolve() in (trace.resolve(), machine_file.resolve()):
         raise ConfigError(f"--state {state}: would overwrite an input; choose another file")
     machine = load_machine(machine_file, axis_number)
-    require_sound(examine(machine, [trace]), [trace])
+    require_sound(examine(machine, [trace], ASKED), [trace])
     offline = OfflineEstimate(machine, config)
     if state is not None:
         offline.restore(state)

@@ -15,7 +15,7 @@ from ..messages.features import FAULT_WORDS, Fault, FeatureBlock
 from ..messages.samples import SampleFrame
 from ..models.machine import Machine
 from ..nodes.stages import make_downsampler
-from ..recordings.reader import TraceReader, open_trace, read_trace, spread
+from ..recordings.reader import MOST_SPREAD, TraceReader, open_trace, read_trace, spread
 from ..recordings.sinumerik.signals import ControllerAxis
 
 FAULTY = Fault.TORQUE_STUCK | Fault.ANGLE_STUCK | Fault.TABLE_STUCK | Fault.TABLE_DISAGREES
@@ -86,13 +86,13 @@ def remarks_of(found: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(f"doctor: {each.sentence}" for each in said)
 
 
-def examine(machine: Machine, traces: Sequence[Path]) -> list[Finding]:
+def examine(machine: Machine, traces: Sequence[Path], most: int = MOST_SPREAD) -> list[Finding]:
     """Every check that these files allow; errors as `open_trace`."""
     frames: list[SampleFrame] = []
     unread: dict[str, None] = {}
     for path in traces:
         with open_recording(machine, path) as reader:
-            frames += spread(reported(reader, f"examining {path.name}"))
+            frames += spread(reported(reader, f"examining {path.name}"), most)
             unread |= dict.fromkeys(reader.ignored)
     return check_plausibility(machine, frames, tuple(unread))
 

@@ -24,8 +24,8 @@ from .source import NO_TEXT, Block, Source, Text
 
 MOST_ROWS = 20_000_000
 """Of a recording that is read into one frame."""
-MOST_SPREAD = 600_000
-"""Rows of a file that are examined: ten minutes at 1 kHz, in pieces spread over a longer one."""
+MOST_SPREAD, ASKED = 600_000, 150_000
+"""Rows of a file that are examined, ten minutes at 1 kHz; that are asked before an estimate."""
 _CHUNK_BYTES, _LINE_BYTES = 1 << 20, 1 << 14
 Extent = tuple[int | None, float | None, float | None]
 """Rows, first and last `time_s` of a recording; None: not known."""
@@ -299,13 +299,13 @@ def _of_text(path: Path) -> Extent:
     return rows, None, None
 
 
-def spread(frames: Iterable[SampleFrame]) -> list[SampleFrame]:
-    """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., at most `MOST_SPREAD` rows."""
+def spread(frames: Iterable[SampleFrame], most: int = MOST_SPREAD) -> list[SampleFrame]:
+    """Unbroken pieces of a recording: all, or every 2nd, 4th, ..., at most `most` rows."""
     kept: list[SampleFrame] = []
     stride = 1
     for number, frame in enumerate(frames):
         if number % stride == 0:
             kept.append(frame)
-        while len(kept) > 1 and sum(map(len, kept)) > MOST_SPREAD:
+        while len(kept) > 1 and sum(map(len, kept)) > most:
             stride, kept = 2 * stride, kept[::2]
     return [joined(kept)] if kept and stride == 1 else kept
