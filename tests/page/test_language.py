@@ -10,7 +10,7 @@ import pytest
 from edge_service.health.consistency import CHANNELS
 from edge_service.http_api.app import STATIC
 from edge_service.http_api.jobs import JobCommand, JobState
-from edge_service.messages.event import AxisCondition
+from edge_service.messages.event import AxisCondition, Code
 from edge_service.messages.features import Fault
 from edge_service.messages.health import AlarmKind, ComponentStatus, ConsistencyState
 from edge_service.messages.keys import COMPONENTS
@@ -71,6 +71,7 @@ CODES: dict[str, Iterable[str]] = {
     "job.command": get_args(JobCommand),
     "job.state": get_args(JobState),
     "fault": [str(fault.name).lower() for fault in Fault],
+    "said": [each.name.lower() for each in Code if re.search(r"{(time|since|until)}", each.value)],
     "motion": [name for name, motion in MOTIONS.items() if motion.draw],
 }
 

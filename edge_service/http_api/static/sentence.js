@@ -1,14 +1,14 @@
 // Statements of the service in the reader's language, from their code and values.
 
 import { clock, significant } from "./format.js";
-import { has, language, t } from "./strings.js";
+import { has, t } from "./strings.js";
 
 const DIGITS = 6; // more than any value is sent with
 
-// What the service says stands as it is in English, and wherever the page does not know the sentence.
+// What the service says stands as it is where the page does not know the sentence: in English, where no time is told.
 export function statementWords({ code, text, values }) {
   const key = `said.${code}`;
-  if (language === "en" || !has(key)) return { text, lang: "en" };
+  if (!has(key)) return { text, lang: "en" };
   const words = t(key, Object.fromEntries(Object.entries(values).map(([name, value]) => [name, shown(name, value)])));
   return { text: "value" in values || !words.includes("{value}") ? words : `${words.split(":")[0]}.` };
 }

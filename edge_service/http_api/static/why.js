@@ -167,8 +167,8 @@ function secondText({ limits, preload }, { preload_percent: percent, low, high }
 }
 
 function frictionText({ torque_nm: now, first_torque_nm: first, count }) {
-  if (now.length === 0) return t("friction.none");
-  const weight = count.reduce((a, b) => a + b, 0);
+  const weight = count.reduce((sum, n, i) => (now[i] === first[i] ? sum : sum + n), 0); // equal: nothing is newer than the first
+  if (weight === 0) return now.length === 0 ? t("friction.none") : "";
   const change = now.reduce((sum, torque, i) => sum + count[i] * (Math.abs(torque) - Math.abs(first[i])), 0) / weight;
   if (Math.abs(change) < LEAST_NM) return t("friction.same");
   return t(change < 0 ? "friction.lower" : "friction.higher", { n: number(Math.abs(change), 3) });
