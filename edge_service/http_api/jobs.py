@@ -195,7 +195,7 @@ class Jobs:
         """File of a motion for the controller, as the command `motion` writes it."""
         with tempfile.TemporaryDirectory(prefix="edge-motion-") as folder:
             out = Path(folder) / f"motion.{form}"
-            words = ("motion", name, "--machine", str(self._machines[axis]), "--out", str(out))
+            words = ("motion", name, "--clip", f"--machine={self._machines[axis]}", f"--out={out}")
             try:
                 status, said = await process.finished(*words, limit_s=_MOTION_LIMIT_S)
             except (OSError, TimeoutError) as error:

@@ -207,14 +207,14 @@ class HttpNode:
         """Motions that end by themselves, with their duration on an axis, or why it refuses."""
         limits, answers = motion_limits(self._context.machines[axis]), []
         for name, motion in MOTIONS.items():
-            duration_s, refused = None, None
-            try:
-                duration_s = motion.duration_s(limits)
-            except MotionError as error:
-                refused = str(error)
-            if duration_s is not None or refused:
-                about = {"name": name, "purpose": motion.purpose}
-                answers.append(MotionAnswer(**about, duration_s=duration_s, refused=refused))
+            if motion.draw is not None:
+                answer = MotionAnswer(name=name, purpose=motion.purpose)
+                try:
+                    plan = motion.plan(limits, clip=True)
+                    known = {"duration_s": plan.duration_s, "left_out": plan.left_out}
+                except MotionError as error:
+                    known = {"refused": str(error)}
+                answers.append(answer.model_copy(update=known))
         return answers
 
     async def _send_command(self, axis: str, command: Command) -> Outcome | None:

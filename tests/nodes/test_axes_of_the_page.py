@@ -51,10 +51,13 @@ async def test_an_axis_is_made_on_the_page_and_goes_again(
     assert [each.name for each in load_config(tmp_path / "edge.toml").axes] == ["Y", "X"]
 
     answer = (await client.get(PATH.format("X"))).json()
-    answer["machine"]["axis"]["stroke_m"] = 0.7
+    answer["machine"]["axis"] |= {"stroke_m": 0.7, "max_speed_rad_s": 200.0}
     changed = await client.put(PATH.format("X"), json=answer)
     assert (changed.status_code, changed.json()["machine"]) == (200, answer["machine"])
     assert len(list(folder.glob("machine*.toml"))) == 2
+    motions = (await client.get("/api/v1/axes/X/motions")).json()["motions"]
+    assert {each["refused"] for each in motions} == {None}
+    assert [each["name"] for each in motions if each["left_out"]] == ["friction", "full"]
 
     assert (await client.delete(PATH.format("X"))).status_code == 204
     assert (await client.get("/api/v1/axes/X/preload")).status_code == 404

@@ -189,12 +189,11 @@ def test_a_wrong_wish_is_one_line_and_leaves_the_old_file(
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_an_axis_of_unknown_stroke_is_not_moved(tmp_path: Path, machine: Machine) -> None:
+def test_an_axis_of_unknown_stroke_or_strange_name_is_refused(
+    tmp_path: Path, machine: Machine
+) -> None:
     with pytest.raises(MotionError, match=r"axis\.stroke_m: the machine file lacks it"):
         write_motion("friction", changed(machine, stroke_m=None), tmp_path / "a.csv")
-
-
-def test_an_axis_name_that_no_controller_knows_is_refused(tmp_path: Path, machine: Machine) -> None:
     with pytest.raises(MotionError, match=r"axis\.name: 'my axis' is not an axis of an NC program"):
         write_motion("friction", changed(machine, name="my axis"), tmp_path / "a.mpf")
 

@@ -142,10 +142,7 @@ async def wear(
     )
 
 
-@axis_router.post(
-    "/commands",
-    status_code=202,
-)
+@axis_router.post("/commands", status_code=202)
 async def command(
     axis: AxisDep,
     body: CommandBody,

@@ -29,8 +29,9 @@ class MotionAnswer(Frozen):
 
     name: str = Field(examples=["friction"])
     purpose: str
-    duration_s: float | None = Field(description="null if this axis does not allow it.")
-    refused: str | None = Field(description="Why this axis does not allow it.")
+    duration_s: float | None = Field(None, description="null if this axis does not allow it.")
+    refused: str | None = Field(None, description="Why this axis does not allow it.")
+    left_out: tuple[str, ...] = Field((), description="Parts that this axis does not allow.")
 
 
 class Motions(Frozen):

@@ -29,7 +29,8 @@ function renderMotion() {
   const motion = parts.motions.find(({ name }) => name === parts.choice.value);
   if (!motion) return;
   const refused = motion.refused ? element("span", { lang: "en" }, motion.refused) : null;
-  parts.about.replaceChildren(named("motion.purpose", motion.name), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }));
+  const leftOut = motion.left_out.length ? [" ", t("motion.left_out"), " ", element("span", { lang: "en" }, `${motion.left_out.join("; ")}.`)] : [];
+  parts.about.replaceChildren(named("motion.purpose", motion.name), " ", refused ?? t("motion.takes", { span: lasting(motion.duration_s) }), ...leftOut);
   const path = `/api/v1/axes/${encodeURIComponent(parts.shown)}/motions/${motion.name}`;
   parts.links.replaceChildren(...(refused ? [] : FORMS.map((form) => element("a", { class: "button", href: `${path}?format=${form}`, download: `${motion.name}.${form}` }, t(`motion.${form}`)))));
 }

@@ -52,14 +52,12 @@ class Motion:
 
     def duration_s(self, limits: MotionLimits) -> float | None:
         """Its natural duration, s; None without end. Chance does not change it."""
-        if self.draw is None:
-            return None
-        return self.plan(limits, np.random.default_rng(0)).duration_s
+        return None if self.draw is None else self.plan(limits).duration_s
 
     def plan(
         self,
         limits: MotionLimits,
-        random: np.random.Generator,
+        random: np.random.Generator | None = None,
         *,
         duration_s: float | None = None,
         clip: bool = False,
@@ -70,6 +68,7 @@ class Motion:
 
         Raises MotionError: the axis or the duration does not allow it.
         """
+        random = random or np.random.default_rng(0)
         if self.draw is not None:
             route = Route(self.name, limits, clip=clip)
             self.draw(route, random)

@@ -53,7 +53,7 @@ class Route:
             return True
         line = f"{self.name}, {what}: {excess}"
         if not self._clip:
-            raise MotionError(line)
+            raise MotionError(f"{line}; `motion --clip` leaves it out")
         self.left_out.append(line)
         return False
 

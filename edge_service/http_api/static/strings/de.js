@@ -422,6 +422,7 @@ export const de = {
   "motion": "Bewegung",
   "motion.text": "Eine Datei für die Steuerung, innerhalb der Grenzen, die die Maschinendatei der Achse setzt.",
   "motion.takes": "Dauert {span}.",
+  "motion.left_out": "Was die Achse nicht zulässt, ist weggelassen:",
   "motion.mpf": "NC-Programm (.mpf)",
   "motion.csv": "Sollwerte (.csv)",
   "motion.standstill": "Stillstand",

@@ -331,6 +331,7 @@ export const en = {
   "motion": "Motion",
   "motion.text": "A file for the controller, within the limits that the machine file allows the axis.",
   "motion.takes": "Takes {span}.",
+  "motion.left_out": "What the axis does not allow is left out:",
   "motion.mpf": "NC program (.mpf)",
   "motion.csv": "Setpoints (.csv)",
   "motion.standstill": "Standstill",
