@@ -51,6 +51,7 @@ class Arrivals:
         self._folder, self._pattern, self._settle_s = folder, pattern, settle_s
         self._since: dict[tuple[Path, int, int], float] = {}
         self._told: set[tuple[Path, int, int]] = set()
+        self.links: set[Path] = set()  # symbolic ones, passed over by the last look
 
     def complete(self, now_s: float) -> list[Path]:
         """Files that have become complete since the last call, the oldest first.
@@ -61,20 +62,20 @@ class Arrivals:
         try:
             if not self._folder.is_dir():
                 raise DriverUnavailableError(f"{self._folder}: no such folder")
+            there = {path for path in self._folder.glob(self._pattern) if path.name[0] != "."}
+            self.links = {path for path in there if path.is_symlink()}
             found = {
                 (path, path.stat().st_size, path.stat().st_mtime_ns)
-                for path in self._folder.glob(self._pattern)
-                if not (path.name.startswith(".") or path.is_symlink()) and path.is_file()
+                for path in there - self.links
+                if path.is_file()
             }
         except OSError as error:
             raise DriverUnavailableError(f"{self._folder}: {error.strerror}") from None
         self._since = {state: self._since.get(state, now_s) for state in found}
         ready = {
-            state
-            for state, since_s in self._since.items()
-            if now_s - since_s >= self._settle_s
-            and state not in self._told
-            and has_proper_end(state[0])
+            each
+            for each, t_s in self._since.items()
+            if now_s - t_s >= self._settle_s and each not in self._told and has_proper_end(each[0])
         }
         self._told = (self._told & found) | ready
         return [path for path, _, _ in sorted(ready, key=lambda state: (state[2], state[0]))]
@@ -216,6 +217,7 @@ class FolderDriver:
         self._arrivals: Arrivals | None = None
         self._counts = {"files": 0, "bad_files": 0, "seen_before": 0, "rows": 0, "bad_cells": 0}
         self._newest_s = -np.inf
+        self._told: set[Path] = set()
 
     @property
     def counters(self) -> dict[str, int]:
@@ -242,6 +244,9 @@ class FolderDriver:
             except DriverUnavailableError:
                 self._arrivals = None
                 raise
+            for link in arrivals.links - self._told:
+                log.warning("%s: passed over, for it is a symbolic link", link)
+            self._told |= arrivals.links
             for path in paths:
                 async with aclosing(self._read(arrivals, ledger, path)) as frames:
                     async for frame in frames:
@@ -258,8 +263,7 @@ class FolderDriver:
                     return reader.channels
             return ()
 
-        found = await self._rows.run(channels)
-        return Probe(f"traces in {self._config.folder}", found, None)
+        return Probe(f"traces in {self._config.folder}", await self._rows.run(channels), None)
 
     async def close(self) -> None:
         self._arrivals = None

@@ -102,8 +102,7 @@ class ModbusConfig(DriverConfig):
     def endpoint(self) -> tuple[str, int, int]:
         """Host, port and unit."""
         parts = urlsplit(self.url)
-        unit = int(parts.path.strip("/") or 1)
-        return parts.hostname or "", parts.port or USUAL_PORT, unit
+        return parts.hostname or "", parts.port or USUAL_PORT, int(parts.path.strip("/") or 1)
 
     @property
     def address(self) -> str:

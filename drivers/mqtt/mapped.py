@@ -53,8 +53,7 @@ class MappedStream:
         for at, name in enumerate(self.channels):
             raw[: len(found[name]), at] = [number(value) for value in found[name]]
         times_s = self._times_s(message, rows)
-        kept = self._order.keep(times_s, raw)
-        taken = np.flatnonzero(kept).tolist()
+        taken = np.flatnonzero(self._order.keep(times_s, raw)).tolist()
         kept_rows = [(float(times_s[row]), self._values(row, raw, found)) for row in taken]
         return [frame_of(kept_rows, self.channels)] if kept_rows else []
 

@@ -90,12 +90,10 @@ class OpcuaStub:
             for path in (config.server_certificate, config.certificate, key):
                 if not path.is_file():
                     raise DriverMisconfiguredError("server_certificate", f"{path}: no such file")
-            kind = f"{config.security}_SignAndEncrypt"
-            server.set_security_policy([ua.SecurityPolicyType[kind]])
+            server.set_security_policy([ua.SecurityPolicyType[f"{config.security}_SignAndEncrypt"]])
             await server.load_certificate(config.server_certificate)
             await server.load_private_key(key)
-            certificate = await uacrypto.load_certificate(config.certificate)
-            ours = uacrypto.der_from_x509(certificate)
+            ours = uacrypto.der_from_x509(await uacrypto.load_certificate(config.certificate))
 
             async def check(theirs: Any, _description: Any) -> None:
                 if uacrypto.der_from_x509(theirs) != ours:

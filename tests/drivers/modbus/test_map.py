@@ -73,8 +73,7 @@ def test_contiguous_registers_are_read_in_one_request() -> None:
 
 @given(st.lists(st.integers(0, 100), unique=True, min_size=1))
 def test_every_plan_covers_each_value_once_and_splits_none(places: list[int]) -> None:
-    registers = [register(4 * place, "float64") for place in places]
-    requests = plan_requests(registers)
+    requests = plan_requests([register(4 * place, "float64") for place in places])
     planned = [each.address for request in requests for each in request.registers]
     assert sorted(planned) == sorted(4 * place for place in places)
     for request in requests:
