@@ -34,6 +34,7 @@ VOLTS = {"torque_command_nm": ColumnMap("u_V", scale=0.5)}
         (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "save('x.mat', '-v7')"),
         (b"SQLite format 3\0", "an SQLite database"),
         (b"%PDF-1.7\n", "a PDF document"),
+        (b"# site\n\n[service]\n", "a configuration or a machine file"),
         (b"TDSm\x0e\0\0\0", "a TDMS file of LabVIEW"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Word document"),
         (b"\x80\x04\x95\x10", "a Python pickle, which is never opened"),
