@@ -156,7 +156,4 @@ def _gaps(runs: Sequence[Run]) -> list[str]:
     ]
     if held_s > 0.8 * sum(spans):
         return [f"gaps in the recording: {len(runs)} unbroken runs"]
-    return [
-        f"{held_s / 60.0:.0f} of {sum(spans) / 60.0:.0f} min are evaluated, in {len(runs)} runs "
-        "spread over them"
-    ]
+    return [f"evaluated: {held_s:.0f} of {sum(spans):.0f} s, in {len(runs)} runs spread over them"]

@@ -131,6 +131,9 @@ def abilities(
     unsigned = TORQUE in columns and bool(columns[TORQUE].direction)
     response = f"{rate_hz:.3g} samples/s are too few" if rate_hz < _RESPONSE_HZ else ""
     friction = inertia = "the travel per revolution is unknown, or too little moves", ""
+    missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
+    if len(missing) == 2:
+        response = "no column is known as a position"
     if TORQUE not in columns:
         response = "no column is known as a torque in N m"
         friction = inertia = response, ""
@@ -148,7 +151,6 @@ def abilities(
     elif not friction[0]:
         not_yet = "the machine file is not commissioned yet (`edge-service commission`)"
         preload = not_yet, "production"
-    missing = [name for name in (ANGLE, TABLE_POSITION) if name not in columns]
     ends = "the ends of travel are unknown: set axis.stroke_m in the machine file", "acceleration"
     stretch = (f"there is no {' and no '.join(missing)}", "") if missing else ends
     return [
