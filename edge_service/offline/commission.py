@@ -201,7 +201,8 @@ def _learned(
 ) -> Answer:
     model, learned = machine.model, machine.commissioned
     assert learned is not None
-    guides_n, drag = model.guide_force_n.value, model.bearing_drag_nm
+    guide, drag = model.guide_force_n, model.bearing_drag_nm
+    guides = f"{guide.value:.3g} N" if guide.value > 1.96 * guide.sigma else "not told from none"
     bearings = f"{drag.value:.3g} N m" if drag.value > 1.96 * drag.sigma else "not told from none"
     transmission, mass = learned.transmission, model.table_mass_kg
     lines = [
@@ -211,7 +212,7 @@ def _learned(
         f"  inertia {tolerated(model.inertia_kg_m2, 'kg m2')}",
         f"  viscous friction {tolerated(model.viscous_nm_s_per_rad, 'N m s/rad')}",
         f"  Coulomb friction {learned.coulomb_nm:.4g} N m in all, of it "
-        f"guides {guides_n:.3g} N, bearings {bearings}",
+        f"guides {guides}, bearings {bearings}",
     ]
     stretch: dict[str, float | bool] | None = None
     if transmission is None or mass is None:
@@ -235,8 +236,7 @@ def _learned(
         )
         if not is_stated:
             lines += ["  model.nut_stiffness_n_per_m is not stated: intervals carry the ignorance"]
-    if learned.notch is not None:
-        notch = learned.notch
+    if (notch := learned.notch) is not None:
         lines.append(
             f"  antiresonance {notch.antiresonance_hz:.4g} Hz by {notch.repeats} tests, compliance "
             f"+- {100.0 * notch.compliance_scatter:.2g} % from day to day, nut's share "
@@ -256,7 +256,7 @@ def _learned(
             "the axis, or a model that does not fit; commission without it, or expect that error"
         )
     document = {"out": str(out), "motion_s": learned.motion_s, "coulomb_nm": learned.coulomb_nm}
-    document |= {"guide_force_n": guides_n, "bearing_drag_nm": drag.value}
+    document |= {"guide_force_n": guide.value, "bearing_drag_nm": drag.value}
     document |= {
         "inertia_kg_m2": model.inertia_kg_m2,
         "viscous_nm_s_per_rad": model.viscous_nm_s_per_rad,

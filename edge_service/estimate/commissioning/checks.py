@@ -109,8 +109,7 @@ def require_fresh_screw(
 ) -> None:
     """Require the friction of a fresh screw and of plausible guides and bearings.
 
-    With two encoders the wind-up at reversals shows the guides' friction, and what is left must
-    be the screw's and the bearings'.
+    The wind-up at reversals shows the guides' friction; the rest is the screw's and the bearings'.
 
     Raises:
         CommissioningError: it is not, so the screw is worn or warm, or a unit is another.
@@ -123,17 +122,18 @@ def require_fresh_screw(
     if screw.value > 1.1 * torque.coulomb_nm:
         raise CommissioningError(
             f"{whole}, less than the fresh screw's own {screw.value:.3g} N m "
-            "(model.preload_drag_nm): not healthy, or wrong units"
+            "(model.preload_drag_nm): not healthy, wrong units, or another model.preload_n"
         )
     bearing = machine.model.bearing_drag_nm
     left_nm = torque.coulomb_nm - guide.value - bearing.value
     sigma = float(np.sqrt(torque.coulomb_sigma**2 + guide.sigma**2 + bearing.sigma**2))
     if left_nm + SIGMAS * sigma < WORN_SHARE * screw.value:
         worn = "worn or warm; needs a healthy, cold axis, or" if left_nm > 0.0 else "needs"
+        known_nm, shares = SIGMAS * torque.coulomb_sigma, {"guides": guide, "bearings": bearing}
+        told = [f"{e.value:.3g} in the {name}" for name, e in shares.items() if e.value > known_nm]
         raise CommissioningError(
-            f"{whole}, of it {guide.value:.3g} in the guides and {bearing.value:.3g} in the "
-            f"bearings: the {left_nm:.3g} left is less than the fresh screw's own "
-            f"{screw.value:.3g} N m (model.preload_drag_nm): {worn} the right model.table_mass_kg"
+            f"{whole}, {' and '.join([*told, f'{left_nm:.3g} left for the screw'])}, fresh "
+            f"{screw.value:.3g} (model.preload_drag_nm): {worn} the right model.table_mass_kg"
         )
 
 
