@@ -81,6 +81,7 @@ async function done(command, options, seen = () => {}) {
   const found = job.files.includes("answer.json") ? await fetchJson(fileOf(job, "answer.json")) : {};
   seen(found);
   const why = job.verdict ?? job.lines.at(-1) ?? named("job.state", job.state);
+  if (why.includes("--axis-number")) byId("first-number").closest("details").open = true;
   if (job.state !== "done") throw new Error(why.replace(/\S*\/recordings\//g, ""));
   return { job, found };
 }
