@@ -95,7 +95,8 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
             lines.append(f"        {'':<11}-> {each.remedy}")
     doubts, method = sum(each.is_doubtful for each in findings), _method(machine)
     lines.append(f"  {doubts} of {len(findings)} checks raised doubts")
-    lines.append(f"  {method} would estimate" if method else "  no method can estimate")
+    once = ", once that is right" if any(each.forbids for each in findings) else ""
+    lines.append(f"  {method} would estimate{once}" if method else "  no method can estimate")
     names = ("name", "verdict", "sentence", "compared", "remedy")
     found: list[dict[str, Any]] = []
     for each in findings:

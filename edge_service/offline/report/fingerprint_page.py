@@ -262,8 +262,7 @@ def _magnitudes(curves: Sequence[Curve]) -> list[Curve]:
     for curve in curves:
         turn = np.flatnonzero((curve.x[:-1] < 0.0) & (curve.x[1:] > 0.0)) + 1
         x, y = (np.abs(np.insert(values, turn, np.nan)) for values in (curve.x, curve.y))
-        label = f"magnitude of the {curve.y_label}"
-        folded.append(replace(curve, x=x, y=y, y_label=label))
+        folded.append(replace(curve, x=x, y=y, y_label=f"magnitude of the {curve.y_label}"))
     return folded
 
 
