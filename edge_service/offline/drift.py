@@ -175,8 +175,7 @@ def compare_days(
         ]
         every = "no move is made three times in every recording"
         raise ConfigError(f"drift: {every}: {'; '.join(said)}")
-    labels = tuple(path.name for path in recordings)
-    return DriftReport(machine.axis.name, labels, names, sections)
+    return DriftReport(machine.axis.name, tuple(path.name for path in recordings), names, sections)
 
 
 def _moves(machine: Machine, path: Path, frame: SampleFrame, names: Sequence[str]) -> list[Move]:

@@ -145,11 +145,13 @@ def _verdict(
         known = sum(section.status is Status.DETERMINED for section in sections)
         return f"{known} of {len(sections)} tests are determined"
     greatest: dict[str, str] = {}
-    for each in sorted(changes, key=lambda c: abs(c.relative) if c.old.value else math.inf)[::-1]:
+    order = sorted(changes, key=lambda c: -abs(c.relative) if c.old.value else -math.inf)
+    for each in sorted(order, key=lambda c: ".rigid_" in c.name):  # friction itself first
         if each.changed:
             share, side = abs(each.relative), "higher" if each.relative > 0.0 else "lower"
             by = f"{100.0 * share:.0f} % {side}" if share <= 1.0 else estimate(each.change)
-            greatest.setdefault(each.name.partition(".")[0], f"{plain(each.name)} {by}")
+            test = "friction" if ".rigid_" in each.name else each.name.partition(".")[0]
+            greatest.setdefault(test, f"{plain(each.name)} {by}")
     if greatest:
         return f"against the baseline: {', '.join(greatest.values())}"
     if not changes:

@@ -93,8 +93,7 @@ def _drafted(request: Request, folder: Path, ask: Ask | None) -> tuple[list[str]
         lines = adopt(*given, ask=ask).words.splitlines()
         said = [line for line in lines if not line.startswith(str(machine))]
     elif request.machine is None:
-        sheet = asked(request.sheet, ASKED, ask)
-        write_whole(machine, stated_text(request.axis, sheet))
+        write_whole(machine, stated_text(request.axis, asked(request.sheet, ASKED, ask)))
     named = str(request.machine.resolve()) if request.machine else MACHINE
     head = tomlkit.document()
     head["service"] = {"site": "shop", "machine": "machine"}
