@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..command_answer import Answer, progress
+from ..diagnose.preload import fresh_screw
 from ..exit_status import BadInputError
 from ..messages.samples import CHANNELS, Floats
 from ..models.effects.library.external_force import PROCESSES, force_profile, process_force
@@ -114,7 +115,7 @@ class _Axis:
             else:
                 names.append(text)
         try:
-            effects = [parse_effect(text) for text in names]
+            effects = [parse_effect(text, fresh_screw(machine)) for text in names]
             of_drive = FeedDriveSettings.of_machine(machine, settings.rate_hz, effects)
             self._limits = motion_limits(machine)
             low_m, percent = self._limits.low_m, self._preload_percent

@@ -217,7 +217,7 @@ class MixturePreloadEstimator:
                 return (
                     f"model_mismatch: accelerating takes {100 * (1 + off):.0f} % of the torque "
                     "that it took at commissioning, even allowing for payload: check torque "
-                    "constant, lead and units"
+                    "constant, inertia, lead and units"
                 )
         if moments[state.RAPID_S] > RAPID_SEEN_S:
             forced = float(moments[state.RAPID_FORCED_S] / moments[state.RAPID_S])

@@ -81,8 +81,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         """Look once for what many signatures ask for."""
-        moved = np.where(self.direction != 0.0, np.arange(len(self)), -1)
-        latest = np.maximum.accumulate(moved)
+        latest = np.maximum.accumulate(np.where(self.direction != 0.0, np.arange(len(self)), -1))
         approach = np.where(latest >= 0, self.direction[latest], 1.0)
         object.__setattr__(self, "approach", approach)
 

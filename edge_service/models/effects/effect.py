@@ -141,8 +141,7 @@ def friction_share(*tried: float, most: float = 1.5) -> Parameter:
 def viscous_share(*tried: float) -> Parameter:
     """Parameter to locate viscous friction, for what follows the load between motor and table."""
     text = "Viscous friction that acts on the table, over the whole in the model."
-    steps = tried or (0.0, 0.4, 0.8, 1.2)
-    return shape("viscous_share", "1", text, 0.0, 1.5, 0.0, tried=steps)
+    return shape("viscous_share", "1", text, 0.0, 1.5, 0.0, tried=tried or (0.0, 0.4, 0.8, 1.2))
 
 
 @dataclass(frozen=True, slots=True)

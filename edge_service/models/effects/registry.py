@@ -86,8 +86,10 @@ def active_effect(name: str, given: Mapping[str, float]) -> ActiveEffect:
     return ActiveEffect(effect, effect.complete(given))
 
 
-def parse_effect(text: str) -> ActiveEffect:
+def parse_effect(text: str, screw: Mapping[str, float] | None = None) -> ActiveEffect:
     """An effect as the command line writes it: NAME[:key=value,...].
+
+    A loss of preload is one of `screw`, values by name, in what is not written.
 
     Raises ValueError: as `active_effect`, or a part that is no key=number.
 
@@ -105,7 +107,8 @@ def parse_effect(text: str) -> ActiveEffect:
         if key.strip() in given:
             raise ValueError(f"effect {name}: {key.strip()} is given twice")
         given[key.strip()] = value
-    return active_effect(name.strip(), given)
+    fresh = (screw or {}) if name.strip() == fault().name else {}
+    return active_effect(name.strip(), {**fresh, **given})
 
 
 def machine_effects(machine: Machine) -> tuple[ActiveEffect, ...]:
