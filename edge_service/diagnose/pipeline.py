@@ -120,7 +120,7 @@ def _shaking(
     rest = verdict_of(less, is_unknown=found.verdict is Verdict.UNKNOWN)
     found = beside(found.with_effects(less, rest), named, session)
     verdict = Verdict.EXPLAINED if found.verdict is Verdict.NO_GAP else found.verdict
-    return found.with_effects(_ranked(found.effects), verdict, *told)
+    return found.with_effects(ranked(found.effects), verdict, *told)
 
 
 def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> Diagnosis:
@@ -139,7 +139,7 @@ def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> D
     return rest.model_copy(update=changes | {"effects": (*named, *rest.effects)})
 
 
-def _ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
+def ranked(effects: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The most probable first; of those as probable, what shrinks the gap most."""
     return sorted(effects, key=lambda each: (-each.probability, -each.shrink.estimate))
 
@@ -162,7 +162,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         trust = BLIND_TRUST if (blind or coarse) and each.channel == TORQUE_GAP else 1.0
         changes = {"replay": replayed.effects.get(each.name)}
         found.append(each.model_copy(update=changes | {"probability": trust * each.probability}))
-    found = _ranked(found)
+    found = ranked(found)
     blind = blind and all(each.channel == TORQUE_GAP for each in found)
     gap, beside_nuisances = {}, contributions.left_beside_nuisances
     left_rms = {name: min(rms(each), rms(left[name])) for name, each in beside_nuisances.items()}
@@ -175,6 +175,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
             noise_floor=floor[name],
             floor_source="reference" if name in session.healthy_floor else "recording",
             tolerance=noise.tolerance[name],
+            commissioned=healthy_gap(problem.machine).get(name),
             unit=CHANNEL_UNITS[name],
             replayed=replayed.gap.get(name),
         )
@@ -209,11 +210,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         ),
         next_motion=ALL_MOTIONS if verdict is Verdict.AMBIGUOUS else None,
         waterfall=contributions.waterfall(),
-        caveats=(
-            *[COARSE] * coarse,
-            *caveats_of(gap, left_rms, torque_rms_nm, verdict, healthy_gap(problem.machine)),
-            *off,
-        ),
+        caveats=(*[COARSE] * coarse, *caveats_of(gap, left_rms, torque_rms_nm, verdict), *off),
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         # noise of the torque is no greater than the torque; a gap may be
         is_blind=blind and gap[TORQUE_GAP].before <= torque_rms_nm,
@@ -233,16 +230,11 @@ def verdict_of(found: Sequence[NamedEffect], *, is_unknown: bool) -> Verdict:
 
 
 def caveats_of(
-    gap: Mapping[str, ChannelGap],
-    left: Mapping[str, float],
-    torque_nm: float,
-    verdict: Verdict,
-    healthy: Mapping[str, float],
+    gap: Mapping[str, ChannelGap], left: Mapping[str, float], torque_nm: float, verdict: Verdict
 ) -> tuple[str, ...]:
     """Lines about what the verdict leaves open, from root mean squares, by channel.
 
-    `left` by causes and what a healthy axis may have; of the torque in motion; of the `healthy` gap
-    that commissioning has kept.
+    `left` by causes and what a healthy axis may have; of the torque in motion.
     """
     found = []
     if TORQUE_GAP in gap and gap[TORQUE_GAP].floor > NOISY_SHARE * torque_nm:
@@ -260,12 +252,6 @@ def caveats_of(
                 f"{spoken}: {scale * math.sqrt(rest**2 - each.floor**2):.3g} {unit} beyond the "
                 f"floor are left, more than the {tolerance:.3g} {unit} tolerated: "
                 + ("there may be causes beyond those named" if is_open else ALLOWED)
-            )
-        own = scale * healthy.get(name, 0.0)
-        if verdict is Verdict.NO_GAP and own and not each.matters and each.beyond > each.floor:
-            found.append(
-                f"{spoken}: the gap is about what it was at commissioning ({own:.3g} {unit}), "
-                "and its cause is not sought"
             )
     return tuple(found)
 

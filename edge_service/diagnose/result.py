@@ -12,6 +12,7 @@ from pydantic.json_schema import SkipJsonSchema
 from ..messages.interval import Frozen
 from ..messages.samples import Floats
 from ..models.effects.registry import effects_where
+from .residual.noise import REPEATS_MAY_MISS
 
 SUREST = 0.99
 """Probability beyond which nothing was shown to be known: of 195 names above .9 on real machines
@@ -99,6 +100,7 @@ class ChannelGap(Frozen):
     noise_floor: float | None  # what no model could explain
     floor_source: str | None = None  # `recording`, or `reference` where healthy recordings tell it
     tolerance: float | None = None  # what nobody needs to know the cause of, beyond the floor
+    commissioned: float | None = None  # of the healthy axis as it was then, where known
     unit: str
     replayed: ReplayedGap | None = None
 
@@ -200,6 +202,7 @@ class Diagnosis(Frozen):
         caveats: what bounds the verdict, one line each.
         against_healthy: changes of friction, load, spread and course over the stroke.
         is_blind: the torque's floor hides whatever there may be, and nothing else is named.
+        is_doubted: `doctor` doubts a channel, as the remarks say.
         partly: what is left beside the known causes has a cause that is not known.
         augmented: effects that the augmented machine file has learned.
     """
@@ -225,6 +228,7 @@ class Diagnosis(Frozen):
     replay: ReplayStatus
     reference: tuple[str, ...] = ()
     is_blind: SkipJsonSchema[bool] = Field(False, exclude=True)
+    is_doubted: SkipJsonSchema[bool] = Field(False, exclude=True)
     series: SkipJsonSchema[InstanceOf[Series]] = Field(Series(), exclude=True)
 
     @property
@@ -232,6 +236,13 @@ class Diagnosis(Frozen):
         """Flag of a torque that only the healthy recordings, place by place, tell from theirs."""
         is_open = bool(self.effects) or any(each.matters for each in self.gap.values())
         return self.verdict is Verdict.UNKNOWN and bool(self.against_healthy) and not is_open
+
+    @property
+    def as_commissioned(self) -> tuple[str, ...]:
+        """Channels of a healthy axis with about the gap beyond the floor that commissioning had."""
+        gaps = self.gap.items() if self.verdict is Verdict.NO_GAP and not self.reference else ()
+        most = {name: REPEATS_MAY_MISS * (gap.commissioned or 0.0) for name, gap in gaps}
+        return tuple(name for name, gap in gaps if gap.floor < gap.beyond <= most[name])
 
     def with_effects(
         self, effects: Sequence[NamedEffect], verdict: Verdict, *caveats: str

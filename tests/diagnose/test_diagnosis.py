@@ -36,7 +36,7 @@ def test_a_healthy_axis_has_no_gap(machine: Machine) -> None:
     assert found.verdict is Verdict.NO_GAP
     assert found.effects == ()
     assert found.misfit is not None and found.misfit.p_value > 0.5
-    doubted = found.model_copy(update={"remarks": ("doctor: the torque repeats one value",)})
+    doubted = found.model_copy(update={"is_doubted": True})
     assert verdict_sentence(doubted).startswith("Where the recording can be trusted")
 
 

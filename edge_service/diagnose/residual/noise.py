@@ -42,7 +42,7 @@ _SAME_RAD, _SAME_SPEED, _SAME_ACCELERATION = 0.05, 0.1, 0.3
 """Rows are repeats within so much of the motor's angle, and so much in log(1 + .) of the others."""
 _SLOW_RAD_S, _SOFT_RAD_S2 = 1.0, 50.0
 _LEAST_REPEATS, _MOST_REPEATS = 200, 4000
-_REPEATS_MAY_MISS = 1.3
+REPEATS_MAY_MISS = 1.3
 """Repeats are few, and lie where the axis goes most: by so much they may be too quiet."""
 _MORE_THAN_NOISE = 1.5
 """Root mean square over the floor from which on a rest shows nothing of its noise."""
@@ -162,7 +162,7 @@ def stated_tolerance(
     most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
     healthy, found = healthy_gap(machine), {}
     for name, each in floor.items():
-        own = (_REPEATS_MAY_MISS * healthy.get(name, 0.0)) ** 2 - each**2
+        own = (REPEATS_MAY_MISS * healthy.get(name, 0.0)) ** 2 - each**2
         usual = min(max(each, math.sqrt(max(own, 0.0))), most.get(name, math.inf))
         found[name] = stated[name] or max(usual, least[name])
     return found
@@ -183,13 +183,13 @@ def noise_floor(
     structure = predicted_structure(session, left) if structure is None else structure
     # most that two encoders read apart by chance: what is smooth between samples is not
     noise_m = max(r.noise.get(STRETCH, 0.0) * math.hypot(*r.low_pass.taps) for r in session.runs)
-    apart_m = math.hypot(_REPEATS_MAY_MISS * noise_m, INTERPOLATION_M)
+    apart_m = math.hypot(REPEATS_MAY_MISS * noise_m, INTERPOLATION_M)
     levels, noise = {}, {}
     for name, each in left.items():
         rest, rows = each - structure[name], session.channels[name]
         again = _repeated_rms(rows, rest, session.baseline.ratio_m_per_rad, session.fold[name])
         least, most = (steps_nm(session), math.inf) if name == TORQUE_GAP else (0.0, apart_m)
-        levels[name] = max(min(ordinary_rms(rest), _REPEATS_MAY_MISS * again, most), least)
+        levels[name] = max(min(ordinary_rms(rest), REPEATS_MAY_MISS * again, most), least)
         noise[name] = rest
     return levels, noise
 

@@ -15,13 +15,12 @@ import numpy as np
 from ...atomic import write_whole
 from ...checks.examination import check_plausibility
 from ...checks.finding import Finding
-from ...checks.finding import Verdict as Check
 from ...checks.session import DataCheck, check_data
 from ...command_answer import Answer, progress
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
-from ...diagnose.pipeline import diagnose_session
+from ...diagnose.pipeline import diagnose_session, ranked
 from ...diagnose.preload import (
     PreloadReading,
     diagnose_beside_loss,
@@ -82,7 +81,7 @@ def diagnose(
             machine, healthy = _healthy(machine, reference)
         runs = read_runs(machine, traces)
         names = [path.name for path in traces]
-        check = _checked(machine, traces, runs)
+        check, failing = _checked(machine, traces, runs)
         if check.faults:
             refused = _bad_data(machine, runs, check)
             _write(out, refused, text, render(machine, names, refused))
@@ -115,6 +114,7 @@ def diagnose(
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learnable(found)),
             "withheld": withheld(found),
+            "is_doubted": bool(failing or doubted),
             "remarks": (*[COPIES.format(copies)] * bool(copies), *check.remarks, *unshown, *said),
             "reference": tuple(reference[k].name for k in counted),
         }
@@ -141,13 +141,15 @@ def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
     return tuple(each for each in effects().values() if each not in left_out)
 
 
-def _checked(machine: Machine, traces: Sequence[Path], runs: Sequence[Run]) -> DataCheck:
-    """Check of a session: what `doctor` forbids comes first, in its words."""
+def _checked(
+    machine: Machine, traces: Sequence[Path], runs: Sequence[Run]
+) -> tuple[DataCheck, tuple[str, ...]]:
+    """Check of a session: what `doctor` forbids comes first, in its words; its remarks again."""
     check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
     found = examine_within(machine, traces)
     forbidding = tuple(f"{each.sentence}; {each.remedy}" for each in found if each.forbids)
-    remarks = (*check.remarks, *remarks_of(found))
-    return replace(check, faults=forbidding or check.faults, remarks=remarks)
+    said = remarks_of(found)
+    return replace(check, faults=forbidding or check.faults, remarks=(*check.remarks, *said)), said
 
 
 def _bad_data(machine: Machine, runs: Sequence[Run], check: DataCheck) -> Diagnosis:
@@ -156,9 +158,8 @@ def _bad_data(machine: Machine, runs: Sequence[Run], check: DataCheck) -> Diagno
         for name, rows in session_of(machine, runs).channels.items():
             unit = CHANNEL_UNITS[name]
             gap[name] = ChannelGap(before=rows.rms, after=rows.rms, noise_floor=None, unit=unit)
-    status, reasons = ReplayStatus(possible=False, reason="bad data"), check.faults
-    known = {"gap": gap, "reasons": reasons, "remarks": check.remarks, "replay": status}
-    return Diagnosis(verdict=Verdict.BAD_DATA, **known)
+    bad = {"verdict": Verdict.BAD_DATA, "replay": ReplayStatus(possible=False, reason="bad data")}
+    return Diagnosis(gap=gap, reasons=check.faults, remarks=check.remarks, **bad)
 
 
 def augmented_toml(machine_text: str, effects: Sequence[NamedEffect]) -> str:
@@ -186,7 +187,7 @@ def _healthy(machine: Machine, reference: Sequence[Path]) -> tuple[Machine, Refe
     runs = read_runs(machine, reference)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
     runs = read_runs(shown, reference)
-    faults = _checked(machine, reference, runs).faults
+    faults = _checked(machine, reference, runs)[0].faults
     if faults:
         raise DiagnosisError(f"reference: {'; '.join(faults)}")
     return shown, healthy_machine(runs, rigid_baseline(shown), model_effects(shown))
@@ -224,7 +225,7 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
     if not frames:
         return []
     found = check_plausibility(machine, frames)
-    return [each for each in found if each.verdict is Check.DOUBTFUL and each.name != "rate"]
+    return [each for each in found if each.is_doubtful and each.name != "rate"]
 
 
 def beside_doubts(
@@ -248,8 +249,7 @@ def beside_doubts(
     if changed == list(found.effects):
         return found
     verdict = Verdict.AMBIGUOUS if found.verdict is Verdict.EXPLAINED else found.verdict
-    changed.sort(key=lambda each: (-each.probability, -each.shrink.estimate))
-    return found.with_effects(changed, verdict)
+    return found.with_effects(ranked(changed), verdict)
 
 
 def preload_reading(

@@ -120,15 +120,8 @@ def test_a_channel_at_its_healthy_floor_holds_no_gap() -> None:
     assert where({TORQUE_GAP: rows}, {TORQUE_GAP: rows.rms}) == []
 
 
-def test_what_turns_with_the_direction_alone_lives_there() -> None:
+@pytest.mark.parametrize(("least", "low"), [(-np.inf, -1.0), (0.0, 0.0)])
+def test_what_turns_with_the_direction_alone_or_is_there_one_way_lives_there(least, low):
     rows = rows_of("table_position_m", 0.0, 0.8)
-    first = where({TORQUE_GAP: rows})[0]
-    assert first.variable == "direction"
-    assert (first.low, first.high) == (-1.0, 1.0)
-
-
-def test_a_gap_that_is_there_one_way_only() -> None:
-    rows = rows_of("table_position_m", 0.0, 0.8)
-    one_way = Rows(np.maximum(rows.gap, 0.0), rows.variables, rows.block)
-    first = where({TORQUE_GAP: one_way})[0]
-    assert (first.variable, first.low, first.high) == ("direction", 0.0, 1.0)
+    first = where({TORQUE_GAP: replace(rows, gap=np.maximum(rows.gap, least))})[0]
+    assert (first.variable, first.low, first.high) == ("direction", low, 1.0)

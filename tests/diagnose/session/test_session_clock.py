@@ -68,7 +68,7 @@ def test_a_long_session_is_thinned_evenly(machine: Machine) -> None:
     assert gaps.max() < 2.1 * gaps.min()
     held_s = sum(high - low for low, high in spans)
     (said,) = (each for each in check_data(runs, RATIO).remarks if "are evaluated" in each)
-    assert said.startswith(f"{held_s / 60.0:.0f} of ")
+    assert said.startswith(f"{100.0 * held_s / whole_s:.0f} % of the time are evaluated")
 
 
 COLD_C, SPAN_K = 21.0, 10.0
