@@ -9,9 +9,7 @@ EFFECT = Effect(
     source="Dupont et al. (2002), elasto-plastic bristle: torque F_c (bristle - s(v))",
     kind=Kind.FRICTION,
     parameters=(
-        Parameter(
-            "reach_m", "m", "Friction level over its stiffness.", 0.0, 1e-3, 0.0, 2e-5, Role.SHAPE
-        ),
+        Parameter("reach_m", "m", "Travel before it slides.", 0.0, 1e-3, 0.0, 2e-5, Role.SHAPE),
     ),
     contributions=lambda values: (Change(Constant.PRESLIDING_REACH, values["reach_m"]),),
     least_rate_hz=ACCELERATION_HZ,

@@ -19,13 +19,12 @@ from ..empirical import Covered, EmpiricalForm, MotionCurve, heat
 
 WARM_RISE_K = 8.0
 """Assumption: what the housing warms up by while the friction falls; it is no measure of that."""
-LEAST_SPAN_K = 8.0
-"""An oil of ISO VG 460 thins to 1/e within 9 K at 0 degC, VG 68 within 20 K at 40 degC (Walther's
-law, viscosity index 95); what seems steeper warms up before its sensor does."""
-_SPANS_K = (8.0, 16.0, 40.0)
-"""Tried: a lubricant falls to 1/e of its viscosity within these."""
+_LEAST_K = 8.0
+_SPANS_K = (_LEAST_K, 16.0, 40.0)
+"""Tried: an oil of ISO VG 460 thins to 1/e within 9 K at 0 degC, VG 68 within 20 K at 40 degC
+(Walther's law, viscosity index 95); what seems steeper warms up before its sensor does."""
 _BY_TIME = ("excess_nm", "viscous_excess_nm_s_per_rad")
-_BY_TEMPERATURE = ("thinned_nm", "thinned_nm_s_per_rad")
+_THINNED = ("thinned_nm", "thinned_nm_s_per_rad")
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -115,8 +114,10 @@ EFFECT = Effect(
             amounts=_BY_TIME,
             tried=(0.0, 0.25, 0.5, 0.75, 1.0),
         ),
-        reference_temperature(*_BY_TEMPERATURE),
-        shape("span_k", "K", "Warming to 1/e.", LEAST_SPAN_K, 1e3, 12.0, _BY_TEMPERATURE, _SPANS_K),
+        reference_temperature(*_THINNED),
+        shape(
+            "span_k", "K", "Warming that thins oil to 1/e.", _LEAST_K, 1e3, 12.0, _THINNED, _SPANS_K
+        ),
     ),
     contributions=_contributions,
     is_thermal=True,
