@@ -143,16 +143,16 @@ def test_no_folder_of_the_product_becomes_too_large_to_be_looked_over() -> None:
 
 MOST_LINES = {
     "bus": 812,
-    "checks": 3485,
+    "checks": 3483,
     "cli": 1333,
     "config": 583,
     "diagnose": 4950,
     "downsample": 1183,
     "drivers": 3668,
-    "estimate": 5161,
+    "estimate": 5160,
     "fingerprint": 2769,
     "health": 4523,
-    "http_api": 2412,
+    "http_api": 2410,
     "messages": 2024,
     "models": 5656,
     "nodes": 2893,
@@ -161,7 +161,7 @@ MOST_LINES = {
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 759,
-    "tests": 44978,
+    "tests": 44975,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366
