@@ -91,9 +91,7 @@ def test_what_was_left_out_is_named_however_the_samples_come(channel: str, fault
 
 @pytest.mark.parametrize("rows", [2, 3, 5])
 @pytest.mark.parametrize(("channel", "fault"), HELD.items())
-def test_a_channel_that_is_held_for_longer_than_before_is_named(
-    channel: str, fault: Fault, rows: int
-) -> None:
+def test_a_channel_that_is_held_for_longer_than_before_is_named(channel, fault, rows):
     columns = recording(AXIS, moves(AXIS, [0.02, 0.3]))
     as_before = blocks_of(columns, (0.0, 0.0, 0.0))
     assert not any(block.fault & fault for block in as_before)

@@ -30,9 +30,10 @@ def lies(name: str, values: Floats, duration_s: float) -> dict[str, Edit]:
     kinds |= {f"{mark:g}": Edit(value={name: mark}, share=0.003) for mark in (-32768.0, 1e6)}
     kinds |= {f"bit {k}": Edit(shift={name: 0.5**k * span}, share=0.005) for k in (2, 5, 12)}
     kinds |= {f"of {k} bits": Edit(steps={name: 0.5**k * span}) for k in (12, 15, 18)}
-    kinds |= {"wraps": Edit(wrap={name: 0.7 * span}), "3 % more": Edit(shift={name: 0.03 * span})}
+    kinds["wraps"] = Edit(wrap={name: 0.7 * span})
     kinds["11 % more, later"] = Edit(scale={name: 1.11}, between_s=later_s)
-    kinds["shifted by 5 %, later"] = Edit(shift={name: 0.05 * span}, between_s=later_s)
+    for p, when, at_s in ((0.03, "", None), (0.05, ", later", later_s)):
+        kinds[f"shifted by {100 * p:g} %{when}"] = Edit(shift={name: p * span}, between_s=at_s)
     return kinds
 
 

@@ -47,6 +47,13 @@ def test_a_gap_beyond_the_noise_is_not_hidden_by_it(machine_file: Path, tmp_path
     assert "This recording cannot answer" not in found["page"]
 
 
+@pytest.mark.slow
+def test_little_noise_is_an_all_clear(machine_file: Path, tmp_path: Path) -> None:
+    found = noisy(machine_file, tmp_path, 1e-3)
+    assert found["verdict"] == "no_gap"
+    assert not any("unnoticed" in each for each in found["caveats"])
+
+
 @pytest.mark.parametrize(
     ("verdict", "after", "stated"),
     [
