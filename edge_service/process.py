@@ -16,7 +16,6 @@ _PR_SET_PDEATHSIG = 1
 ENVIRONMENT = {
     "PYTHONSAFEPATH": "1",  # the current folder may be another's, and so its modules
     "EDGE_SERVICE_PROGRESS": "1",
-    "MALLOC_ARENA_MAX": "2",
 }
 
 

@@ -160,7 +160,7 @@ MOST_LINES = {
     "outputs": 1783,
     "recordings": 3264,
     "regression": 1000,
-    "beside the rooms": 759,
+    "beside the rooms": 758,
     "tests": 44975,
 }
 """Lines of Python that a room has at most. Numbers only fall."""

@@ -1,5 +1,6 @@
 """The `edge-service` command: gathers the commands, turns mistakes into one line."""
 
+import ctypes
 import json
 import os
 import sys
@@ -53,6 +54,8 @@ GONE: dict[str, str] = {
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
 
+_M_ARENA_MAX = -8  # malloc.h of glibc
+
 
 class _Grouped(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -98,6 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status: 0 done, 2 bad input, 3 bad data, 1 a failure."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     as_json = FLAG in given
+    if hasattr(libc := ctypes.CDLL(None), "mallopt"):
+        libc.mallopt(_M_ARENA_MAX, 1)  # threads share one heap: 20 MB less
     command, *rest = given or [""]
     options = [each.partition("=")[0] for each in rest if each.startswith("--")]
     keys = [command, " ".join(given[:2]), *(f"{command} {each}" for each in options), *options]
@@ -132,8 +137,7 @@ def _explained(error: Exception) -> tuple[str, int]:
         return str(error), error.status
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
-    kind = type(error).__name__
-    words = f"internal failure: {kind}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
+    words = f"internal failure: {type(error).__name__}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
     return words, INTERNAL_FAILURE
 
 

@@ -92,14 +92,13 @@ def token(
         if revoked is not None:
             tokens.revoke(revoked)
             return Answer(f"{revoked} is revoked", {"name": revoked})
-        kept = tokens.all()
+        listed = [each.model_dump(mode="json") for each in tokens.all()]
     except StoreFailedError as error:
         raise BadInputError(str(error)) from None
-    listed = [each.model_dump(mode="json") for each in kept]
     words = "{name}: {role}, since {created_at}, used {used_at}"
     lines = [words.format(**each | {"used_at": each["used_at"] or "never"}) for each in listed]
-    lines = lines or ["no tokens: any user of this machine may look"]
-    return Answer("\n".join(lines), {"items": listed})
+    none = "no tokens: any user of this machine may look"
+    return Answer("\n".join(lines) or none, {"items": listed})
 
 
 @command("backup /etc/edge-service/edge.toml --out backup.zip")

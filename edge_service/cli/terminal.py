@@ -125,11 +125,8 @@ def ask_number(question: "Question") -> float | None:
     pause_progress()
     signed = question.option in _SIGNED
     while True:
-        said: str = click.prompt(
-            f"{question.words} (for: {question.why}; empty if unknown)",
-            default="",
-            show_default=False,
-        )
+        words = f"{question.words} (for: {question.why}; empty if unknown)"
+        said: str = click.prompt(words, default="", show_default=False)
         if not said.strip():
             return None
         try:

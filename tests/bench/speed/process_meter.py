@@ -140,7 +140,7 @@ class ServiceProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "edge_service", *arguments],
                 cwd=folder,
-                env=os.environ | {"MALLOC_ARENA_MAX": "2"} | kept_in(kernel_cache),
+                env=os.environ | kept_in(kernel_cache),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=errors,
