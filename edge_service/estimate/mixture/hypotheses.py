@@ -243,7 +243,7 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     levels += [(_NONE, _NONE_SIGMA, settings.none)]
     loads = ((0.0, 1.0 - settings.loaded), (1.0, settings.loaded))
     slots = iter((state.STEADY, *state.CHALLENGERS))
-    for load, load_share in loads[: 1 if len(start.mean) == state.TORQUE_STATES else 2]:
+    for load, load_share in loads:
         for share, sigma, level_share in levels:
             if load_share * level_share <= 0.0:
                 continue

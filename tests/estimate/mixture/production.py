@@ -31,13 +31,8 @@ def production(name: str, seconds: float = 60.0, one_encoder: bool = False) -> l
     """Blocks of a production run in which something happens at half time."""
     count = round(seconds * 1e3)
     after, percent = np.arange(count) >= count // 2, np.full(count, FRESH)
-    loads: dict[str, Floats] = {}
-    if name == "step":
-        percent -= after
-    elif name == "drop":
-        percent[after] = 0.0
-    elif name == "payload":
-        loads["added_mass_kg"] = np.where(after, 10.0, 0.0)
+    percent -= after * {"step": 1.0, "drop": FRESH}.get(name, 0.0)
+    loads = {"added_mass_kg": 10.0 * after} if name == "payload" else {}
     axis = replace(AXIS, one_encoder=one_encoder)
     return downsampled(axis.frames("production", percent, 6, **loads), axis.nominal())
 
@@ -53,12 +48,13 @@ def run(
 
 
 def answers_to(
-    edit: Edit, duration_s: float = 60.0, effects: Sequence[str] = ()
+    edit: Edit, duration_s: float = 60.0, effects: Sequence[str] = (), one_encoder: bool = False
 ) -> list[PreloadEstimate]:
     """Estimates of a well commissioned axis, (intervals,), whose recorder has a fault."""
     percent = np.full(round(duration_s * RATE_HZ), FRESH)
-    frames = AXIS.frames("production", percent, 81, effects)
-    return run(downsampled([spoiled(frames, edit)], machine()))
+    axis, known = replace(AXIS, one_encoder=one_encoder), machine(one_encoder)
+    frames = spoiled(axis.frames("production", percent, 81, effects), edit)
+    return run(downsampled([frames], known), MixturePreloadEstimator(known))
 
 
 def numbers(estimates: Sequence[PreloadEstimate]) -> Floats:
