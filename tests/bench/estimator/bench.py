@@ -52,12 +52,12 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
 
     Args:
         quick: fewer and shorter cases, for a look.
-        axes: seeds of the axes of lives, shifts and losses.
+        axes: seeds of the axes; those of the table are counted from the first.
     """
-    few = (1,) if quick else (1, 2)
+    few, more = (range(axes.start, axes.start + n) for n in ((1, 1) if quick else (2, 3)))
     for axis in few:
         yield Task("own", f"warm-up, axis {axis}", partial(warm_up, axis, quick))
-    for axis in (3,) if quick else (3, 4, 5):
+    for axis in more:
         yield Task("foreign", f"foreign axis {axis}", partial(foreign, axis, quick))
         blind = partial(foreign_one_encoder, axis, quick)
         yield Task("foreign", f"foreign, one encoder {axis}", blind)
