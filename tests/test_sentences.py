@@ -20,13 +20,14 @@ from edge_service.health.axis_events import (
 from edge_service.health.consistency import CHANNELS, Disagreement
 from edge_service.health.inputs import DataFaults
 from edge_service.http_api.app import words_in
-from edge_service.messages.codec import Header
+from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Code, Event, Statement, told
 from edge_service.messages.features import Fault
 from edge_service.messages.health import (
     Alarm,
     AlarmKind,
     AxisHealth,
+    Command,
     ComponentHealth,
     ComponentStatus,
 )
@@ -137,8 +138,8 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
     check_alarms(health)
 
 
-IN_ENGLISH = {"status_changed", "command", "note", "part_replaced"}
-"""Events that parts and people tell in words of their own."""
+IN_ENGLISH = {"command"}
+"""Events that parts tell in words of their own; notes are people's."""
 
 
 def test_every_other_event_of_the_health_room_has_a_sentence() -> None:
@@ -183,22 +184,19 @@ def answered() -> list[Event]:
 
 def conditions() -> list[Event]:
     """Events of an axis that goes through its conditions."""
-    axis, found = Axis(), list[Event]()
-    for share in (1.0, 0.5, 0.1, 1.0):
-        for _ in range(150):
-            axis.now_ns, axis.sequence = axis.now_ns + NS // 5, axis.sequence + 1
-            header = Header(axis.sequence, START_NS, axis.now_ns, axis.now_ns)
-            estimate = _estimate(share, 0.05, 1.0, 0.0)
-            found += axis.monitor.on_preload(header, estimate, axis.now_ns)
+    axis = Axis()
+    silent = [PreloadEstimate(time_s=0.0, status=each) for each in EstimateStatus]
+    for estimate in (*(_estimate(each, 0.05, 1.0, 0.0) for each in (1.0, 0.5, 0.1, 1.0)), *silent):
+        axis.hear(estimate, 30)
     for _ in range(60):
-        axis.now_ns += NS
-        found += axis.monitor.tick(axis.now_ns)
-    return [each for each in found if each.kind == "condition_changed"]
+        axis.wait(1.0)
+    return [each for each in axis.events if each.kind.endswith("_changed")]
 
 
 def test_each_event_is_told_in_german_and_outlives_being_stored() -> None:
     found = events()
-    assert {each.data["to"] for each in conditions()} == set(AxisCondition)
+    assert {each.data["to"] for each in conditions()} >= {*AxisCondition, *EstimateStatus}
+    found += Axis().monitor.on_command(Command(action="part_replaced", user="Kim"), 0)
     for event in found:
         assert german(event)
         assert Event.model_validate_json(event.model_dump_json(context=EXACT)) == event

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ..messages.event import SILENT, AxisCondition, Code, Event, Statement, told
 from ..messages.health import Alarm, AlarmKind, Command
 from ..messages.interval import rfc3339
-from .axis_events import noted
+from .axis_events import Data, noted
 from .inputs import NS_PER_S
 from .statements import clock, span
 
@@ -187,9 +187,7 @@ class AlarmLatch:
         level: AxisCondition = AxisCondition.NORMAL,
         note: str = "",
     ) -> Event:
-        data: dict[str, str | float] = {"alarm": self._kind.value, "occurrence": self._occurrence}
-        data["shelved"] = int(self._shelved_until_ns is not None)
-        if note:
-            words = words.model_copy(update={"text": f"{words.text}: {note}"})
-            data["note"] = note
+        data: Data = {"alarm": self._kind.value, "occurrence": self._occurrence}
+        data = {**data, "shelved": int(self._shelved_until_ns is not None)}
+        data = {**data, "note": note} if note else data
         return noted(self._axis, f"alarm_{change}", words, now_ns, data, level)

@@ -19,8 +19,9 @@ def noted(
     data: Data,
     level: AxisCondition = AxisCondition.NORMAL,
 ) -> Event:
-    """Event in words that have a code."""
-    return Event(axis=axis, kind=kind, level=level, time_ns=now_ns, data=dict(data), **dict(words))
+    """Event in words that have a code; the text ends with the note of a person."""
+    said = dict(words, text=f"{words.text}: {data['note']}") if data.get("note") else dict(words)
+    return Event(axis=axis, kind=kind, level=level, time_ns=now_ns, data=dict(data), **said)
 
 
 def preload_rose(axis: str, before: float, after: float, now_ns: int) -> Event:
@@ -71,10 +72,11 @@ def clock_changed(step_ns: int, now_ns: int) -> Event:
 
 def log_entry(axis: str, command: Command, now_ns: int) -> Event:
     """Event of a note, or of a part that was replaced."""
-    replaced = command.action == "part_replaced"
-    words = command.note or ("part replaced" if replaced else "")
-    words, data = f"{words} ({command.user})", {"user": command.user}
-    return noted(axis, "part_replaced" if replaced else "note", Statement(text=words), now_ns, data)
+    own, data = Statement(text=f"{command.note} ({command.user})"), {"user": command.user}
+    if command.action == "note":
+        return noted(axis, "note", own, now_ns, data)
+    words, data = told(Code.PART_REPLACED, user=command.user), {**data, "note": command.note}
+    return noted(axis, "part_replaced", words, now_ns, data)
 
 
 def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:

@@ -6,13 +6,14 @@ from ..config_tables import AlarmsConfig
 from ..messages.answer import of_fresh
 from ..messages.codec import Header
 from ..messages.estimate import EstimateStatus, PreloadEstimate
-from ..messages.event import AxisCondition, Code, Event, Statement, told
+from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.features import FeatureBlock
 from ..messages.health import AxisHealth, ComponentHealth, Limits
 from ..messages.topics import FEAT, HEALTH, PRELOAD
 from .axis_events import noted
 from .components import ComponentWatch
 from .inputs import NS_PER_S, DataFaults, Heard
+from .statements import because
 
 HYSTERESIS_SHARE = 0.05
 """Rise above a limit that ends it, share of the fresh preload."""
@@ -189,13 +190,13 @@ class ConditionMonitor:
             self._tracker.update(estimate, header.source_time_ns)
         changed: tuple[Event, ...] = ()
         if before is None or before.status is not estimate.status:
-            reason = f": {estimate.reasons[0]}" if estimate.reasons else "."
-            status, invalid = estimate.status, estimate.status is EstimateStatus.INVALID
+            status, words = estimate.status, told(Code.ESTIMATED)
+            if status is not EstimateStatus.ESTIMATED:
+                words = because(Code.NOT_KNOWN, [*estimate.reasons, _NO_NUMBER[status]][0])
+            invalid = status is EstimateStatus.INVALID
             level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
-            known = "" if status is EstimateStatus.ESTIMATED else "not "
             about = {"from": None if before is None else before.status, "to": status}, level
-            text = f"The preload is {known}estimated{reason}"
-            changed = (noted(self.axis, "status_changed", Statement(text=text), now_ns, *about),)
+            changed = (noted(self.axis, "status_changed", words, now_ns, *about),)
         return (*changed, *self.tick(now_ns))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:
@@ -220,9 +221,7 @@ class ConditionMonitor:
             self._tracker.restart()
         words = told(Code.CONDITION_CHANGED, condition=condition.value)
         if reasons:
-            code, _, sentence = reasons[0].partition(": ")
-            said = {"reason": sentence.rstrip(".")}
-            words = told(Code.CONDITION_CHANGED_FOR, said, condition=condition.value, reason=code)
+            words = because(Code.CONDITION_CHANGED_FOR, reasons[0], condition=condition.value)
         is_known = self.estimate is not None and condition is not AxisCondition.UNAVAILABLE
         percent = self.estimate.preload_percent if is_known and self.estimate else None
         data = {"from": before, "to": condition, "preload_percent": percent}

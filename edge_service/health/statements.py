@@ -150,10 +150,16 @@ def as_of_now(health: AxisHealth) -> tuple[Alarm, ...]:
     )
 
 
+def because(code: Code, why: str, **values: str) -> Statement:
+    """Statement of a code that names a reason, `code: sentence`."""
+    reason, _, sentence = why.partition(": ")
+    return told(code, {"reason": sentence.rstrip(".")}, reason=reason, **values)
+
+
 def _unavailable(health: AxisHealth) -> Statement:
-    reasons = [each.partition(": ") for each in health.reasons or ("no_input: ",)]
-    own = [each for each in reasons if each[0] != "no_number"] or reasons
-    reason, _, sentence = own[0]
+    reasons = health.reasons or ("no_input: ",)
+    why = next((each for each in reasons if not each.startswith("no_number: ")), reasons[0])
+    reason, _, sentence = why.partition(": ")
     code = REASONS.get(reason, (None, None))[0]
     if code is Code.MACHINE_FILE_LACKS:
         return told(code, {"missing": _LACKING[reason]}, missing=reason)
@@ -163,12 +169,11 @@ def _unavailable(health: AxisHealth) -> Statement:
         return told(Code.SENSOR_FAULTY, words, sensor=sensor, reason=reason)
     code = code or _CODE_OF_STATUS.get(health.status)
     if code is None:
-        return told(Code.NOT_KNOWN, {"reason": sentence.rstrip(".")}, reason=reason)
+        return because(Code.NOT_KNOWN, why)
     if code not in _WITH_A_TIME:
         return told(code)
-    since_ns = health.since_time_ns
-    if code is Code.NO_DATA_SINCE:
-        since_ns = health.measured_time_ns or since_ns
+    heard_ns = health.measured_time_ns if code is Code.NO_DATA_SINCE else None
+    since_ns = heard_ns or health.since_time_ns
     return told(code, {"time": clock(since_ns)}, time=rfc3339(since_ns))
 
 
@@ -192,7 +197,7 @@ def advice(health: AxisHealth, estimate: PreloadEstimate | None) -> tuple[Advice
 
 def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Task]:
     active = {alarm.kind for alarm in health.alarms if alarm.active}
-    unknown, status = health.condition is AxisCondition.UNAVAILABLE, _status(estimate)
+    unknown, status = health.condition is AxisCondition.UNAVAILABLE, estimate and estimate.status
     doubt = AlarmKind.MODEL in active or (unknown and status is EstimateStatus.INVALID)
     if AlarmKind.SUDDEN_DROP in active:
         yield Task.INSPECT
@@ -227,14 +232,10 @@ def _tasks(health: AxisHealth, estimate: PreloadEstimate | None) -> Iterator[Tas
 def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
     reasons = (*health.reasons, *(() if estimate is None else estimate.reasons))
     codes = [reason.partition(":")[0] for reason in reasons]
-    if _status(estimate) is EstimateStatus.INSUFFICIENT_EXCITATION:
+    if estimate and estimate.status is EstimateStatus.INSUFFICIENT_EXCITATION:
         codes.append("insufficient_excitation")
     tasks = (task for code, (_, task) in REASONS.items() if task and code in codes)
     return next(tasks, Task.WAIT)
-
-
-def _status(estimate: PreloadEstimate | None) -> EstimateStatus | None:
-    return None if estimate is None else estimate.status
 
 
 def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:

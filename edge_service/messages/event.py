@@ -3,15 +3,12 @@
 from collections.abc import Mapping
 from enum import Enum, StrEnum
 from string import Formatter
-from types import MappingProxyType
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from .interval import Frozen, TimeNs
 from .keys import Kind, check_recording
-
-Value = float | str
 
 
 class AxisCondition(StrEnum):
@@ -84,6 +81,8 @@ class Code(Enum):
     SENSOR_FAULTY = "{sensor} is faulty: {reason}."
     MACHINE_FILE_LACKS = "The machine file lacks {missing}."
     TOO_SLOW = "Samples come more slowly than commissioned."
+    PART_REPLACED = "part replaced by {user}"
+    ESTIMATED = "The preload is estimated."
     NOT_KNOWN = "The preload is not known at present: {reason}."
 
 
@@ -97,13 +96,13 @@ class Statement(Frozen):
 
     code: str = ""
     text: str = ""
-    values: dict[str, Value] = {}
+    values: dict[str, float | str] = {}
 
 
 SILENT = Statement()
 
 
-def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: Value) -> Statement:
+def told(code: Code, words: Mapping[str, str] | None = None, **values: float | str) -> Statement:
     """Statement of a code.
 
     Args:
@@ -112,7 +111,7 @@ def told(code: Code, words: Mapping[str, str] = MappingProxyType({}), **values: 
     >>> told(Code.PRELOAD_BACK, value=27.0).text
     'The preload is back at 27 % of fresh.'
     """
-    text = code.value.format(**{**values, **words})
+    text = code.value.format(**{**values, **(words or {})})
     specs = {name: spec for _, name, spec, _ in Formatter().parse(code.value) if name}
     sent = {
         name: value if isinstance(value, str) else float(format(value, specs[name] or ""))
@@ -141,7 +140,6 @@ class Event(Statement):
 
     @model_validator(mode="after")
     def _own_recording(self) -> Self:
-        name = self.data.get("recording")
-        if name is not None:
+        if (name := self.data.get("recording")) is not None:
             check_recording(str(name), self.axis)
         return self

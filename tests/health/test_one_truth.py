@@ -12,7 +12,7 @@ from edge_service.health.service_state import AxisState, ServiceState
 from edge_service.health.wear.usage import ScrewGeometry
 from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
-from edge_service.messages.event import AxisCondition
+from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.health import AlarmKind, AxisHealth, Command, Task
 from edge_service.messages.interval import Interval
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
@@ -34,7 +34,7 @@ class Axis:
 
     def __init__(self) -> None:
         self.now_ns = START_NS
-        self.sequence = 0
+        self.sequence, self.events = 0, list[Event]()
         self.monitor = AxisMonitor(*FACTS, AlarmsConfig(), START_NS)
         self.state = AxisState("X", None, ComponentWatch(5.0))
 
@@ -44,12 +44,12 @@ class Axis:
             self.sequence += 1
             header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
             fresh = estimate.model_copy(update={"data_used_s": 30.0 + self.sequence})
-            self.monitor.on_preload(header, fresh, self.now_ns)
+            self.events += self.monitor.on_preload(header, fresh, self.now_ns)
             self.state.preload.hear(header, fresh, self.now_ns)
 
     def wait(self, seconds: float) -> None:
         self.now_ns += round(seconds * NS)
-        self.monitor.tick(self.now_ns)
+        self.events += self.monitor.tick(self.now_ns)
 
     def answer(self) -> AxisHealth:
         return self.monitor.health(self.now_ns)

@@ -1,13 +1,12 @@
 // Diary: what happened, and what was done about it.
 
 import { ask } from "./ask.js";
-import { button, byId, element, refill, withoutCode } from "./dom.js";
+import { button, byId, element, refill } from "./dom.js";
 import { clock } from "./format.js";
 import { eventWords } from "./sentence.js";
 import { t } from "./strings.js";
 
 const SHOWN = 60;
-const CODED = ["condition_changed", "status_changed"]; // what people write stays as it is
 let shown = null;
 
 export function renderDiary(state) {
@@ -29,8 +28,7 @@ function noteButtons() {
 }
 
 export function eventNode(event) {
-  const message = CODED.includes(event.kind) ? withoutCode(event.text) : event.text;
-  const { text, lang } = eventWords(event, message);
+  const { text, lang } = eventWords(event);
   return element(
     "li",
     { class: `event ${event.level}` },

@@ -21,7 +21,7 @@ function shown(name, value) {
 }
 
 // The English text ends with the note of a person; other words are followed by it.
-export function eventWords(event, text) {
-  const said = statementWords({ ...event, text });
+export function eventWords(event) {
+  const said = statementWords(event);
   return said.lang || !event.data.note ? said : { text: `${said.text}: ${event.data.note}` };
 }

@@ -22,7 +22,7 @@ export function renderShaken(card, { axis, preload, events }) {
   card.hidden = !isDue && !last;
   parts.steps.hidden = !isDue;
   parts.file.href = `/api/v1/axes/${encodeURIComponent(axis)}/motions/chirp?format=csv`;
-  const { text, lang } = last ? eventWords(last, last.text) : { text: "" };
+  const { text, lang } = last ? eventWords(last) : { text: "" };
   parts.said.lang = lang ?? "";
   write(parts.said, last ? `${clock(last.at)}: ${text}` : "");
   write(parts.waiting, isDue ? t("shaken.waiting") : "");

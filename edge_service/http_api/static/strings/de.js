@@ -241,6 +241,8 @@ export const de = {
   "said.sensor_faulty": "{sensor} ist gestört: {reason}.",
   "said.machine_file_lacks": "In der Maschinendatei fehlt {missing}.",
   "said.too_slow": "Die Messwerte kommen langsamer als bei der Inbetriebnahme.",
+  "said.estimated": "Die Vorspannung wird geschätzt.",
+  "said.part_replaced": "Teil ersetzt von {user}",
   "said.not_known": "Die Vorspannung ist derzeit nicht bekannt: {reason}.",
   "way.forward": "vor",
   "way.back": "zurück",
