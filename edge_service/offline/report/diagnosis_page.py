@@ -160,7 +160,7 @@ def verdict_sentence(found: Diagnosis) -> str:
 
 def summary(found: Diagnosis, out: Path, m_per_rad: float) -> str:
     """Diagnosis on the terminal; its files are in `out`."""
-    used = {each.__name__: each for each in (amount, chance, places, points)}
+    used = {each.__name__: each for each in (amount, chance, interval, places, points, quantity)}
     content = {"lead": verdict_sentence(found), "out": out, "channels": CHANNEL_WORDS}
     return rendered("summary.txt", used, found=found, m_per_rad=m_per_rad, **content).strip()
 
