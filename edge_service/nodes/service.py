@@ -16,7 +16,7 @@ from ..bus.session import Bus, BusUnavailableError
 from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
-from ..messages.event import AxisCondition, Event
+from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.health import ComponentStatus
 from ..messages.topics import STATUS
 from ..retry import Retry
@@ -73,7 +73,7 @@ async def run_service(
             axis="",
             kind="service_started",
             level=AxisCondition.NORMAL,
-            text=f"edge-service {__version__} started: {' '.join(names)}",
+            **dict(told(Code.STARTED, version=__version__, parts=" ".join(names))),
             time_ns=now_ns(),
             who=os.environ.get("USER") or str(os.getuid()),
             origin=f"process {os.getpid()}",
