@@ -188,8 +188,7 @@ def conditions() -> list[Event]:
     silent = [PreloadEstimate(time_s=0.0, status=each) for each in EstimateStatus]
     for estimate in (*(_estimate(each, 0.05, 1.0, 0.0) for each in (1.0, 0.5, 0.1, 1.0)), *silent):
         axis.hear(estimate, 30)
-    for _ in range(60):
-        axis.wait(1.0)
+    axis.wait(60.0)
     return [each for each in axis.events if each.kind.endswith("_changed")]
 
 

@@ -113,14 +113,12 @@ class LimitTracker:
             return
         if not 0 <= time_ns - self._last_ns <= GRACE_NS:
             self.restart()
-        if self._first_ns is None:
-            self._first_ns = time_ns
-        self._last_ns = time_ns
+        self._first_ns, self._last_ns = _since(self._first_ns, True, time_ns), time_ns
         low = -math.inf if estimate.low is None else estimate.low
         self._high = math.inf if estimate.high is None else estimate.high
         self._warning.update(value, low, self._high, time_ns)
         self._fault.update(value, low, self._high, time_ns)
-        self._confirmed = self._confirmed or time_ns - self._first_ns >= _DELAY_NS
+        self._confirmed = self._confirmed or _lasted(self._first_ns, time_ns, _DELAY_NS)
 
     @property
     def condition(self) -> AxisCondition | None:
@@ -215,8 +213,7 @@ class ConditionMonitor:
         events = (*self._data_faults.tick(now_ns), *self._components.tick(now_ns))
         if condition is before:
             return events
-        self._condition = condition
-        self._since_ns = now_ns
+        self._condition, self._since_ns = condition, now_ns
         if condition is AxisCondition.UNAVAILABLE and self._tracker is not None:
             self._tracker.restart()
         words = told(Code.CONDITION_CHANGED, condition=condition.value)

@@ -1,5 +1,6 @@
 """Statements on an axis: its headline, from condition and alarms; what to do, and by when."""
 
+import re
 from collections.abc import Iterator
 from datetime import datetime
 
@@ -36,7 +37,7 @@ _CODE_OF_STATUS = {
     EstimateStatus.INSUFFICIENT_EXCITATION: Code.NOT_MOVED,
     EstimateStatus.INVALID: Code.MODEL_DISAGREES,
 }
-_WITH_A_TIME = (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD)
+_BELOW = re.compile(r"^(?:may_be_)?(below_\w+: the preload) (?:is|may be)")
 _LACKING = {"no_limit": "the fresh preload", "no_percent": "what preload in % needs"}
 _SENSORS = {"torque": "torque", "angle": "motor angle", "table": "linear encoder"}
 LIKELY_GREASE = 0.9
@@ -170,7 +171,7 @@ def _unavailable(health: AxisHealth) -> Statement:
     code = code or _CODE_OF_STATUS.get(health.status)
     if code is None:
         return because(Code.NOT_KNOWN, why)
-    if code not in _WITH_A_TIME:
+    if code not in (Code.NO_DATA_SINCE, Code.NOT_MOVED, Code.ONLY_UNDER_LOAD):
         return told(code)
     heard_ns = health.measured_time_ns if code is Code.NO_DATA_SINCE else None
     since_ns = heard_ns or health.since_time_ns
@@ -239,7 +240,7 @@ def _for_a_number(health: AxisHealth, estimate: PreloadEstimate | None) -> Task:
 
 
 def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHealth:
-    """Return the health with alarms, trend, headline and advice that fit its condition and number.
+    """Return the health with all that is said of its condition and number as they are now.
 
     Limits that the axis has passed already have no date.
     """
@@ -249,6 +250,8 @@ def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHeal
         ahead = tuple(each for each in trend.crossings if each.limit not in passed)
         trend = trend.model_copy(update={"crossings": ahead})
     dated = (each for each in (trend.crossings if trend else ()) if each.earliest_ns is not None)
-    now = {"trend": trend, "next_limit": next(dated, None), "alarms": as_of_now(health)}
-    told = health.model_copy(update=now)
+    limit = r"may_be_\1 may be" if is_in_doubt(health) else r"\1 is"
+    reasons = tuple(_BELOW.sub(limit, each) for each in health.reasons)
+    now = {"trend": trend, "next_limit": next(dated, None), "reasons": reasons}
+    told = health.model_copy(update={**now, "alarms": as_of_now(health)})
     return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})

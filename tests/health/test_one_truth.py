@@ -280,6 +280,7 @@ def test_whoever_presents_an_axis_forms_every_sentence_from_the_number_that_it_s
     state.on_preload("X", Header(1, START_NS, axis.now_ns, 0), wide, axis.now_ns)
     (low, *_) = [each for each in state.health("X", axis.now_ns).alarms if each.kind == low.kind]
     assert low.text == "The preload may be low: 45 % of fresh (25 to 65)."
+    assert state.health("X", axis.now_ns).reasons[0].startswith("may_be_below_warning: ")
 
 
 def test_a_fall_that_has_ended_is_told_in_the_past() -> None:
