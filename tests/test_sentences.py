@@ -46,8 +46,8 @@ def in_german(said: Statement) -> str:
 
 
 NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
-ENGLISH_ALONE = {Code.PART_DOWN: {"reason"}, Code.COMPONENT_CHANGED: {"reason"}}
-"""Own words of a part, which no other language has."""
+ENGLISH_ALONE = {Code.PART_DOWN, Code.COMPONENT_CHANGED, Code.ESTIMATE_ANEW}
+"""Codes whose reason is a part's own words, which no other language has."""
 SAID_LESS = {AlarmKind.DATA_LOST, AlarmKind.SERVICE, AlarmKind.SUDDEN_DROP}
 """Alarms whose reason is a code in other languages, without its numbers."""
 
@@ -64,7 +64,7 @@ def names(text: str) -> set[str]:
 
 def test_each_code_has_german_words_with_the_same_values() -> None:
     for code in Code:
-        values = names(code.value) - ENGLISH_ALONE.get(code, set())
+        values = names(code.value) - ({"reason"} if code in ENGLISH_ALONE else set())
         assert values == names(words_in("de")[f"said.{code.name.lower()}"]), code
 
 

@@ -81,6 +81,7 @@ class Code(Enum):
     SENSOR_FAULTY = "{sensor} is faulty: {reason}."
     MACHINE_FILE_LACKS = "The machine file lacks {missing}."
     TOO_SLOW = "Samples come more slowly than commissioned."
+    ESTIMATE_ANEW = "The estimate starts over: its state cannot be continued ({reason})"
     STARTED = "edge-service {version} started: {parts}"
     PART_REPLACED = "part replaced by {user}"
     ESTIMATED = "The preload is estimated."

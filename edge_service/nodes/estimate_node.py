@@ -60,7 +60,7 @@ class Estimators:
             name,
             lambda: make_estimator(config, self._context.machines[name]),
             partial(part.note, "the estimator fails"),
-            lambda why: part.tell("estimator_reset", Statement(text=f"The estimate {why}")),
+            lambda why: part.tell("estimator_reset", told(Code.ESTIMATE_ANEW, {"reason": why})),
         )
         part.problems = lambda: [axis.problem] if axis.problem else []
         part.is_broken = lambda: bool(axis.problem)

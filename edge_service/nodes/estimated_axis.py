@@ -104,7 +104,7 @@ class EstimatedAxis:
 
     Args:
         note: told every error; returns it in words.
-        tell_reset: told when a state is given up.
+        tell_reset: told why a state is given up.
 
     Attributes:
         problem: reason for which there is no number; empty while the estimator works.
@@ -230,4 +230,4 @@ class EstimatedAxis:
         if self._sound is not None and self._failures >= MOST_FAILURES:
             self._sound, self._failures = None, 0
             self.resets += 1
-            self._tell_reset(f"starts over: its state cannot be continued ({self.problem})")
+            self._tell_reset(self.problem)

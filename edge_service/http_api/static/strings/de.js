@@ -242,6 +242,7 @@ export const de = {
   "said.machine_file_lacks": "In der Maschinendatei fehlt {missing}.",
   "said.too_slow": "Die Messwerte kommen langsamer als bei der Inbetriebnahme.",
   "said.estimated": "Die Vorspannung wird geschätzt.",
+  "said.estimate_anew": "Die Schätzung beginnt neu: Ihr Stand lässt sich nicht fortsetzen.",
   "said.started": "edge-service {version} ist gestartet: {parts}",
   "said.part_replaced": "Teil ersetzt von {user}",
   "said.not_known": "Die Vorspannung ist derzeit nicht bekannt: {reason}.",
