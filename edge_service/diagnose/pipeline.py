@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from statistics import NormalDist
 
+import numpy as np
+
 from ..models.effects.effect import ActiveEffect, Effect
 from ..models.effects.registry import disturbance, effects
 from ..models.machine import Machine
@@ -13,6 +15,7 @@ from .localisation import where
 from .residual.noise import LEAST_EFFECTIVE, healthy_gap, steps_nm
 from .residual.vibration import Vibration, strongest_vibration
 from .result import (
+    NO_HARM,
     SURE,
     ChannelGap,
     Diagnosis,
@@ -22,6 +25,7 @@ from .result import (
     Series,
     Unexplained,
     Verdict,
+    withheld,
 )
 from .selection.posterior import select_model
 from .selection.problem import SelectionProblem
@@ -196,6 +200,8 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     is_known = any(e.is_known and e.channel not in doubted for e in found)
     partly = is_known and is_unknown
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
+    validation, causes = assessment.validation, contributions.channel_of
+    fitted = [each.active(causes) for each in (validation.values, *validation.folds)]
     off = [OFF.format(*each) for each in stretched.items() if verdict is Verdict.UNKNOWN]
     return Diagnosis(
         verdict=verdict,
@@ -214,7 +220,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         # noise of the torque is no greater than the torque; a gap may be
         is_blind=blind and gap[TORQUE_GAP].before <= torque_rms_nm,
-        series=Series(left, replayed.series, replayed.effects.get(next(iter(known), ""))),
+        series=Series(left, replayed.series, replayed.effects.get(next(iter(known), "")), fitted),
     )
 
 
@@ -259,3 +265,30 @@ def caveats_of(
 def _exceeds(gap: ChannelGap, left: float) -> bool:
     """Flag of a root mean square that is left beyond the floor, and is too much for no cause."""
     return left > math.hypot(max(gap.tolerance or 0.0, IMPRECISE * gap.before), gap.floor)
+
+
+def learnable(found: Diagnosis, session: Session) -> tuple[NamedEffect, ...]:
+    """Effects that the model of a session may learn: beyond doubt, and no harm as they are written.
+
+    No gap grows with all of them, where none is named for it beyond the tolerance, nor on blocks
+    from which their values are not. What helps only beside another that stays out does so too.
+    """
+
+    def growth(some: Sequence[NamedEffect]) -> float:
+        names, made, most = {each.name: each.channel for each in some}, [], 0.0
+        for fit in found.series.fitted:
+            modelled = [*session.modelled, *(each for each in fit if each.effect.name in names)]
+            made.append(Session.of_runs(session.runs, session.baseline, modelled))
+        for name, rows in session.channels.items():
+            written, *others = (each.channels[name].gap for each in made)
+            after = max(rms(written), rms(np.choose(session.fold[name], others)))
+            tolerated = 0.0 if name in names.values() else found.gap[name].tolerance or 0.0
+            most = max(most, after / math.hypot(rows.rms, tolerated) - 1.0)
+        return most
+
+    kept_out, is_open = withheld(found), found.verdict is not Verdict.UNKNOWN
+    sure = (e for e in found.effects if is_open and e.is_known and e.name not in kept_out)
+    known = [each for each in sure if each.entries]
+    while known and growth(known) > NO_HARM:
+        known = min(([e for e in known if e is not each] for each in known), key=growth)
+    return tuple(known)

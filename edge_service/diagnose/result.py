@@ -11,6 +11,7 @@ from pydantic.json_schema import SkipJsonSchema
 
 from ..messages.interval import Frozen
 from ..messages.samples import Floats
+from ..models.effects.effect import ActiveEffect
 from ..models.effects.registry import effects_where
 from .residual.noise import REPEATS_MAY_MISS
 
@@ -18,6 +19,8 @@ SUREST = 0.99
 """Probability beyond which nothing was shown to be known: of 195 names above .9 on real machines
 with errors added and on the benchmark beside the checkout 194 were right (Laplace: 195 of 197)."""
 SURE = 0.9
+NO_HARM = 1e-3
+"""Share by which a gap may grow: the tails of a place leave less elsewhere."""
 VIBRATION = "vibration"
 """Cause that no entry of the library describes: what is periodic in time."""
 
@@ -80,7 +83,7 @@ class NamedEffect(Frozen):
     def is_known(self) -> bool:
         """Flag of a cause beyond doubt that helps on other motion, and harms on none."""
         is_sure = self.probability >= SURE and len(self.tied) == 1
-        return is_sure and self.shrink.low >= 0.0 and self.shrink.estimate > 0.0
+        return is_sure and self.shrink.low >= -NO_HARM and self.shrink.estimate > 0.0
 
 
 class ReplayedGap(Frozen):
@@ -189,6 +192,8 @@ class Series:
     replayed: Mapping[str, ReplayedSeries] = field(default_factory=dict)
     # how far a loss of preload that was known before shrinks the gap in the plant
     loss: Shrink | None = None
+    # effects as named, and as fitted without each fold of the blocks of time
+    fitted: Sequence[Sequence[ActiveEffect]] = ()
 
 
 class Diagnosis(Frozen):
@@ -261,11 +266,3 @@ def withheld(found: Diagnosis) -> tuple[str, ...]:
     """Names of the effects that are a fault, or may be one: no model is to learn them."""
     faults = effects_where(lambda effect: effect.is_fault)
     return tuple(each.name for each in found.effects if faults & {each.name, *each.tied})
-
-
-def learnable(found: Diagnosis) -> tuple[NamedEffect, ...]:
-    """Effects that the model may learn: those beyond doubt."""
-    if found.verdict not in (Verdict.EXPLAINED, Verdict.AMBIGUOUS):
-        return ()
-    kept_out = withheld(found)
-    return tuple(e for e in found.effects if e.is_known and e.entries and e.name not in kept_out)

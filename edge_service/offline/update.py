@@ -1,5 +1,6 @@
 """`edge-service update`: a machine file with what an axis has become since, and no fault in it."""
 
+import math
 import re
 import tempfile
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ import tomlkit
 from ..atomic import write_whole
 from ..command_answer import Answer
 from ..config import ConfigError, load_machine
-from ..diagnose.result import Diagnosis, NamedEffect, learnable
+from ..diagnose.result import Diagnosis, NamedEffect
 from ..diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP
 from ..exit_status import DONE
 from ..models.effects.effect import Role, Term
@@ -48,14 +49,17 @@ def update(
         raise ConfigError(f"--out {place}: is there already; an update overwrites nothing")
     with tempfile.TemporaryDirectory(prefix="edge-update-") as folder:
         found, old, new = _examined(machine, text, traces, Path(folder))
-    adopted, is_blind = learnable(found), TORQUE_GAP not in old
+    adopted = [each for each in found.effects if each.name in found.augmented]
+    is_blind = TORQUE_GAP not in old
     hiding = [each.name for each in adopted if is_blind or _rubs_less(each)]
+    told = ((old[n], new[n], each.tolerance or 0.0) for n, each in found.gap.items() if n in old)
+    is_harmed = any(after > math.hypot(before, tolerated) for before, after, tolerated in told)
     withheld, refused = [*found.withheld, *hiding], ""
     if withheld:
         refused = f"{', '.join(withheld)}: a lost preload, or perhaps one; a model learns no fault"
     elif not adopted:
         refused = "no change is beyond doubt"
-    elif any(old.get(each.channel, 0.0) <= new.get(each.channel, 0.0) for each in adopted):
+    elif is_harmed or any(old.get(e.channel, 0.0) <= new.get(e.channel, 0.0) for e in adopted):
         refused = "it does not help on the blocks that were held out"
     kept = [each for each in adopted if each.name not in hiding]
     changes = [change for each in kept for change in _changes(machine, each)]
@@ -91,13 +95,12 @@ def _examined(
         raise ConfigError(f"{traces[0]}: too short; expected {PARTS * BLOCK_S:g} s or more")
     plain = tomlkit.parse(text)
     plain.pop("columns", None)  # the parts hold channels
-    before, after = folder / "before.toml", folder / "after.toml"
+    before, after = folder / "before.toml", folder / "out" / "augmented.toml"
     write_whole(before, tomlkit.dumps(plain))
     try:
-        found: Diagnosis = diagnose(before, learned, folder / "out").document
+        found: Diagnosis = diagnose(before, learned, after.parent).document
     except BadDataError as error:
         raise BadDataError(str(error).partition(" (report")[0]) from None
-    write_whole(after, augmented_toml(tomlkit.dumps(plain), learnable(found)))
     return found, gap(before, held_out).document, gap(after, held_out).document
 
 

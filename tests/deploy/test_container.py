@@ -77,8 +77,7 @@ def test_every_service_is_bound_to_loopback_and_starts_again(compose: dict[str, 
     for service in compose["services"].values():
         assert service["cap_drop"] == ["ALL"]
         assert service["security_opt"] == ["no-new-privileges:true"]
-        assert service["restart"] == "unless-stopped"
-        assert service["network_mode"] == "host"
+        assert (service["restart"], service["network_mode"]) == ("unless-stopped", "host")
         assert "ports" not in service
     services = compose["services"]
     assert services["edge-service"]["read_only"] is True

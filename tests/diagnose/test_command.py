@@ -23,8 +23,7 @@ def test_three_files_and_a_loop_that_closes(
 ) -> None:
     trace = str(recorded(("drag_error", "backlash"), 3).write_csv(tmp_path / "a.csv"))
     document, out = diagnosed(machine_file, tmp_path, trace), tmp_path / "out"
-    assert document["schema"] == "diagnosis/1"
-    assert document["verdict"] == "explained"
+    assert (document["schema"], document["verdict"]) == ("diagnosis/1", "explained")
     assert {each["name"] for each in document["effects"]} == {"drag_error", "backlash"}
     for each in document["effects"]:
         assert each["shrink"]["low"] <= each["shrink"]["estimate"] <= each["shrink"]["high"]

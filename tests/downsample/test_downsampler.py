@@ -54,8 +54,7 @@ def blocks_of(
 def test_mean_and_lever_of_a_held_quantity() -> None:
     # q = 3 on [0, 1), 5 on [1, 4): mean 18/4; lever (int (4-s) q) / 16 = (10.5 + 22.5) / 16
     mean, arm = lever(np.array([3.0, 5.0]), np.array([0.0, 1.0, 4.0]))
-    assert mean == pytest.approx(4.5, rel=1e-15)
-    assert arm == pytest.approx(33.0 / 16.0, rel=1e-15)
+    assert (mean, arm) == pytest.approx((4.5, 33.0 / 16.0), rel=1e-15)
 
 
 @pytest.mark.parametrize("interval_s", [0.001, 0.007, 0.1, 0.3])

@@ -133,5 +133,4 @@ def test_frames_that_complete_nothing_are_bounded() -> None:
 
 def test_a_frame_whose_clock_went_back_waits_for_nothing() -> None:
     gathering, (before, after) = Gathering(), cut([1000])
-    assert gathering.add(after, 0.0) == [after]
-    assert gathering.add(before, 60.0) == [before]
+    assert (gathering.add(after, 0.0), gathering.add(before, 60.0)) == ([after], [before])

@@ -49,9 +49,7 @@ def test_way_hours_reversals_and_the_map_add_up():
     meter.add(block(-40.0, 0.5, reversal_count=1))
     use = meter.use()
     way_m = 0.1 * 40.0 * RATIO
-    assert use.distance_m == pytest.approx(81 * way_m)
-    assert use.moving_s == pytest.approx(8.1)
-    assert use.observed_s == pytest.approx(8.2)
+    assert (use.distance_m, use.moving_s, use.observed_s) == pytest.approx((81 * way_m, 8.1, 8.2))
     assert use.reversals == 1
     assert sum(use.way_m) == pytest.approx(81 * way_m, abs=0.001 * 40)
     assert max(use.way_m) == pytest.approx(3 * way_m, abs=0.001)

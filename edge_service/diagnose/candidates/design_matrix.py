@@ -6,7 +6,7 @@ Force pulses on the table are candidates too, found where the torque has a mean 
 import itertools
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -122,19 +122,13 @@ class DesignMatrix:
     def restricted(self, count: int, session: Session, kept: Mapping[str, Booleans]) -> Self:
         """Restrict to the first `count` regressors and to some rows of each channel, (n,)."""
         end, rows = int(self.first[count]), {n: np.flatnonzero(x) for n, x in kept.items()}
-        return replace(
-            self,
-            regressors=self.regressors[:count],
-            mean=self.mean[:end],
-            precision=self.precision[:end],
-            first=self.first[: count + 1],
-            columns={},
-            equations={
-                name: NormalEquations.of(self.columns[name][:, :end], each.gap, rows[name])
-                for name, each in session.channels.items()
-            },
-            alternatives=self.alternatives[:count],
-        )
+        equations = {
+            name: NormalEquations.of(self.columns[name][:, :end], each.gap, rows[name])
+            for name, each in session.channels.items()
+        }
+        known, numbers = self.regressors[:count], (self.mean[:end], self.precision[:end])
+        first, alike = self.first[: count + 1], self.alternatives[:count]
+        return type(self)(known, self.nuisances, *numbers, first, {}, equations, alike)
 
     def indices(self, regressors: Sequence[int]) -> Integers:
         """Columns of some regressors, in their order."""

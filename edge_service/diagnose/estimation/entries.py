@@ -57,14 +57,9 @@ class WeightedLeastSquares:
         for name, rows in session.channels.items():
             variance = problem.noise.variance(name, best.rms[name])
             weights[name] = math.sqrt(effective[name] / len(rows.gap) / variance)
-        return cls(
-            session,
-            weights,
-            {name: design.columns[name][:, index].astype(np.float64) for name in session.channels},
-            best.coefficients[: len(index)],
-            _HELD * design.precision[index],
-            sum(effective.values()),
-        )
+        fixed = {name: design.columns[name][:, index].astype(np.float64) for name in weights}
+        mean, held = best.coefficients[: len(index)], _HELD * design.precision[index]
+        return cls(session, weights, fixed, mean, held, sum(effective.values()))
 
     def columns(self, regressor: EntryRegressor) -> dict[str, Floats]:
         """Columns of one entry, by channel."""

@@ -5,7 +5,7 @@ have that of their amplitude.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,10 +89,13 @@ class Estimates:
         regressors = self.fitted.regressors
         return tuple(regressors[k].values(self.coefficients(k)) for k in self.of_effect(name))
 
+    def active(self, names: Iterable[str]) -> list[ActiveEffect]:
+        """Some effects as they are there."""
+        return [active_effect(name, each) for name in names for each in self.entries(name)]
+
     def beside(self, name: str) -> list[ActiveEffect]:
         """All effects but one, as they are there."""
-        others = (other for other in self.names if other != name)
-        return [active_effect(other, each) for other in others for each in self.entries(other)]
+        return self.active(other for other in self.names if other != name)
 
     def parameters(self, name: str) -> dict[str, ParameterValue]:
         """Values of the strongest entry with 90 % intervals."""

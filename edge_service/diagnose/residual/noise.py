@@ -151,14 +151,9 @@ def stated_tolerance(
     Args:
         torque_nm: root mean square of the torque in motion.
     """
-    stated = {
-        TORQUE_GAP: machine.tolerance.torque_nm,
-        TRANSMISSION_GAP: machine.tolerance.position_m,
-    }
-    least = {
-        TORQUE_GAP: TOLERANCE_OF_TORQUE * (machine.axis.max_torque_nm or 0.0),
-        TRANSMISSION_GAP: INTERPOLATION_M,
-    }
+    told, least_nm = machine.tolerance, TOLERANCE_OF_TORQUE * (machine.axis.max_torque_nm or 0.0)
+    stated = {TORQUE_GAP: told.torque_nm, TRANSMISSION_GAP: told.position_m}
+    least = {TORQUE_GAP: least_nm, TRANSMISSION_GAP: INTERPOLATION_M}
     most = {TORQUE_GAP: MOST_OF_TORQUE * torque_nm}
     healthy, found = healthy_gap(machine), {}
     for name, each in floor.items():

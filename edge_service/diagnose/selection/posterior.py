@@ -116,13 +116,10 @@ def _beside_force(posterior: Posterior) -> Posterior:
     calm = select_effects(replace(problem, design=design))
     beside = calm.best.fit
     both = problem.pinned_to(beside).fit([*beside.chosen, *pulses])
-    return replace(
-        calm,
-        problem=problem,
-        best=EffectSet(both, calm.best.material | {FORCE}),
-        probability={**calm.probability, FORCE: posterior.probability[FORCE]},
-        classes={**calm.classes, FORCE: posterior.classes[FORCE]},
-    )
+    best = EffectSet(both, calm.best.material | {FORCE})
+    probability = {**calm.probability, FORCE: posterior.probability[FORCE]}
+    classes = {**calm.classes, FORCE: posterior.classes[FORCE]}
+    return replace(calm, problem=problem, best=best, probability=probability, classes=classes)
 
 
 def _ranked(problem: SelectionProblem, known: Sequence[int]) -> list[tuple[EffectSet, float]]:

@@ -93,18 +93,12 @@ def unbroken_runs(
 def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     slow, raw = misses_acceleration(run.period_s), run.channels
     cutoff_hz = min(MOTION_CUTOFF_HZ, 0.4 / run.period_s)
-    names = (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE)
-    smooth = {
-        name: raw[name] if slow else low_pass(raw[name], cutoff_hz, FILTER_ORDER, run.period_s)
-        for name in names
-        if name in raw
-    }
+    names = [n for n in (ANGLE, TORQUE, TABLE_POSITION, EXTERNAL_FORCE) if n in raw]
+    passed = cutoff_hz, FILTER_ORDER, run.period_s
+    smooth = {name: raw[name] if slow else low_pass(raw[name], *passed) for name in names}
     speed = central_difference(smooth[ANGLE], run.period_s)
-    noise = {
-        name: _slow_noise_rms(raw[name]) if slow else white_noise_rms(raw[name])
-        for name in (ANGLE, TORQUE, TABLE_POSITION)
-        if name in raw
-    }
+    noise_rms = _slow_noise_rms if slow else white_noise_rms
+    noise = {name: noise_rms(raw[name]) for name in names}
     if slow:
         acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
         wavers = _CERTAIN_SIGMAS * noise[ANGLE] / math.sqrt(2.0) / run.period_s
@@ -199,10 +193,9 @@ def _moving(speed_rad_s: Floats, still_rad_s: float, period_s: float) -> Boolean
     reach = round(0.02 / period_s)
     if reach < 1:
         return fast
-    closed: Booleans = ndimage.binary_closing(
-        np.pad(fast, reach, mode="edge"), np.ones(reach + 1, dtype=bool)
-    )[reach:-reach]
-    return closed | fast
+    padded = np.pad(fast, reach, mode="edge")
+    closed: Booleans = ndimage.binary_closing(padded, np.ones(reach + 1, dtype=bool))
+    return closed[reach:-reach] | fast
 
 
 LONGEST_S = 600.0

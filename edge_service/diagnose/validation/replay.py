@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from ...messages.samples import Floats
 from ...models.effects.effect import ActiveEffect
-from ...models.effects.registry import active_effect
 from ...models.machine import Machine
 from ..result import ReplayedGap, ReplayedSeries, Shrink
 from ..session.prescribed_motion import PrescribedMotionAxis
@@ -51,14 +50,9 @@ def replay(
 
         def left(names: Sequence[str]) -> dict[str, Floats]:
             known = [loss] if loss is not None and loss.effect.name in names else []
-            variants = []
-            for fold in validation.folds:
-                named = [active_effect(n, each) for n in names for each in fold.entries(n)]
-                variants.append(axis.with_effects(known + named))
-            runs = [
-                axis.simulated(run, variants, session.folds(run.motion.time_s))
-                for run in session.runs
-            ]
+            folds = session.folds
+            variants = [axis.with_effects(known + x.active(names)) for x in validation.folds]
+            runs = [axis.simulated(r, variants, folds(r.motion.time_s)) for r in session.runs]
             simulated = Session.of_runs(runs, session.baseline)
             return {n: rows.gap - simulated.channels[n].gap for n, rows in session.channels.items()}
 
@@ -75,11 +69,10 @@ def replay(
     gap, series = {}, {}
     for name, rows in session.channels.items():
         after = rms(full[name])
+        beyond = math.sqrt(max(after**2 - floors[name] ** 2, 0.0))
+        shrink = on_other_motion(replace(rows, gap=bare[name]), [full[name]])
         gap[name] = ReplayedGap(
-            before=rms(bare[name]),
-            after=after,
-            unexplained=math.sqrt(max(after**2 - floors[name] ** 2, 0.0)),
-            shrink=on_other_motion(replace(rows, gap=bare[name]), [full[name]]),
+            before=rms(bare[name]), after=after, unexplained=beyond, shrink=shrink
         )
         series[name] = ReplayedSeries(rows.variables["time_s"], bare[name], full[name])
     return Replay(gap, series, effects)

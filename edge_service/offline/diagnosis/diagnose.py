@@ -20,7 +20,7 @@ from ...command_answer import Answer, progress
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
 from ...diagnose.experiment import propose
-from ...diagnose.pipeline import diagnose_session, ranked
+from ...diagnose.pipeline import diagnose_session, learnable, ranked
 from ...diagnose.preload import (
     PreloadReading,
     diagnose_beside_loss,
@@ -29,15 +29,7 @@ from ...diagnose.preload import (
     with_missing_drag,
 )
 from ...diagnose.residual.reference import Reference, healthy_machine, healthy_model
-from ...diagnose.result import (
-    ChannelGap,
-    Diagnosis,
-    NamedEffect,
-    ReplayStatus,
-    Verdict,
-    learnable,
-    withheld,
-)
+from ...diagnose.result import ChannelGap, Diagnosis, NamedEffect, ReplayStatus, Verdict, withheld
 from ...diagnose.session.session import CHANNEL_UNITS, TORQUE_GAP, rigid_baseline
 from ...estimate.mixture.estimator import MixturePreloadEstimator
 from ...messages.estimate import PreloadEstimate
@@ -74,7 +66,7 @@ def diagnose(
     Raises ConfigError, TraceError, DiagnosisError, BadDataError.
     """
     try:
-        machine = load_machine(machine_file, axis_number)
+        stated = machine = load_machine(machine_file, axis_number)
         library = library_without(without)
         text, healthy = machine_file.read_text("utf-8"), None
         if reference:
@@ -108,20 +100,23 @@ def diagnose(
         found = found.with_effects(found.effects, verdict, *mismatches)
         unseen = unobservable(session)
         ratio = machine.transmission_ratio_m_per_rad
-        stated = {
+        # the file that is written knows of no reference
+        plain = session if machine is stated else session_of(stated, read_runs(stated, traces))
+        learned = learnable(found, plain)
+        told = {
             "where": located(found.where, ratio),
             "not_judged": tuple(unseen),
             "not_judged_reasons": unseen,
-            "augmented": tuple(each.name for each in learnable(found)),
+            "augmented": tuple(each.name for each in learned),
             "withheld": withheld(found),
             "is_doubted": bool(failing or doubted),
             "remarks": (*[COPIES.format(copies)] * bool(copies), *check.remarks, *unshown, *said),
             "reference": tuple(reference[k].name for k in counted),
         }
-        found = found.model_copy(update=stated)
+        found = found.model_copy(update=told)
         found = found if healthy is None else healthy.told(found, whole)
         try:
-            augmented = augmented_toml(text, learnable(found))
+            augmented = augmented_toml(text, learned)
         except ValueError as error:
             raise ConfigError(f"{machine_file}: {error}") from error
         _write(out, found, augmented, render(machine, names, found, session))

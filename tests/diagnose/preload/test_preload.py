@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edge_service.config import DEFAULT_MACHINE, load_machine
-from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session, learnable
 from edge_service.diagnose.preload import (
     PreloadReading,
     asked_by_torque,
@@ -15,7 +15,7 @@ from edge_service.diagnose.preload import (
     known_loss,
     with_missing_drag,
 )
-from edge_service.diagnose.result import Diagnosis, ParameterValue, Verdict, learnable, withheld
+from edge_service.diagnose.result import Diagnosis, ParameterValue, Verdict, withheld
 from edge_service.diagnose.session.session import Session
 from edge_service.health.consistency import ConsistencyWatch
 from edge_service.messages.health import ConsistencyState
@@ -93,7 +93,7 @@ def test_a_known_loss_comes_first_and_no_warmth_is_named():
     assert found.effects[0].shrink.low > 0.5
     assert found.effects[0].replay.estimate > 0.5
     assert withheld(found) == ("preload_loss",)
-    assert "preload_loss" not in [each.name for each in learnable(found)]
+    assert "preload_loss" not in [each.name for each in learnable(found, session)]
 
 
 def watched(watch: ConsistencyWatch, rows: int, *there: str) -> SampleFrame:
@@ -152,7 +152,7 @@ def test_less_drag_is_tied_with_lost_preload_and_neither_is_learned(machine: Mac
     assert found.effects[1].probability == before.effects[0].probability
     assert found.effects[0].parameters["lost_percent"].value == pytest.approx(50.0)
     assert found.verdict is Verdict.AMBIGUOUS
-    assert learnable(found) == ()
+    assert learnable(found, diagnosed(machine, ("drag_error",), seed=3)[1]) == ()
 
 
 @pytest.mark.parametrize(("change_nm", "reading"), [(0.05, None), (-0.4, None), (-0.073, THERE)])

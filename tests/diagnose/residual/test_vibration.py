@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edge_service.diagnose.pipeline import diagnose_session
+from edge_service.diagnose.pipeline import diagnose_session, learnable
 from edge_service.diagnose.residual.noise import Noise
 from edge_service.diagnose.residual.vibration import strongest_vibration
-from edge_service.diagnose.result import VIBRATION, Verdict, learnable
+from edge_service.diagnose.result import VIBRATION, Verdict
 from edge_service.diagnose.session.session import TORQUE_GAP, Session
 from edge_service.messages.samples import Floats
 from edge_service.models.effects.baseline import Motion
@@ -92,10 +92,11 @@ def test_a_vibration_is_named_beside_another_cause(machine: Machine) -> None:
     recording = recorded(("load_offset",), 3)
     hum = 0.06 * np.sin(2.0 * np.pi * 11.0 * recording.columns["time_s"])
     frame = frame_of(recording, **{TORQUE: recording.columns[TORQUE] + hum})
-    found = diagnose_session(session_of(machine, frame), machine)
+    session = session_of(machine, frame)
+    found = diagnose_session(session, machine)
     assert found.verdict is Verdict.EXPLAINED
     assert [each.name for each in found.effects] == ["load_offset", VIBRATION]
-    assert [each.name for each in learnable(found)] == ["load_offset"]
+    assert [each.name for each in learnable(found, session)] == ["load_offset"]
     shaking = found.effects[1]
     assert shaking.parameters["frequency_hz"].value == pytest.approx(11.0, abs=0.01)
     assert shaking.entries == ()

@@ -36,8 +36,7 @@ def drag(machine_file: Path, folder: Path, more: str = "") -> dict[str, Any]:
 @pytest.mark.smoke
 def test_a_gap_within_the_stated_tolerance_is_none(machine_file: Path, tmp_path: Path) -> None:
     found = drag(machine_file, tmp_path, "\n[tolerance]\ntorque_nm = 0.5\nposition_m = 1e-3\n")
-    assert found["verdict"] == "no_gap"
-    assert found["effects"] == []
+    assert (found["verdict"], found["effects"]) == ("no_gap", [])
     gap = found["gap"]
     assert gap["torque_nm"]["tolerance"] == 0.5
     assert gap["torque_nm"]["before"] < 0.5

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from edge_service.diagnose.session.session import Rows, Session
+from edge_service.diagnose.pipeline import learnable
+from edge_service.diagnose.result import ChannelGap, Diagnosis, NamedEffect, Series, Shrink, Verdict
+from edge_service.diagnose.session.session import FOLDS, Rows, Session
 from edge_service.diagnose.validation.assessment import on_other_motion
 from edge_service.models.effects.registry import active_effect
 from edge_service.models.machine import Machine
@@ -46,9 +48,43 @@ def test_a_gap_that_shrinks_at_speed_only_may_shrink_less_elsewhere() -> None:
 def test_what_may_come_out_otherwise_widens_the_interval() -> None:
     gap = np.ones(COUNT)
     found = on_other_motion(rows(gap), [0.2 * gap, 0.5 * gap, 0.9 * gap])
-    assert found.estimate == pytest.approx(0.8)
-    assert found.low == pytest.approx(0.1)
-    assert found.high == pytest.approx(0.8)
+    assert (found.low, found.estimate, found.high) == pytest.approx((0.1, 0.8, 0.8))
+
+
+@pytest.mark.parametrize(("tails", "known"), [(1e-5, True), (0.01, False)])
+def test_what_does_next_to_nothing_elsewhere_does_no_harm(tails: float, known: bool) -> None:
+    left = np.where(np.arange(COUNT) < COUNT // 2, 0.5, 1.0 + tails)
+    found = on_other_motion(rows(np.ones(COUNT)), [left])
+    assert NamedEffect.model_construct(probability=0.9, tied=("a",), shrink=found).is_known is known
+
+
+@pytest.mark.parametrize(
+    ("tied", "off", "learned"),
+    [
+        ((), 1.0, {"load_offset", "viscous_error", "drag_error"}),
+        (("load_friction",), 1.0, {"load_offset"}),  # less drag hides what the speed adds
+        ((), 3.0, set()),  # values by other blocks that make the gap of these greater
+    ],
+)
+def test_causes_are_learned_as_they_are_written(machine, tied, off, learned) -> None:
+    """No cause comes into a file that without the others, or on other blocks, does harm."""
+    whole = session_of(machine, frame_of(recorded((), 3)))
+    amounts = {"load_offset": {"constant_nm": 0.05}, "drag_error": {"change_nm": -0.15}}
+    amounts |= {"viscous_error": {"change_nm_s_per_rad": 2e-3}}
+    made, absent, far = (
+        [active_effect(n, {k: share * v for k, v in x.items()}) for n, x in amounts.items()]
+        for share in (1.0, -1.0, off)
+    )
+    session = Session.of_runs(whole.runs, whole.baseline, [*whole.modelled, *absent])
+    known = {"probability": 0.95, "shrink": Shrink(estimate=0.5, low=0.4, high=0.6)}
+    known |= {"entries": ({},), "channel": "torque_nm"}
+    classes = {each: (each,) for each in amounts} | {"drag_error": ("drag_error", *tied)}
+    effects = [NamedEffect.model_construct(name=n, tied=x, **known) for n, x in classes.items()]
+    series = Series(fitted=[made, *([far] * FOLDS)])
+    gap = dict.fromkeys(session.channels, ChannelGap(before=1, after=1, noise_floor=0, unit="m"))
+    told = {"gap": gap, "effects": effects, "series": series}
+    found = Diagnosis.model_construct(verdict=Verdict.AMBIGUOUS, **told)
+    assert {each.name for each in learnable(found, session)} == learned
 
 
 @pytest.mark.slow

@@ -134,12 +134,10 @@ async def test_another_name_or_date_is_no_new_trace(watch: Watch) -> None:
 async def test_a_trace_that_grows_is_left_alone_until_it_rests(watch: Watch) -> None:
     arrivals = Arrivals(watch.folder, "*", settle_s=2.0)
     path = watch.write("a.csv", 1.0, rows=10)
-    assert arrivals.complete(0.0) == []
-    assert arrivals.complete(1.9) == []
+    assert (arrivals.complete(0.0), arrivals.complete(1.9)) == ([], [])
     with path.open("a") as file:
         file.write("0.010,1.0\n")
-    assert arrivals.complete(3.0) == []
-    assert arrivals.complete(5.0) == [path]
+    assert (arrivals.complete(3.0), arrivals.complete(5.0)) == ([], [path])
     assert arrivals.complete(9.0) == []
 
 

@@ -32,8 +32,7 @@ def stream_of(time: str | None = "t", **changes: Any) -> MappedStream:
 def test_one_sample_per_message_with_unit_and_sign() -> None:
     message = {"t": 5.0, "d": {"torque": 1500, "angle": 180.0}, "heat": 21.5}
     (frame,) = stream_of().frames(message)
-    assert frame.time_s.tolist() == [5.0]
-    assert frame.channels[TORQUE].tolist() == [1.5]
+    assert (frame.time_s.tolist(), frame.channels[TORQUE].tolist()) == ([5.0], [1.5])
     assert frame.channels[ANGLE].tolist() == pytest.approx([-np.pi])
     assert not frame.quality
 

@@ -72,8 +72,7 @@ def test_a_challenger_that_has_led_takes_over_and_the_belief_goes_on_beside_it()
     hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     assert bank.mean[STEADY, PRELOAD] == bank.mean[s.WEARING, PRELOAD] == 0.0
     np.testing.assert_array_equal(bank.mean[BEFORE], believed_before)
-    assert bank.log_weight[STEADY] == 2.5
-    assert bank.log_weight[BEFORE] == 0.0
+    assert (bank.log_weight[STEADY], bank.log_weight[BEFORE]) == (2.5, 0.0)
     assert hypotheses.leader_of(bank) == hypotheses.accepted(bank) == STEADY
     assert all(bank.alive[k] for k in (LOSS, s.TOTAL_LOSS, s.LOOSENING))  # the next contest
 

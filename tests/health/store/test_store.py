@@ -99,8 +99,7 @@ def test_a_damaged_file_is_set_aside_and_named(tmp_path: Path, at: int) -> None:
         assert aside.name in damage
         put(store, "two")
     with closing(opened(path)) as store:
-        assert words(store) == ["two"]
-        assert store.damages == []
+        assert (words(store), store.damages) == (["two"], [])
 
 
 def test_what_can_be_read_of_a_damaged_file_is_saved(tmp_path: Path) -> None:
@@ -111,8 +110,7 @@ def test_what_can_be_read_of_a_damaged_file_is_saved(tmp_path: Path) -> None:
     damaged(path, path.stat().st_size // 2 // 4096 * 4096)
     with closing(opened(path)) as store:
         saved = words(store)
-        assert len(store.damages) == 1
-        assert saved == [word for word in many if word in saved]
+        assert (len(store.damages), saved) == (1, [word for word in many if word in saved])
         assert {*many[:100], *many[-100:]} <= set(saved)
 
 
@@ -138,8 +136,7 @@ def test_damage_while_it_is_in_use_is_met(tmp_path: Path) -> None:
         assert store.problem
         put(store, "after")
         assert not store.problem
-        assert words(store)[-1] == "after"
-        assert len(store.damages) == 1
+        assert (words(store)[-1], len(store.damages)) == ("after", 1)
 
 
 def test_a_file_that_cannot_be_read_is_waited_for_and_never_replaced(tmp_path: Path) -> None:
@@ -155,8 +152,7 @@ def test_a_file_that_cannot_be_read_is_waited_for_and_never_replaced(tmp_path: P
         assert store.problem
         path.rmdir()
         elsewhere.rename(path)
-        assert words(store) == ["one"]
-        assert store.damages == []
+        assert (words(store), store.damages) == (["one"], [])
         assert list(tmp_path.glob("*damaged*")) == []
 
 
@@ -270,8 +266,7 @@ def test_only_a_lost_file_or_table_keeps_an_open_page_shut(tmp_path: Path) -> No
     tokens, log = Tokens(store), EventLog(store)
     log.add([event_of()], 1)
     store.write(lambda file: file.execute("UPDATE events SET body = '{'"))
-    assert log.after(0, 10) == []
-    assert store.damages == ["event 1 is damaged and left out"]
+    assert (log.after(0, 10), store.damages) == ([], ["event 1 is damaged and left out"])
     assert not tokens.may_be_lost
     tokens.add("Kim", "operator", 1)
     store.write(lambda file: file.execute("UPDATE tokens SET hash = 'x'"))

@@ -92,8 +92,7 @@ def test_limits_follow_the_machine_file(machine: Machine) -> None:
     slow = {"max_speed_rad_s": 50.0, "max_acceleration_m_s2": 1.0, "stroke_m": 0.4}
     axis = machine.axis.model_copy(update=slow)
     limits = motions.motion_limits(machine.model_copy(update={"axis": axis}))
-    assert limits.high_m == pytest.approx(0.38)
-    assert limits.speed_m_s == pytest.approx(50.0 * 0.02 / (2.0 * math.pi))
+    assert (limits.high_m, limits.speed_m_s) == pytest.approx((0.38, 50.0 * 0.02 / (2.0 * math.pi)))
     assert limits.rapid_m_s == limits.speed_m_s
     assert limits.acceleration_m_s2 == 1.0
 
