@@ -240,8 +240,7 @@ def test_the_unit_of_systemd_calls_commands_that_exist() -> None:
 
 def test_the_licence_is_the_one_that_the_project_states() -> None:
     project = tomllib.loads(document("pyproject.toml"))["project"]
-    assert project["license"] == "Apache-2.0"
-    assert project["license-files"] == ["LICENSE"]
+    assert (project["license"], project["license-files"]) == ("Apache-2.0", ["LICENSE"])
     assert "Apache License\n                           Version 2.0" in document("LICENSE")
     assert f"## {project['version']}\n" in document("deploy/CHANGELOG.md")
     assert project["readme"] == "README.md"

@@ -197,6 +197,5 @@ def test_a_description_is_text() -> None:
 
 async def test_it_is_served_as_a_page(client: httpx.AsyncClient) -> None:
     answer = await client.get("/docs")
-    assert answer.status_code == 200
-    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8")
     assert answer.headers["content-security-policy"] == SECURITY_HEADERS["content-security-policy"]

@@ -45,8 +45,7 @@ def test_a_block_can_be_read_with_the_standard_library_alone() -> None:
     magic, length = struct.unpack_from("<4sI", payload)
     members = json.loads(payload[8 : 8 + length])
     assert magic == b"EDB1"
-    assert members["sequence"] == HEADER.sequence
-    assert members["columns"][1] == [TORQUE, "N m"]
+    assert (members["sequence"], members["columns"][1]) == (HEADER.sequence, [TORQUE, "N m"])
     values = struct.unpack_from("<2d", payload, 8 + length)
     assert values == (0.0, 1e-3)
 
@@ -58,8 +57,7 @@ def test_every_feature_with_a_dimension_has_a_unit() -> None:
         "reversal_count sample_count steady_direction"
     )
     assert FEAT.units["braking_acceleration_rad_s2"] == "rad/s^2"
-    assert FEAT.units["speed_end_rad_s"] == "rad/s"
-    assert FEAT.units["torque_mean_nm"] == "N m"
+    assert (FEAT.units["speed_end_rad_s"], FEAT.units["torque_mean_nm"]) == ("rad/s", "N m")
 
 
 def test_json_payloads_come_back_equal() -> None:

@@ -105,8 +105,7 @@ async def test_a_clock_that_begins_anew_ends_the_recording(tmp_path: Path) -> No
     scene.recorder.note(event(since_s=50.0))
     scene.now_s = 0.0
     await scene.run(AFTER_S + 70.0)
-    assert scene.kept == []
-    assert list(tmp_path.iterdir()) == []
+    assert (scene.kept, list(tmp_path.iterdir())) == ([], [])
 
 
 async def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:

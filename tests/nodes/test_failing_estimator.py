@@ -141,8 +141,7 @@ def test_a_state_that_raises_again_and_again_is_given_up(worst: int) -> None:
     scene = Scene(lambda _number, taken: taken >= worst)
     scene.feed(worst)
     scene.feed(75)
-    assert len(scene.resets) == 1
-    assert len(scene.errors) == MOST_FAILURES
+    assert (len(scene.resets), len(scene.errors)) == (1, MOST_FAILURES)
     numbers = [each for each in scene.feed(20) if each is not None]
     assert numbers == sorted(numbers) and numbers[-1] < worst  # a fresh one goes on
 

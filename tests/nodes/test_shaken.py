@@ -83,8 +83,7 @@ async def test_a_test_that_the_service_sees_tells_the_preload_and_outlives_a_res
     async with served(config_of("replay", settings, machine, **store)) as (_, client):
         await estimated(client, due=True)
         event = await told(client)
-        assert event["level"] == "NORMAL"
-        assert event["code"] == "tested"
+        assert (event["level"], event["code"]) == ("NORMAL", "tested")
         assert event["values"]["low"] <= 20.0 <= event["values"]["high"] < 80.0
         after = await estimated(client, due=False)
         assert after["low"] <= 0.2 * FRESH_PERCENT <= after["high"] < 0.8 * FRESH_PERCENT

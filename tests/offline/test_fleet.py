@@ -222,8 +222,7 @@ def test_services_are_asked_with_the_login_of_netrc_and_each_that_fails_is_a_row
     assert found["condition"] == "FAULT"
     assert [row["axis"] for row in found["axes"]] == ["D", "C", "B", "", "", "", "E", "A"]
     said = {row["address"]: row["reason"] for row in found["axes"]}
-    assert said[good] == ""
-    assert said[strange] == "no answer of an edge-service"
+    assert (said[good], said[strange]) == ("", "no answer of an edge-service")
     assert said[closed] == "answers with status 401"
     assert "cannot be reached" in said["http://127.0.0.1:9"]
     assert logins == ["Basic " + base64.b64encode(b"any:sesame").decode()]

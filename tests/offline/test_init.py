@@ -183,8 +183,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
     terminal.answer(ASKED[1], "1.5e-3\n")
     for question in ASKED[2:]:
         terminal.answer(question, "\n")
-    assert terminal.end() == 0
-    assert terminal.said.count("expected a number above 0") == 7
+    assert (terminal.end(), terminal.said.count("expected a number above 0")) == (0, 7)
     machine = load_machine(load_config(tmp_path / "edge.toml").axes[0].machine)
     assert machine.axis.lead_m == pytest.approx(0.0105)
     assert machine.axis.dynamic_load_rating_n is None

@@ -185,8 +185,7 @@ def test_a_wrong_wish_is_one_line_and_leaves_the_old_file(
         write_motion(name, machine, out, MotionFileSettings(**wishes))  # type: ignore[arg-type]
     assert line in str(error.value)
     assert "\n" not in str(error.value)
-    assert out.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [out]
+    assert (out.read_text(), list(tmp_path.iterdir())) == ("old", [out])
 
 
 def test_an_axis_of_unknown_stroke_or_strange_name_is_refused(

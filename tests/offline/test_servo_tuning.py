@@ -116,8 +116,7 @@ def test_a_tuning_stands_beside_recordings(source: Path, tmp_path: Path) -> None
     simulate(machine, SimulationSettings("friction", duration_s=8.0), trace)
     assert main(["fingerprint", str(trace), str(source), "--out", str(out)]) == 0
     found = json.loads((out / "fingerprint.json").read_text())
-    assert found["machine"] == machine.axis.name
-    assert found["sources"] == ["AST_AX1.xml", "x.parquet"]
+    assert (found["machine"], found["sources"]) == (machine.axis.name, ["AST_AX1.xml", "x.parquet"])
     assert found["modes"]
     assert "friction" in found["sections"]
     assert _figures(out)["resonance_hz"]["value"] == pytest.approx(PEAK_HZ, rel=0.01)

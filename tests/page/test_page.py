@@ -49,8 +49,7 @@ def test_a_drop_is_seen_understood_and_acknowledged(make_service: Any, open_page
     assert re.search(r"fell suddenly at [^,]+, from \d+ to \d+ % of fresh", text)
     assert "Not NORMAL since" in text
     assert "Replace or readjust the nut" in text
-    assert page.title() == "FAULT: X"
-    assert serious_faults(page) == []
+    assert (page.title(), serious_faults(page)) == ("FAULT: X", [])
     page.click("button[aria-label='Acknowledge: Sudden drop']")
     page.fill("#ask-user", "Kim")
     page.fill("#ask-note", "tool crash")
@@ -282,8 +281,7 @@ def test_a_person_is_known_by_the_token(
     )
     page = seen.page
     page.wait_for_selector("#answer[data-level=NORMAL]")
-    assert serious_faults(page) == []
-    assert page.context.cookies() == []
+    assert (serious_faults(page), page.context.cookies()) == ([], [])
     show_tab(page, "history")
     page.click("text=Write a note")
     assert page.input_value("#ask-user") == "Kim"

@@ -103,8 +103,7 @@ def test_rows_without_time_and_ragged_rows_are_left_out_and_counted(tmp_path: Pa
         (frame,) = list(reader)
     np.testing.assert_array_equal(frame.time_s, [0.0, 2.0])
     np.testing.assert_array_equal(frame.channels["torque_command_nm"], [1.0, 4.0])
-    assert reader.bad_cells["time_s"] == 3
-    assert reader.ragged_rows == 3
+    assert (reader.bad_cells["time_s"], reader.ragged_rows) == (3, 3)
 
 
 def test_a_stray_quote_costs_its_cell_not_the_rest_of_the_file(tmp_path: Path) -> None:

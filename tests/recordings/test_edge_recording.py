@@ -163,9 +163,7 @@ def test_faults_inside_json_are_counted(tmp_path: Path) -> None:
     rows[6][1] = 10**400
     path.write_bytes(edge_json(rows))
     (frame,), reader = _read(path)
-    assert len(frame) == 6
-    assert reader.ragged_rows == 2
-    assert reader.bad_cells["motor_angle_rad"] == 4
+    assert (len(frame), reader.ragged_rows, reader.bad_cells["motor_angle_rad"]) == (6, 2, 4)
 
 
 def test_json_may_be_cut_at_any_chunk(tmp_path: Path, monkeypatch) -> None:

@@ -38,8 +38,7 @@ def test_types_nulls_and_unknown_columns(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.channels["table_position_m"], [3.0, nan, 3.0])
     np.testing.assert_array_equal(frame.channels["temperature_c"], [20.5, nan, 21.0])
     assert np.isnan(frame.channels["external_force_n"]).all()
-    assert reader.bad_cells["torque_command_nm"] == 2
-    assert reader.bad_cells["motor_angle_rad"] == 1
+    assert (reader.bad_cells["torque_command_nm"], reader.bad_cells["motor_angle_rad"]) == (2, 1)
 
 
 def test_a_column_of_another_type_is_refused_by_name(tmp_path: Path) -> None:

@@ -93,10 +93,6 @@ class Estimates:
         """Some effects as they are there."""
         return [active_effect(name, each) for name in names for each in self.entries(name)]
 
-    def beside(self, name: str) -> list[ActiveEffect]:
-        """All effects but one, as they are there."""
-        return self.active(other for other in self.names if other != name)
-
     def parameters(self, name: str) -> dict[str, ParameterValue]:
         """Values of the strongest entry with 90 % intervals."""
         mine = self.of_effect(name)
@@ -136,7 +132,8 @@ class Estimates:
         found = []
         for k in self.of_effect(_LAG):
             usual = active_effect(_LAG, {"lag_s": self.healthy[_LAG][1]})
-            late = self.fitted.delayed(_LAG, [*self.beside(_LAG), usual]).columns[k]
+            others = self.active(name for name in self.names if name != _LAG)
+            late = self.fitted.delayed(_LAG, [*others, usual]).columns[k]
             pairs = ((c, late[c] - each) for c, each in self.fitted.columns[k].items())
             found.append({c: (more @ self.coefficients(k))[:, None] for c, more in pairs})
         return found
@@ -207,7 +204,8 @@ class Contributions:
         }
         estimates = Estimates(problem.priors, traces, entries, solution.beta, solution.square)
         for _ in range(_COUPLINGS if _LAG in estimates.names else 0):
-            entries = entries.delayed(_LAG, estimates.beside(_LAG))
+            others = estimates.active(name for name in estimates.names if name != _LAG)
+            entries = entries.delayed(_LAG, others)
             beta, _, square = entries.solve()
             estimates = replace(estimates, fitted=entries, beta=beta, square=square)
         by_effect = {

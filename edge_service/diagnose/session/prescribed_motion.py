@@ -136,7 +136,7 @@ class PrescribedMotionAxis:
         """Prescribed motion and loads, one sample longer than the motion, which it extrapolates."""
         # the recorded external force on the table is part of the model's load torque
         base = self.baseline
-        inertia_nm = base.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        inertia_nm = base.table_inertia_kg_m2 * motion.table_rad_s2
         known_n = -(motion.load_torque_nm - inertia_nm) / base.ratio_m_per_rad
         by_time = Loads(*(np.choose(number, each) for each in zip(*loads, strict=True)))
         by_time = by_time._replace(force_n=by_time.force_n + known_n)

@@ -116,6 +116,13 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     if TEMPERATURE in raw:
         reach = max(round(TEMPERATURE_MEAN_S / run.period_s), 1)
         given[TEMPERATURE] = ndimage.uniform_filter1d(given[TEMPERATURE], reach, mode="nearest")
+    stretch = carried = None
+    if TABLE_POSITION in raw:
+        pace = central_difference(smooth[TABLE_POSITION], run.period_s) / baseline.ratio_m_per_rad
+        carried = None if slow else central_difference(pace, run.period_s)[inside]
+        stretch = (raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE])[inside]
+        table, motor = (max(noise[n], _steps_rms(raw[n])) for n in (TABLE_POSITION, ANGLE))
+        noise[STRETCH] = math.hypot(table, baseline.ratio_m_per_rad * motor)
     motion = Motion.of_samples(
         baseline,
         run.time_s[inside],
@@ -126,6 +133,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         torque_nm=given.get(TORQUE),
         external_force_n=given.get(EXTERNAL_FORCE),
         temperature_c=given.get(TEMPERATURE),
+        table_rad_s2=carried,
     )
     motion = replace(motion, direction=np.where(moving, motion.direction, 0.0))
     resolved = resolved[inside]
@@ -139,11 +147,6 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
         clipped = np.abs(raw[TORQUE][inside]) >= _AT_LIMIT * limit_nm
         clipped &= np.abs(motion.model_torque_nm) > limit_nm
         clipped = ndimage.binary_dilation(clipped, np.ones(len(low_pass_of.taps), np.bool_))
-    stretch = None
-    if TABLE_POSITION in raw:
-        stretch = (raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE])[inside]
-        table, motor = (max(noise[n], _steps_rms(raw[n])) for n in (TABLE_POSITION, ANGLE))
-        noise[STRETCH] = math.hypot(table, baseline.ratio_m_per_rad * motor)
     return Run(
         motion=motion,
         moving=moving,
@@ -169,9 +172,8 @@ def _steps_rms(values: Floats) -> float:
 def _slow_noise_rms(values: Floats) -> float:
     """White noise on a series (n,) that is smooth in a tenth of its length at least."""
     fifth = np.abs(np.diff(values, 5))
-    if not fifth.size:
-        return 0.0
-    return float(np.quantile(fifth, _SMOOTH_SHARE) / _SMOOTH_QUANTILE / math.sqrt(252.0))
+    size = np.quantile(fifth, _SMOOTH_SHARE) if fifth.size else 0.0
+    return float(size / _SMOOTH_QUANTILE / math.sqrt(252.0))
 
 
 def _second_difference(

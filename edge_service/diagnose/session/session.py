@@ -179,7 +179,7 @@ def _loaded(motion: Motion, made: Sequence[ActiveEffect]) -> Motion:
             case SmoothTorque(Over.TIME, torque_nm, Side.TABLE):
                 load_nm = load_nm + torque_nm(motion.time_s)
             case Change(Constant.TABLE_INERTIA, value):
-                load_nm = load_nm + value * motion.acceleration_rad_s2
+                load_nm = load_nm + value * motion.table_rad_s2
     return replace(motion, load_torque_nm=load_nm)
 
 

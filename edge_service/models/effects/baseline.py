@@ -71,6 +71,7 @@ class Motion:
     angle_rad: Floats
     speed_rad_s: Floats
     acceleration_rad_s2: Floats
+    table_rad_s2: Floats  # as the motor's would be behind no spring
     position_m: Floats
     direction: Floats  # of the motor's motion: -1, 0 or 1
     torque_nm: Floats  # commanded; NaN where unknown
@@ -98,6 +99,7 @@ class Motion:
         torque_nm: Floats | None = None,
         external_force_n: Floats | None = None,
         temperature_c: Floats | None = None,
+        table_rad_s2: Floats | None = None,
         still_rad_s: float = 0.0,
     ) -> Self:
         """Motion with what the baseline says of it.
@@ -107,22 +109,19 @@ class Motion:
         """
         direction = np.where(np.abs(speed_rad_s) > still_rad_s, np.sign(speed_rad_s), 0.0)
         force = 0.0 if external_force_n is None else external_force_n
-        pushed_nm = -baseline.ratio_m_per_rad * force
-        load = baseline.table_inertia_kg_m2 * acceleration_rad_s2 + pushed_nm
+        pushed_nm, unknown = -baseline.ratio_m_per_rad * force, np.full_like(time_s, np.nan)
+        table_rad_s2 = acceleration_rad_s2 if table_rad_s2 is None else table_rad_s2
+        load = baseline.table_inertia_kg_m2 * table_rad_s2 + pushed_nm
         whole = baseline.inertia_kg_m2 * acceleration_rad_s2 + pushed_nm
-        whole = whole + baseline.viscous_nm_s_per_rad * speed_rad_s
-        return cls(
-            time_s=time_s,
-            angle_rad=angle_rad,
-            speed_rad_s=speed_rad_s,
-            acceleration_rad_s2=acceleration_rad_s2,
-            position_m=baseline.ratio_m_per_rad * angle_rad if position_m is None else position_m,
-            direction=direction,
-            torque_nm=np.full_like(time_s, np.nan) if torque_nm is None else torque_nm,
-            model_torque_nm=whole + baseline.coulomb_nm * direction,
-            load_torque_nm=load,
-            temperature_c=np.full_like(time_s, np.nan) if temperature_c is None else temperature_c,
+        whole = (
+            whole + baseline.viscous_nm_s_per_rad * speed_rad_s + baseline.coulomb_nm * direction
         )
+        position_m = baseline.ratio_m_per_rad * angle_rad if position_m is None else position_m
+        torque_nm = unknown if torque_nm is None else torque_nm
+        temperature_c = unknown if temperature_c is None else temperature_c
+        paces = speed_rad_s, acceleration_rad_s2, table_rad_s2
+        known = position_m, direction, torque_nm, whole, load, temperature_c
+        return cls(time_s, angle_rad, *paces, *known)
 
     def __len__(self) -> int:
         return int(self.time_s.shape[0])

@@ -262,7 +262,7 @@ _CHANGED_TORQUE: dict[Constant, _Signature] = {
 
 _CHANGED_TRANSMISSION: dict[Constant, _Signature] = {
     Constant.TABLE_INERTIA: lambda value, motion, baseline: baseline.wind_up_m(
-        value * motion.acceleration_rad_s2, motion.position_m
+        value * motion.table_rad_s2, motion.position_m
     ),
     Constant.POSITION_LAG: lambda value, motion, baseline: (
         -value * baseline.ratio_m_per_rad * motion.speed_rad_s

@@ -76,15 +76,15 @@ def test_causes_are_learned_as_they_are_written(machine, tied, off, learned) -> 
         for share in (1.0, -1.0, off)
     )
     session = Session.of_runs(whole.runs, whole.baseline, [*whole.modelled, *absent])
-    known = {"probability": 0.95, "shrink": Shrink(estimate=0.5, low=0.4, high=0.6)}
-    known |= {"entries": ({},), "channel": "torque_nm"}
+    shrink = Shrink(estimate=0.5, low=0.4, high=0.6)
+    known = {"probability": 0.95, "shrink": shrink, "entries": ({},), "channel": "torque_nm"}
     classes = {each: (each,) for each in amounts} | {"drag_error": ("drag_error", *tied)}
     effects = [NamedEffect.model_construct(name=n, tied=x, **known) for n, x in classes.items()]
     series = Series(fitted=[made, *([far] * FOLDS)])
     gap = dict.fromkeys(session.channels, ChannelGap(before=1, after=1, noise_floor=0, unit="m"))
-    told = {"gap": gap, "effects": effects, "series": series}
-    found = Diagnosis.model_construct(verdict=Verdict.AMBIGUOUS, **told)
-    assert {each.name for each in learnable(found, session)} == learned
+    told = {"verdict": Verdict.AMBIGUOUS, "gap": gap, "effects": effects, "series": series}
+    found = learnable(Diagnosis.model_construct(**told), session)
+    assert {each.name for each in found} == learned
 
 
 @pytest.mark.slow

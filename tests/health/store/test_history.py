@@ -149,8 +149,7 @@ def test_estimates_make_room_first_and_minutes_stand_in(tmp_path: Path) -> None:
         )
         assert steps == [(HOUR_S,)]
         found = history.buckets("X", START_S, START_S + 4 * HOUR_S, 5.0)
-        assert sum(each.samples for each in found) == count
-        assert len(found) == 3
+        assert (sum(each.samples for each in found), len(found)) == (count, 3)
         history = History(store, budget_mb=100.0)
         for number in range(100):
             history.append("X", round((START_S + 3600 * 4 + number) * NS), estimate(1.0))

@@ -93,8 +93,7 @@ def test_limits_follow_the_machine_file(machine: Machine) -> None:
     axis = machine.axis.model_copy(update=slow)
     limits = motions.motion_limits(machine.model_copy(update={"axis": axis}))
     assert (limits.high_m, limits.speed_m_s) == pytest.approx((0.38, 50.0 * 0.02 / (2.0 * math.pi)))
-    assert limits.rapid_m_s == limits.speed_m_s
-    assert limits.acceleration_m_s2 == 1.0
+    assert (limits.rapid_m_s, limits.acceleration_m_s2) == (limits.speed_m_s, 1.0)
 
 
 def test_a_weak_motor_accelerates_with_half_of_its_torque(machine: Machine) -> None:

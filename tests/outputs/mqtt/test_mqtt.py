@@ -89,8 +89,7 @@ async def test_the_newest_answers_are_retained_and_events_are_not(broker: Broker
         assert preload["measured_at"] == "2026-09-21T14:13:20.000Z"
         assert json.loads(said[f"{ROOT}/X/health"])["condition"] == "NORMAL"
         opinion = json.loads(said[f"{ROOT}/X/imm"])
-        assert opinion.pop("schema") == "imm/1"
-        assert ImmEstimate.model_validate(opinion) == OPINION
+        assert (opinion.pop("schema"), ImmEstimate.model_validate(opinion)) == ("imm/1", OPINION)
         assert said[f"{ROOT}/status"] == b"online"
         await made.take(SILENT)
         async with listening(broker, f"{ROOT}/X/preload") as late:

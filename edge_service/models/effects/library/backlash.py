@@ -31,7 +31,7 @@ def _load_side_play(width_m: float) -> MotionCurve:
 
     def curve(motion: Motion, baseline: Baseline) -> Floats:
         travel = baseline.ratio_m_per_rad * motion.angle_rad
-        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        load = baseline.table_inertia_kg_m2 * motion.table_rad_s2
         load = load + 0.5 * baseline.coulomb_nm * motion.approach
         ahead = np.where(load * motion.approach < 0.0, motion.approach, 0.0).astype(np.int8)
         return play(travel, width_m, ahead) - travel

@@ -56,14 +56,14 @@ def _windup_by_loads(coulomb: float, viscous: float) -> tuple[MotionCurve, Motio
     def load(motion: Motion, baseline: Baseline) -> Floats:
         friction_nm = coulomb * baseline.coulomb_nm * motion.approach
         friction_nm = friction_nm + viscous * baseline.viscous_nm_s_per_rad * motion.speed_rad_s
-        return -baseline.inertia_kg_m2 * motion.acceleration_rad_s2 - friction_nm
+        return -baseline.inertia_kg_m2 * motion.table_rad_s2 - friction_nm
 
     return load, lambda motion, baseline: motion.position_m * load(motion, baseline)
 
 
 def _load_windup(compliance_m_per_n: float, share: float) -> MotionCurve:
     def curve(motion: Motion, baseline: Baseline) -> Floats:
-        load = baseline.table_inertia_kg_m2 * motion.acceleration_rad_s2
+        load = baseline.table_inertia_kg_m2 * motion.table_rad_s2
         friction_nm = baseline.coulomb_nm * motion.approach
         friction_nm = friction_nm + baseline.viscous_nm_s_per_rad * motion.speed_rad_s
         load = load + share * friction_nm
