@@ -154,14 +154,14 @@ MOST_LINES = {
     "health": 4523,
     "http_api": 2410,
     "messages": 2024,
-    "models": 5656,
+    "models": 5655,
     "nodes": 2893,
-    "offline": 5641,
+    "offline": 5639,
     "outputs": 1783,
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 758,
-    "tests": 44972,
+    "tests": 44970,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366
