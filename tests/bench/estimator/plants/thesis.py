@@ -19,13 +19,9 @@ from .own import Part
 
 FRESH_PERCENT = 10.0
 RATING_N = 7450.0
+_NONE = ("together", "apart", "wear_rate", "rate_walk", "wander", "axial", "loaded")
 SETTINGS = MixtureSettings(
-    together=0.0,
-    apart=0.0,
-    wear_rate=0.0,
-    rate_walk=0.0,
-    wander=0.0,
-    axial=0.0,
+    **dict.fromkeys(_NONE, 0.0),
     most_nats=1e3,
     preload_walk=2e-4,
     wear_walk=0.055,
@@ -33,7 +29,7 @@ SETTINGS = MixtureSettings(
     force_share=1e-6,
     rapid_share=1e-6,
 )
-"""The thesis' plant has no friction but the screw's, and no process."""
+"""The thesis' plant has no friction but the screw's, no process, and never another load."""
 STUCK_MARGIN_NM = 0.05
 """Torque this close to the highest drag says nothing: the axis may stick."""
 THESIS_WINDOW_STEPS = 20
