@@ -15,9 +15,10 @@ FRICTIONS = tuple(range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1))
 CLEARANCE_M = 1.5e-6
 """Assumption: clearance of a nut that has lost its preload."""
 SHORT_PHASE_S = 0.1
-HANGS = 0.1  # share of the table's weight from which on a standing force is gravity
+HANGS = 0.1
+"""Share of the table's weight from which on a standing force is gravity."""
 UPRIGHT, UPRIGHT_SIGMA = 0.8, 0.5
-"""Share of another load's weight along such an axis, with its spread; along others, of any sign."""
+"""Share of another load's weight that acts along such an axis, an assumption with its spread."""
 
 
 def axis_model(machine: Machine) -> AxisModel:
@@ -113,19 +114,18 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[state.STRETCH_WANDER] = math.hypot(noise_m, guide_m)
         sigma[state.MAP :] = settings.uneven_m / np.arange(1, state.MAP_STATES + 1)
     covariance = np.diag(sigma**2)
-    covariance += settings.start_share**2 * _frictions(size, settings.together, settings.apart)
+    spread = settings.start_share**2
+    covariance += spread * _frictions(size, settings.together, settings.apart)
     load, hung = np.zeros((2, size))
     load[state.GUIDE_FRICTION], load[state.TORQUE_OFFSET] = 0.1, 0.1 * commissioned.coulomb_nm
     weight_n = GRAVITY_M_S2 * model.table_mass_kg
-    is_hung = abs(model.hanging_n) > HANGS * weight_n
-    upright, spread = (UPRIGHT, UPRIGHT_SIGMA) if is_hung else (0.0, UPRIGHT)
-    if t:
+    if t and abs(model.hanging_n) > HANGS * weight_n:
         hung_n = math.copysign(settings.load * weight_n, model.hanging_n)
         hung[state.TORQUE_OFFSET] = model.ratio_m_per_rad * hung_n
         hung[state.ENCODER_OFFSET] = model.compliance_m_per_n * hung_n
-    along = upright * hung
+    along = UPRIGHT * hung
     along[state.PAYLOAD] = settings.load * model.table_mass_kg
-    apart = np.diag(load**2) + spread**2 * np.outer(hung, hung)
+    apart = np.diag(load**2) + UPRIGHT_SIGMA**2 * np.outer(hung, hung)
     load, zero_nm = apart + np.outer(along, along), settings.zero * commissioned.coulomb_nm
     other_load = load.copy()
     other_load[state.TORQUE_OFFSET, state.TORQUE_OFFSET] += zero_nm**2

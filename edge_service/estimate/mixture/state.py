@@ -123,7 +123,7 @@ class MixtureSettings(NamedTuple):
     used_sigma: float = 0.3  # of ln(preload) in that case
     half: float = 0.2  # that half of it is
     none: float = 0.1  # that all is
-    loaded: float = 0.4  # that the load is another
+    loaded: float = 0.3  # that the load is another
     loss: float = 0.5  # sizes of the steps
     lubricated: float = 0.15
     lubricated_apart: float = 0.08

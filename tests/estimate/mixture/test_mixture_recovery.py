@@ -12,9 +12,10 @@ from edge_service.estimate.mixture.posterior import Posterior, fault_limits, pos
 from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import COMPLIANCE, FRESH, RATIO, SETTINGS, Truth, machine, parts, production
+from .mixture_axis import FRESH, SETTINGS, Truth, machine, parts, production
 
-STEP_S, BACK_S, FRESH_TRUTH = 30.0, 60.0, Truth()
+STEP_S, BACK_S = 30.0, 60.0
+FRESH_TRUTH = Truth()
 
 
 class Axis:
@@ -41,7 +42,9 @@ class Axis:
 @pytest.mark.parametrize("stop_s", [0.1, 5.0])
 @pytest.mark.parametrize("nut", [-0.3, -0.5, -0.9])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_wrong_loss_is_given_up_when_the_friction_is_back(seed, nut, stop_s, one_encoder):
+def test_a_wrong_loss_is_given_up_when_the_friction_is_back(
+    seed: int, nut: float, stop_s: float, one_encoder: bool
+) -> None:
     """A step down in torque alone for 30 s of motion, then back up: fresh again within 60 s."""
     axis = Axis(one_encoder).moved(seed, 60.0, FRESH_TRUTH)
     axis.moved(10 + seed, STEP_S, Truth(nut=nut, bearing=0.5 * nut, guide=0.5 * nut), stop_s)
@@ -52,7 +55,9 @@ def test_a_wrong_loss_is_given_up_when_the_friction_is_back(seed, nut, stop_s, o
 @pytest.mark.parametrize("one_encoder", [False, True])
 @pytest.mark.parametrize("unseen", [False, True])
 @pytest.mark.parametrize("percent", [0.5, 2.0, 4.0])
-def test_a_new_nut_is_found_without_a_word_of_it(percent, unseen, one_encoder):
+def test_a_new_nut_is_found_without_a_word_of_it(
+    percent: float, unseen: bool, one_encoder: bool
+) -> None:
     axis = Axis(one_encoder).moved(1, 120.0, Truth(percent=percent))
     if unseen:
         continue_after_stop(axis.bank, axis.start, 3600.0)
@@ -65,9 +70,12 @@ def test_a_new_nut_is_found_without_a_word_of_it(percent, unseen, one_encoder):
 @pytest.mark.parametrize("seed", [2, 3])
 def test_another_load_is_kept_in_mind_until_the_axis_accelerates(seed: int) -> None:
     axis, loaded = Axis(False), Truth(payload_kg=5.0, nut=-0.25, bearing=-0.25, guide=-0.25)
-    for r in (r for r in production(seed, 60.0, loaded) if r.acceleration_rad_s2 == 0.0):
+    cruising = [r for r in production(seed, 60.0, loaded) if r.acceleration_rad_s2 == 0.0]
+    for r in cruising:
         step(axis.bank, axis.model, axis.process, r, 0.1)
-    assert axis.moved(seed, 20.0, loaded).holds(FRESH), axis.said().preload
+    value, low, high = axis.moved(seed, 20.0, loaded).said().preload
+    assert low <= FRESH <= high
+    assert value > 0.8 * FRESH
 
 
 @pytest.mark.parametrize("percent", [6.0, 4.0, 2.0, 0.5])
@@ -96,14 +104,6 @@ def test_another_change_after_a_stop_is_no_loss(change: dict[str, float]) -> Non
     axis = Axis(one_encoder=False).moved(1, 60.0, FRESH_TRUTH)
     axis.moved(2, 60.0, replace(FRESH_TRUTH, **change), 30.0)
     assert axis.holds(FRESH), axis.said().preload
-
-
-@pytest.mark.parametrize("kg", [-8.0, 10.0])
-def test_the_weight_of_another_load_is_no_loss_on_a_balanced_axis(kg: float) -> None:
-    axis, weight_n = Axis(one_encoder=False).moved(1, 60.0, FRESH_TRUTH), -9.81 * kg
-    hung = Truth(payload_kg=kg, offset_nm=RATIO * weight_n, encoder_m=COMPLIANCE * weight_n)
-    _, low, high = axis.moved(3, 60.0, hung, stop_s=30.0).said().preload
-    assert 0.8 * FRESH < low <= FRESH <= high
 
 
 @pytest.mark.parametrize("stop_s", [2.0, 3.0, 5.0])
