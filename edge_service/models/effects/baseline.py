@@ -71,7 +71,7 @@ class Motion:
     angle_rad: Floats
     speed_rad_s: Floats
     acceleration_rad_s2: Floats
-    table_rad_s2: Floats  # as the motor's would be behind no spring
+    table_rad_s2: Floats  # the table's over the ratio; the motor's where that is not measured
     position_m: Floats
     direction: Floats  # of the motor's motion: -1, 0 or 1
     torque_nm: Floats  # commanded; NaN where unknown
