@@ -30,9 +30,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("old", [None, 0o644])
-def test_a_secret_is_for_its_owner_alone_from_the_first_byte(
-    tmp_path: Path, old: int | None
-) -> None:
+def test_a_secret_is_for_its_owner_alone_from_first_byte(tmp_path: Path, old: int | None) -> None:
     target = tmp_path / "secret"
     if old is not None:
         target.touch(old)

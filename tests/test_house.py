@@ -149,7 +149,7 @@ MOST_LINES = {
     "diagnose": 4950,
     "downsample": 1183,
     "drivers": 3668,
-    "estimate": 5160,
+    "estimate": 5159,
     "fingerprint": 2769,
     "health": 4523,
     "http_api": 2410,

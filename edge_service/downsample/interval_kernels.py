@@ -253,7 +253,7 @@ def phases(
     """Direction of the steady rows, and time and means of each phase.
 
     Acceleration is the divided second difference over `reach` rows on either side, which is the
-    mean of the true acceleration under a triangular window; torque goes through the same window.
+    mean of the true one under a triangular window; torque, angle and table go through the same.
 
     Args:
         segment: (n, 8) rows; those of the interval are [first, end).
@@ -319,12 +319,10 @@ def _add_steady(
     acceleration = (goes - came) / (0.5 * span)
     along = acceleration * direction
     part = 0 if along > cruise else (2 if along < -cruise else 1)
-    sums[part, 0] += 1.0
-    sums[part, 1] += _windowed(segment, row, reach)
-    sums[part, 2] += acceleration
-    sums[part, 3] += (behind[THETA] - before[THETA]) / span
-    sums[part, 4] += here[THETA]
-    sums[part, 5] += here[X]
+    speed = (behind[THETA] - before[THETA]) / span
+    torque, angle, table = _windowed(segment, row, reach)
+    for i, value in enumerate((1.0, torque, acceleration, speed, angle, table)):
+        sums[part, i] += value
 
 
 @compiled
@@ -337,20 +335,22 @@ def _between(rows: Floats, row: int) -> float:
 
 
 @compiled
-def _windowed(segment: Floats, row: int, reach: int) -> float:
-    """Torque under the triangular window of the second difference.
+def _windowed(segment: Floats, row: int, reach: int) -> tuple[float, float, float]:
+    """Torque, angle and table under the triangular window of the second difference.
 
     The window rises from the row `reach` before to the row itself and falls to the row `reach`
     behind, whether or not they are evenly spaced.
     """
     begin, middle, end = segment[row - reach, T], segment[row, T], segment[row + reach, T]
-    total, below = 0.0, 0.0
+    torque, angle, table, below = 0.0, 0.0, 0.0, 0.0
     for each in range(row - reach, row + reach):
         time_s = segment[each + 1, T]
         if time_s <= middle:
             after = (time_s - begin) ** 2 / ((end - begin) * (middle - begin))
         else:
             after = 1.0 - (end - time_s) ** 2 / ((end - begin) * (end - middle))
-        total += (after - below) * _between(segment, each)
+        torque += (after - below) * _between(segment, each)
+        angle += (after - below) * 0.5 * (segment[each, THETA] + segment[each + 1, THETA])
+        table += (after - below) * 0.5 * (segment[each, X] + segment[each + 1, X])
         below = after
-    return total
+    return torque, angle, table

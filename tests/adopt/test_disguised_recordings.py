@@ -94,9 +94,7 @@ DISGUISES: dict[str, tuple[Callable[[], Columns], Known]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DISGUISES)
-def test_a_machine_file_reads_the_disguised_recording_as_what_it_was(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_machine_file_reads_disguised_recording_as_what_it_was(name: str, tmp_path: Path) -> None:
     disguise, known = DISGUISES[name]
     path, out = write(tmp_path / "r.csv", disguise()), tmp_path / "machine.toml"
     adopt([path], out, known=known)

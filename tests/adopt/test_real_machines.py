@@ -132,9 +132,7 @@ def test_emps_gives_its_published_mass_and_friction_and_no_percent(tmp_path: Pat
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_dmc_60_h_fingerprints_to_the_inertia_of_a_plain_regression(
-    number: int, tmp_path: Path
-) -> None:
+def test_dmc_60_h_fingerprints_to_inertia_of_plain_regression(number: int, tmp_path: Path) -> None:
     trace, lead_m = DATA / "kit_dmc60h" / "excerpt.csv", 0.016
     machine = adopted(trace, tmp_path, "--lead", 16, "--axis-number", number)
     text = said("fingerprint", "--machine", machine, trace, "--out", tmp_path)
@@ -163,9 +161,7 @@ def test_a_quarter_of_a_second_of_motion_is_said_to_be_too_little(
 
 
 @pytest.mark.parametrize("name", ["no-pp-sine-sweep-10mm-0.5Hz", "pp-square-wave-10mm-0.5Hz"])
-def test_a_screw_actuator_shows_the_inertia_of_a_plain_regression(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_screw_actuator_shows_inertia_of_a_plain_regression(name: str, tmp_path: Path) -> None:
     trace = DATA / "screw_actuators" / f"LinA_{name}.txt"
     machine = adopted(trace, tmp_path, "--lead", 1, "--torque-constant", 0.0429)
     said("fingerprint", "--machine", machine, trace, "--out", tmp_path)
@@ -210,9 +206,7 @@ def test_a_servo_tuning_is_passed_on_to_the_command_that_reads_it(tmp_path: Path
     assert "the control states: total inertia 0.1468 kg m2" in text
 
 
-def test_the_mills_friction_holds_a_plain_regression_and_its_rate_is_refused(
-    tmp_path: Path,
-) -> None:
+def test_mills_friction_holds_a_plain_regression_and_its_rate_is_refused(tmp_path: Path) -> None:
     trace, constant = DATA / "smart_cnc_mill" / "experiment_06.csv", 0.06
     options = ("--axis-number", 1, "--lead", 10, "--torque-constant", constant)
     machine = adopted(trace, tmp_path, *options)

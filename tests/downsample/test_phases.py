@@ -89,6 +89,25 @@ def test_stamps_that_scatter_are_not_taken_for_motion() -> None:
         assert found.acceleration_rad_s2 == pytest.approx(known.acceleration_rad_s2, abs=5.0)
 
 
+@pytest.mark.parametrize("frequency_hz", [20.0, 60.0, 90.0])
+def test_a_table_that_lags_is_seen_to_lag_alike_however_fast_it_swings(frequency_hz: float) -> None:
+    """It lags by 1e-8 m per rad/s^2; what is averaged away of the one goes from the other, too."""
+    turn, time_s = 2.0 * np.pi * frequency_hz, np.arange(3_000) / 1e3
+    motion = 400.0 * np.sin(turn * time_s)
+    angle = 40.0 * time_s - motion / turn**2
+    table = 0.4 + RATIO * angle - 1e-8 * motion
+    columns = {"time_s": time_s, TORQUE: np.zeros(3_000), ANGLE: angle, TABLE_POSITION: table}
+    compared = 0
+    for block in blocks_of(columns)[3:]:
+        for phase in (block.accelerating, block.braking):
+            if phase.steady_s:
+                lag = 0.4 + RATIO * phase.angle_rad - phase.table_m
+                expected = 1e-8 * phase.acceleration_rad_s2
+                assert lag == pytest.approx(expected, rel=0.06)
+                compared += 1
+    assert compared > 20
+
+
 @pytest.mark.parametrize("part", PHASES)
 def test_short_intervals_sum_to_long_ones(part: str) -> None:
     """Wherever the axis does not turn round within a long interval."""

@@ -148,9 +148,7 @@ def test_a_rest_that_has_changed_is_not_called_lost_preload(softer: float) -> No
     assert [reason[:13] for reason in told.reasons] == ["rest_changed:"] * (softer != 1.1)
 
 
-def test_between_tests_the_answer_widens_and_is_never_narrower(
-    worn_moves: list[FeatureBlock],
-) -> None:
+def test_between_tests_answer_widens_and_is_never_narrower(worn_moves: list[FeatureBlock]) -> None:
     made = estimator()
     told = [made.take_test(as_it_is(HALF), 0.0)]
     for days in (0.0, 3.0, 6.0, 20.0):

@@ -211,9 +211,7 @@ def test_an_axis_that_is_what_it_says_raises_no_doubt(healthy: SampleFrame) -> N
         ("warmup", "drag_error", "viscous_error", "presliding", "position_friction"),
     ],
 )
-def test_faults_of_the_mechanics_are_no_mistakes_of_the_configuration(
-    effects: tuple[str, ...],
-) -> None:
+def test_faults_of_mechanics_are_no_mistakes_of_the_configuration(effects: tuple[str, ...]) -> None:
     assert doubts(examined(MACHINE, recorded(MACHINE, *effects))) == {}
 
 

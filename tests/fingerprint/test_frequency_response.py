@@ -190,9 +190,7 @@ def seen(axis: Axis, rate_hz: float = 1000.0) -> Notch:
 
 
 @pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 2000.0])
-def test_the_antiresonance_is_found_and_falls_with_the_preload_by_the_cube_root(
-    rate_hz: float,
-) -> None:
+def test_antiresonance_is_found_and_falls_with_the_preload_by_the_cube_root(rate_hz: float) -> None:
     fresh, worn = seen(AXIS, rate_hz), seen(HALF, rate_hz)
     assert fresh.antiresonance_hz == pytest.approx(AXIS.antiresonance_hz, rel=0.01)
     assert worn.antiresonance_hz / fresh.antiresonance_hz == pytest.approx(
@@ -217,9 +215,7 @@ def test_the_antiresonance_is_found_and_falls_with_the_preload_by_the_cube_root(
     ],
     ids=str,
 )
-def test_neither_grease_nor_warmth_nor_the_torque_constant_moves_it(
-    change: dict[str, float],
-) -> None:
+def test_neither_grease_nor_warmth_nor_torque_constant_moves_it(change: dict[str, float]) -> None:
     changed = replace(AXIS, **change)  # type: ignore[arg-type]
     expected = (changed.stiffness() / changed.table_kg) ** 0.5 / 2.0 / np.pi
     found = seen(changed).antiresonance_hz / seen(AXIS).antiresonance_hz

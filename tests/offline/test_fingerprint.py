@@ -87,9 +87,7 @@ def test_the_page_stands_alone_and_shows_the_baseline(walked: Path) -> None:
     assert all(f'id="{name}"' in page for name in WORDING.keys() - {"friction_runs"})
 
 
-def test_the_same_recordings_give_the_same_bytes(
-    walked: Path, rubbing: Path, tmp_path: Path
-) -> None:
+def test_same_recordings_give_the_same_bytes(walked: Path, rubbing: Path, tmp_path: Path) -> None:
     traces = [walked / f"healthy_{motion}.parquet" for motion in ("reversals", "acceleration")]
     fingerprint(rubbing, traces, tmp_path)
     for name in ("fingerprint.json", "report.html"):
@@ -151,9 +149,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(walked: Path, tmp_path: Path) 
         (IntervalEstimate(0.0, 0.0, 0.0, "N", 9.0), "0.0 N (0.0 to 0.0)"),
     ],
 )
-def test_numbers_are_shown_with_the_digits_that_they_have(
-    figure: IntervalEstimate, text: str
-) -> None:
+def test_numbers_are_shown_with_digits_that_they_have(figure: IntervalEstimate, text: str) -> None:
     assert estimate(figure).startswith(text)
     assert plain("stiffness.stiffness_at_160_mm_n_per_m") == "stiffness at 160 mm"
     assert plain("coulomb_nm") == "Coulomb"

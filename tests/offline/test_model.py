@@ -66,9 +66,7 @@ def test_stiffnesses_are_in_series_along_the_stroke(found: dict[str, Any]) -> No
         assert 1.0 / fixed == pytest.approx(near * far / (near + far) + rest)  # (5.3.10)
 
 
-def test_a_preload_stiffens_a_nut_until_its_load_frees_the_other_half(
-    found: dict[str, Any],
-) -> None:
+def test_a_preload_stiffens_a_nut_until_its_load_frees_other_half(found: dict[str, Any]) -> None:
     nut, fresh = found["nut"], 0.8 * 1.6e8
     assert nut["unloaded_n_per_m"][2] == pytest.approx(fresh * 0.5 ** (1.0 / 3.0), rel=1e-6)
     last_n = nut["load_n"][-1]  # beyond 2.8 times each preload but the greatest

@@ -123,9 +123,7 @@ class Controller:
 @pytest.mark.parametrize(
     "name", ["standstill", "reversals", "friction", "signature", "acceleration"]
 )
-def test_an_nc_program_goes_where_the_setpoints_go(
-    tmp_path: Path, machine: Machine, name: str
-) -> None:
+def test_an_nc_program_goes_where_setpoints_go(tmp_path: Path, machine: Machine, name: str) -> None:
     out = tmp_path / "program.mpf"
     write_motion(name, machine, out)
     controller = Controller(out.read_text())
@@ -144,9 +142,7 @@ def test_an_nc_program_goes_where_the_setpoints_go(
     assert controller.blocks[-1] == "M30"
 
 
-def test_an_nc_program_says_constant_speeds_in_mm_per_minute(
-    tmp_path: Path, machine: Machine
-) -> None:
+def test_nc_program_says_constant_speeds_in_mm_per_minute(tmp_path: Path, machine: Machine) -> None:
     out = tmp_path / "program.mpf"
     write_motion("friction", machine, out)
     text = out.read_text()

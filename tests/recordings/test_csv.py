@@ -130,9 +130,7 @@ def test_the_sign_is_that_of_the_last_change_over_any_cut(cut: int) -> None:
     np.testing.assert_array_equal(signs, [np.nan, np.nan, 1, 1, 1, 1, -1, -1, -1])
 
 
-def test_a_position_is_read_as_a_difference_and_a_current_with_the_direction(
-    tmp_path: Path,
-) -> None:
+def test_a_position_is_read_as_a_difference_and_a_current_with_direction(tmp_path: Path) -> None:
     path = tmp_path / "r.csv"
     path.write_text("t,set,error,i\n0,10,1,5\n1,20,2,5\n2,30,3,5\n3,20,-2,5\n4,20,-1,-5\n")
     columns = {

@@ -108,9 +108,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         TraceWriter(tmp_path / "folder.csv", [TORQUE])
 
 
-def test_a_full_disk_is_reported_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_table: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -40,7 +40,7 @@ that jitter."""
 UNEVEN_LOST = 0.5
 """Assumption: of the friction's unevenness along the stroke, what goes with the preload (sigma)."""
 STEADY_PLAY = 0.2
-"""Assumption: of a lost nut's play, what varies in even motion, which keeps it on one side."""
+"""Assumption: of a lost nut's play, what varies where even motion or weight keep it on one side."""
 _decay = inlined(stribeck_decay)
 
 
@@ -240,7 +240,8 @@ def innovate(
             stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])
             e[1] = r.stretch_m - stretch
             loose = process.loose_m * math.exp(-math.exp(at[state.PRELOAD]) / 0.3)
-            loose *= 1.0 if noise.accelerates else STEADY_PLAY
+            swings_n = model.guide_n + abs(model.table_mass_kg * ratio * r.acceleration_rad_s2)
+            loose *= 1.0 if noise.accelerates and swings_n > abs(model.hanging_n) else STEADY_PLAY
             s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
             s[0, 1] = axial * ratio * compliance
         if not noise.accelerates:

@@ -27,13 +27,11 @@ _USUAL = 6.0
 OUTLIER = 20.0
 """Normalised innovation squared beyond which a hypothesis has no explanation: its likelihood has
 a tail flatter than a normal distribution's, and the phase corrects it little or not at all."""
-_RAPID = 0.4
+_RAPID, _ALIKE = 0.4, 0.5
 _USUAL_SIGMA, _SHIFTED_SIGMA, _SHIFTED_M = 3.0, 8.0, 5e-6
 RAPID_MEMORY_S = 8.0
 """Rapid motion over which the share of process forces in it is averaged."""
-_ALIKE = 0.5
-_NEVER = 1e-12
-_LEAST_PERCENT = 0.02
+_NEVER, _LEAST_PERCENT = 1e-12, 0.02
 _LEAST_FRICTION, _MOST_FRICTION = -0.7, 3.0
 
 

@@ -58,9 +58,7 @@ def test_what_may_be_worn_is_asked_about(
 
 
 @pytest.mark.parametrize("left", [0.9, 0.8, 0.7])
-def test_less_friction_than_at_the_last_commissioning_is_assumed_to_be_fresh_aloud(
-    left: float,
-) -> None:
+def test_less_friction_than_at_last_commissioning_is_assumed_to_be_fresh_aloud(left: float) -> None:
     nominal = BENCH.machine(**FRESH)
     known = commissioned([cut(BENCH)], nominal)
     assert doubt_of_fresh_screw(known, commissioned([cut(BENCH)], known)) is None
@@ -96,9 +94,7 @@ def commission(folder: Path) -> Path:
     return out
 
 
-def test_what_was_assumed_stays_in_the_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_assumed_stays_in_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     learned = load_machine(commission(tmp_path)).commissioned
     assert learned is not None and learned.assumed_fresh
     said = capsys.readouterr().out

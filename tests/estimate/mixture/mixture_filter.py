@@ -90,7 +90,10 @@ def noise_of(
     stretch = model.stretch_density * (1.0 + (model.stretch_slow_rad_s / speed) ** 2) / r.steady_s
     loose = process.loose_m * math.exp(-math.exp(x[state.PRELOAD]) / 0.3)
     inertia_nm = abs(model.inertia_kg_m2 * r.acceleration_rad_s2)
-    loose *= 1.0 if inertia_nm > 2.0 * math.sqrt(noise[0, 0]) else physics.STEADY_PLAY
+    swings_n = abs(model.table_mass_kg * model.ratio_m_per_rad * r.acceleration_rad_s2)
+    swings = abs(model.hanging_n) < swings_n + model.guide_n
+    swings &= inertia_nm > 2.0 * math.sqrt(noise[0, 0])
+    loose *= 1.0 if swings else physics.STEADY_PLAY
     noise[1, 1] = stretch + loose**2
     axial = process.axial_n * np.array([model.ratio_m_per_rad, compliance])
     return (noise + np.outer(axial, axial))[:quantities, :quantities]

@@ -227,9 +227,7 @@ def test_improbable_frictions_cost_in_full_and_once() -> None:
 
 
 @pytest.mark.parametrize(("over_noise", "tells"), [(1.9, False), (100.0, True)])
-def test_an_acceleration_within_the_noise_tells_nothing_of_a_load(
-    over_noise: float, tells: bool
-) -> None:
+def test_acceleration_within_noise_tells_nothing_of_a_load(over_noise: float, tells: bool) -> None:
     bank, rng = settled(), np.random.default_rng(1)
     hypotheses.spawn_challenger(bank, PROCESS, s.LOAD, STEADY, -1.0)
     calm = idle(rng)._replace(acceleration_rad_s2=over_noise * TORQUE_NOISE_NM / 1.5e-3)

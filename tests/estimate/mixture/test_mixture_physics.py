@@ -12,6 +12,7 @@ from edge_service.messages.samples import Floats
 from edge_service.models.screw.nut_law import nut_deflection
 
 from .mixture_axis import CLEARANCE, FRESH, FRESH_N, Truth, deflection, idle, parts
+from .mixture_filter import alone
 
 MODEL, START, _ = parts()
 PAIR = (MODEL.fresh_percent, MODEL.fresh_preload_n, MODEL.clearance_share)
@@ -122,6 +123,19 @@ def test_the_nut_yields_as_two_contacts_in_balance(load_n: float, percent: float
     ]
     assert by_force == pytest.approx(0.5 * slanted[0], rel=2e-3)
     assert by_percent == pytest.approx(0.5 * slanted[1], rel=2e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("hanging_n", [0.0, 30.0, 600.0, -600.0])
+def test_a_heavy_table_keeps_a_nut_without_preload_on_one_side(hanging_n: float) -> None:
+    """Accelerating as gently as it does moves no play that its weight has closed."""
+    process, bank, model = parts()[2], alone(parts()[1], 0.0), MODEL._replace(hanging_n=hanging_n)
+    bank.mean[0, state.PRELOAD], bank.covariance[0] = math.log(0.02), 0.0
+    n = bank.mean.shape[1]
+    zeros = np.zeros((2, 2, n)), np.zeros(2), np.eye(2), np.zeros(n)
+    found = physics.Innovation(*zeros[0], *zeros[1:])
+    r = idle(np.random.default_rng(1))._replace(acceleration_rad_s2=200.0, stretch_m=0.0)
+    physics.innovate(bank, 0, model, process, r, physics.noise_of(model, r), True, found)
+    assert (found.covariance[1, 1] > 0.8 * process.loose_m**2) == (abs(hanging_n) < 100.0)
 
 
 @pytest.mark.parametrize("percent", [1.0, 3.5, 7.0])

@@ -93,6 +93,14 @@ def test_a_quiet_second_mends_no_gross_disagreement(edit: Edit) -> None:
     assert misled(numbers(answers_to(edit, 120.0)), FRESH) == 0.0
 
 
+@pytest.mark.parametrize(("seed", "grease"), [(7, 0.8), (8, 1.2), (102, 1.0)])
+def test_an_axis_that_is_tested_by_shaking_has_lost_nothing(seed: int, grease: float) -> None:
+    frames = AXIS.frames("chirp", np.full(24_000, FRESH), seed, lubricant=grease)
+    answers = numbers(run(downsampled(frames, machine())))
+    assert held(answers, FRESH) == 1.0
+    assert answers[:, 1].min() > 0.8 * FRESH
+
+
 @pytest.mark.parametrize("interval_s", [0.02, 0.005])
 def test_shorter_intervals_hold_the_truth_as_well(interval_s: float) -> None:
     frames = AXIS.frames("production", np.full(20_000, FRESH), 6)

@@ -126,9 +126,7 @@ def test_all_effects_at_once_stay_bounded(machine: Machine, substeps: int) -> No
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])
-def test_friction_is_moved_behind_the_spring_and_stays_the_same(
-    machine: Machine, share: float
-) -> None:
+def test_friction_is_moved_behind_spring_and_stays_the_same(machine: Machine, share: float) -> None:
     plant = FeedDriveSettings.of_machine(machine).plant._replace(guide_force_n=80.0)
     text = f"compliance:level_m_per_n=1e-8,friction_share={share},viscous_share=0.3"
     moved = with_effects(plant, text)

@@ -89,9 +89,7 @@ def test_moves_keep_every_limit_or_are_refused_in_one_line(
 @settings(
     max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_the_others_keep_every_limit_too(
-    name: str, machine: Machine, axis: dict[str, float]
-) -> None:
+def test_others_keep_every_limit_too(name: str, machine: Machine, axis: dict[str, float]) -> None:
     limits = changed(machine, **axis)
     several_s = 10.0 * (limits.span_m / limits.rapid_m_s + 1.0)
     plan = plan_of(name, limits, duration_s=several_s if name in ENDLESS else None)

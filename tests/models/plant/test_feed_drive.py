@@ -76,9 +76,7 @@ def test_any_split_into_blocks_gives_the_same_bytes(cuts: list[int]) -> None:
     assert as_bytes(*parts) == as_bytes(whole)
 
 
-def test_momentum_of_the_recorded_samples_balances_over_every_tenth_of_a_second(
-    machine: Machine,
-) -> None:
+def test_momentum_of_recorded_samples_balances_over_every_tenth_of_second(machine: Machine) -> None:
     """J d omega = sum T (u_k - viscous - drag sgn(omega)) over intervals of unbroken motion."""
     frame = run(bench(machine), production(machine, 20_000))
     torque = frame.channels[channels.TORQUE]
