@@ -88,7 +88,7 @@ def diagnose_session(
     if not shaken:
         return found
     own, channels = by_effects(session), {vibration.channel for vibration, _ in shaken}
-    is_own = all(own.gap[each].after <= found.gap[each].after for each in channels)
+    is_own = all(own.series.least[each] <= found.series.least[each] for each in channels)
     # what follows an axis also where it shakes is no cause beside its own
     if is_own and own.effects and own.verdict is not Verdict.UNKNOWN:
         return own
@@ -129,10 +129,7 @@ def _shaking(
 
 def beside(rest: Diagnosis, named: Sequence[NamedEffect], session: Session) -> Diagnosis:
     """Diagnosis of a session from that of what some causes leave, which were known before."""
-    gap = {
-        name: each.model_copy(update={"before": session.channels[name].rms})
-        for name, each in rest.gap.items()
-    }
+    gap = {n: x.model_copy(update={"before": session.channels[n].rms}) for n, x in rest.gap.items()}
     places = where(session.channels, {name: each.floor for name, each in gap.items()})
     first, then = dict[str, float](), dict[str, float]()
     for name, known in rest.misfit.per_channel.items() if rest.misfit else ():
@@ -202,6 +199,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
     verdict = Verdict.EXPLAINED if partly else verdict_of(found, is_unknown=is_unknown)
     validation, causes = assessment.validation, contributions.channel_of
     fitted = [each.active(causes) for each in (validation.values, *validation.folds)]
+    lost = replayed.effects.get(next(iter(known), ""))
     off = [OFF.format(*each) for each in stretched.items() if verdict is Verdict.UNKNOWN]
     return Diagnosis(
         verdict=verdict,
@@ -220,7 +218,7 @@ def conclude(assessment: Assessment, loss: ActiveEffect | None = None) -> Diagno
         replay=ReplayStatus(possible=not replayed.problem, reason=replayed.problem or None),
         # noise of the torque is no greater than the torque; a gap may be
         is_blind=blind and gap[TORQUE_GAP].before <= torque_rms_nm,
-        series=Series(left, replayed.series, replayed.effects.get(next(iter(known), "")), fitted),
+        series=Series(left, replayed.series, lost, fitted, left_rms),
     )
 
 

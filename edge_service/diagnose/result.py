@@ -194,6 +194,7 @@ class Series:
     loss: Shrink | None = None
     # effects as named, and as fitted without each fold of the blocks of time
     fitted: Sequence[Sequence[ActiveEffect]] = ()
+    least: Mapping[str, float] = field(default_factory=dict)  # rms beside what is healthy, too
 
 
 class Diagnosis(Frozen):

@@ -13,7 +13,7 @@ from ...messages.samples import Booleans, Floats, Integers
 from ...models.effects.baseline import Baseline, Motion
 from ...models.effects.contribution import Change, Constant, Over, Side, SmoothTorque
 from ...models.effects.effect import ActiveEffect, Effect, Term
-from ...models.effects.learned import learned_effects
+from ...models.effects.learned import NAME, learned_effects
 from ...models.effects.registry import error_of
 from ...models.effects.signature import torque_signature, transmission_signature
 from ...models.machine import DEFAULT_TOLERANCE, MEASURED_SUM, Machine
@@ -201,8 +201,9 @@ def channel_gap(
         left = run.motion.torque_nm - _whole(run.motion, baseline, modelled).model_torque_nm
         return run.resting_zero(left)[compared(channel, run)]
     assert run.transmission_m is not None
-    motion = _loaded(run.motion, modelled)
-    known = [transmission_signature(e.effect, e.values, motion, baseline) for e in modelled]
+    loaded = _loaded(run.motion, modelled)  # beside what is learned, whose springs the baseline has
+    pairs = ((e, run.motion if e.effect.name == NAME else loaded) for e in modelled)
+    known = [transmission_signature(e.effect, e.values, motion, baseline) for e, motion in pairs]
     return run.low_pass(run.transmission_m - sum(known))[compared(channel, run)]
 
 

@@ -112,16 +112,13 @@ class Motion:
         pushed_nm, unknown = -baseline.ratio_m_per_rad * force, np.full_like(time_s, np.nan)
         table_rad_s2 = acceleration_rad_s2 if table_rad_s2 is None else table_rad_s2
         load = baseline.table_inertia_kg_m2 * table_rad_s2 + pushed_nm
-        whole = baseline.inertia_kg_m2 * acceleration_rad_s2 + pushed_nm
-        whole = (
-            whole + baseline.viscous_nm_s_per_rad * speed_rad_s + baseline.coulomb_nm * direction
-        )
+        whole = load + (baseline.inertia_kg_m2 - baseline.table_inertia_kg_m2) * acceleration_rad_s2
+        whole += baseline.viscous_nm_s_per_rad * speed_rad_s + baseline.coulomb_nm * direction
         position_m = baseline.ratio_m_per_rad * angle_rad if position_m is None else position_m
         torque_nm = unknown if torque_nm is None else torque_nm
         temperature_c = unknown if temperature_c is None else temperature_c
-        paces = speed_rad_s, acceleration_rad_s2, table_rad_s2
         known = position_m, direction, torque_nm, whole, load, temperature_c
-        return cls(time_s, angle_rad, *paces, *known)
+        return cls(time_s, angle_rad, speed_rad_s, acceleration_rad_s2, table_rad_s2, *known)
 
     def __len__(self) -> int:
         return int(self.time_s.shape[0])

@@ -49,8 +49,7 @@ def effect_names() -> tuple[str, ...]:
 
 def get_effect(name: str) -> Effect:
     """The entry of a name. Raises ValueError: no effect has this name."""
-    effect = effects().get(name)
-    if effect is None:
+    if (effect := effects().get(name)) is None:
         near = difflib.get_close_matches(name, effect_names(), n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise ValueError(f"no effect {name!r}{hint}; there are {', '.join(effect_names())}")

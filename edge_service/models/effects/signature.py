@@ -87,17 +87,15 @@ def _torque(contribution: Contribution, motion: Motion, baseline: Baseline) -> F
 
 def _transmission(contribution: Contribution, motion: Motion, baseline: Baseline) -> Floats:
     shift = np.zeros(len(motion))
+    wound_m = functools.partial(baseline.wind_up_m, position_m=motion.position_m)
     match contribution:
         case DryFriction(over, level_nm, side):  # at rest as it came there
             level = motion.approach * _over(level_nm, motion, over)
-            carried_nm = side.table_share(baseline.table_share) * level
-            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+            shift = wound_m(side.table_share(baseline.table_share) * level)
         case SmoothTorque(over, torque_nm, side):
-            carried_nm = side.table_share(baseline.table_share) * _over(torque_nm, motion, over)
-            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+            shift = wound_m(side.table_share(baseline.table_share) * _over(torque_nm, motion, over))
         case TableForce(force_n):
-            carried_nm = -baseline.ratio_m_per_rad * force_n(motion.time_s)
-            shift = baseline.wind_up_m(carried_nm, motion.position_m)
+            shift = wound_m(-baseline.ratio_m_per_rad * force_n(motion.time_s))
         case Shift(Place.ANGLE_READING, over, curve):
             shift = -baseline.ratio_m_per_rad * curve(_variable(motion, over))
         case Shift(_, over, curve):
@@ -131,29 +129,34 @@ def _variable(motion: Motion, over: Over) -> Floats:
 
 def _shift_torque(shift: Shift, motion: Motion, baseline: Baseline) -> Floats:
     """Inertia torque of a shift: R m e'' of the nut, -J r'' and -D r' of a rotary reading."""
-    along = shift.over is Over.POSITION
-    per_rad = baseline.ratio_m_per_rad if along else 1.0
+    along = baseline.ratio_m_per_rad, _POSITION_STEP_M
+    per_rad, step = along if shift.over is Over.POSITION else (1.0, _ANGLE_STEP_RAD)
     variable = _variable(motion, shift.over)
     if isinstance(shift.shift, Harmonic):
         slope, bend = shift.shift.derivatives(variable)
     else:
-        step = _POSITION_STEP_M if along else _ANGLE_STEP_RAD
         before, here, after = (shift.shift(variable + k * step) for k in (-1.0, 0.0, 1.0))
         slope = (after - before) / (2.0 * step)
         bend = (after - 2.0 * here + before) / step**2
     speed = per_rad * motion.speed_rad_s
     acceleration = bend * speed**2 + slope * per_rad * motion.acceleration_rad_s2
+    seen_kg_m2 = _seen_kg_m2(motion, baseline)
     if shift.place is Place.NUT:
-        return baseline.table_inertia_kg_m2 / baseline.ratio_m_per_rad * acceleration
+        return (baseline.table_inertia_kg_m2 - seen_kg_m2) / baseline.ratio_m_per_rad * acceleration
     viscous = baseline.viscous_nm_s_per_rad * (slope * speed)
-    return -baseline.inertia_kg_m2 * acceleration - viscous
+    return -(baseline.inertia_kg_m2 - seen_kg_m2) * acceleration - viscous
+
+
+def _seen_kg_m2(motion: Motion, baseline: Baseline) -> float:
+    """Inertia of a table whose own acceleration is measured, and counts already; otherwise 0."""
+    is_measured = not np.array_equal(motion.table_rad_s2, motion.acceleration_rad_s2)
+    return baseline.table_inertia_kg_m2 * is_measured
 
 
 def _lacking(reach_m: float, level: Floats, motion: Motion, baseline: Baseline) -> Floats:
     """Share of dry friction that bristles add to its level at once, -1 to 1, (n,)."""
-    if reach_m <= 0.0:
-        return np.zeros(len(motion))
-    return bristle_share(baseline.ratio_m_per_rad * motion.angle_rad, reach_m) - level
+    travel = baseline.ratio_m_per_rad * motion.angle_rad
+    return (bristle_share(travel, reach_m) if reach_m > 0.0 else level) - level
 
 
 def _presliding_torque(reach_m: float, motion: Motion, baseline: Baseline) -> Floats:
@@ -204,9 +207,7 @@ def _carried_nm(dry: float, viscous: float, motion: Motion, baseline: Baseline) 
     return load_nm + viscous * _viscous_load_nm(motion, baseline)
 
 
-def _loaded_nm(motion: Motion, baseline: Baseline) -> Floats:
-    """Load of the spring by the model, N m at the motor, (n,)."""
-    return _carried_nm(1.0, 0.0, motion, baseline)
+_loaded_nm = functools.partial(_carried_nm, 1.0, 0.0)
 
 
 def _dry_load_nm(motion: Motion, baseline: Baseline) -> Floats:
@@ -252,11 +253,14 @@ def _beyond_limit(limit_nm: float, motion: Motion, _baseline: Baseline) -> Float
 
 
 _CHANGED_TORQUE: dict[Constant, _Signature] = {
-    Constant.TABLE_INERTIA: lambda value, motion, _: value * motion.acceleration_rad_s2,
+    Constant.TABLE_INERTIA: lambda value, motion, _: value * motion.table_rad_s2,
     Constant.VISCOUS: lambda value, motion, _: value * motion.speed_rad_s,
     Constant.COMMAND_SHARE: lambda value, motion, _: value * motion.model_torque_nm,
     Constant.TORQUE_LIMIT: _beyond_limit,
     Constant.TORQUE_LAG: _delayed,
+    Constant.POSITION_LAG: lambda value, motion, baseline: (  # the table's acceleration is late
+        value * _seen_kg_m2(motion, baseline) * np.gradient(motion.table_rad_s2, motion.time_s)
+    ),
     Constant.PRESLIDING_REACH: _presliding_torque,
 }
 
