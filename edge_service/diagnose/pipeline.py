@@ -48,7 +48,7 @@ IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 OFTEN = 0.5
 """Part of the time: what oscillates less often, where a force acts for a while, is the force's."""
-MOST_VIBRATIONS = 3
+MOST_VIBRATIONS, MUCH = 3, math.sqrt(0.5)  # of the gap: half of its energy
 ALL_MOTIONS = "full"
 """Motion that decides what none shorter is known to decide."""
 
@@ -67,8 +67,7 @@ def diagnose_session(
         library: effects that may be named; all of them unless given.
         loss: of the preload that the session's gap has no part of; it is replayed with the causes.
     """
-    library = tuple(effects().values()) if library is None else library
-    searched = [each for each in library if not each.is_fault]
+    searched = [e for e in (effects().values() if library is None else library) if not e.is_fault]
     progress("what is periodic in time")
     others, shaken = session, list[tuple[Vibration, NamedEffect]]()
     while len(shaken) < MOST_VIBRATIONS and (each := strongest_vibration(others, machine)):
@@ -103,10 +102,12 @@ def _shaking(
 ) -> Diagnosis:
     """Diagnosis of a session from that of what its vibrations leave.
 
-    One that comes and goes beside a force that is named is the force's own, and is only told.
+    One that comes and goes beside a force, named or among much that is unknown, is but told.
     """
-    forced = any(each.name == disturbance() for each in found.effects)
-    kept = [cause for each, cause in shaken if not forced or each.is_there.mean() > OFTEN]
+    calm = {name: rows.rms / session.channels[name].rms for name, rows in others.channels.items()}
+    is_unknown, forced = found.verdict is Verdict.UNKNOWN, {x.name for x in found.effects}
+    forces = {n for n, x in calm.items() if (is_unknown and x > MUCH) or disturbance() in forced}
+    kept = [x for each, x in shaken if each.channel not in forces or each.is_there.mean() > OFTEN]
     named = list({each.channel: each for each in reversed(kept)}.values())  # the greatest
     told = (
         f"{each.channel}: it oscillates at {each.frequency_hz:.3g} Hz with {each.amplitude:.3g} "
@@ -114,15 +115,14 @@ def _shaking(
         for each, cause in shaken
         if cause not in kept
     )
-    calm = {name: rows.rms / session.channels[name].rms for name, rows in others.channels.items()}
     less = [
         each.model_copy(update={"probability": BLIND_TRUST * each.probability})
-        if kept and calm[each.channel] < math.sqrt(0.5)
+        if kept and calm[each.channel] < MUCH
         else each
         for each in found.effects
     ]
-    rest = verdict_of(less, is_unknown=found.verdict is Verdict.UNKNOWN)
-    found = beside(found.with_effects(less, rest), named, session)
+    rest = found.with_effects(less, verdict_of(less, is_unknown=is_unknown))
+    found = beside(rest, named, session)
     verdict = Verdict.EXPLAINED if found.verdict is Verdict.NO_GAP else found.verdict
     return found.with_effects(ranked(found.effects), verdict, *told)
 
