@@ -7,7 +7,6 @@ The format `home-assistant` adds the description by which Home Assistant finds e
 import asyncio
 import json
 import re
-import time
 from contextlib import suppress
 from dataclasses import asdict
 from hashlib import sha256
@@ -24,17 +23,11 @@ from ..messages.event import AxisCondition
 from ..messages.topics import EVENT, HEALTH, IMM, PRELOAD
 from ..retry import all_of
 from . import sparkplug
-from .base import (
-    Message,
-    Output,
-    OutputConfig,
-    OutputContext,
-    OutputUnavailableError,
-)
+from .base import Message, Output, OutputConfig, OutputContext, OutputUnavailableError
 
-PERIOD_S = 1.0
-"""Time in which the answer about an axis is sent once at most."""
-EXPIRE_S = 60
+SILENT_S = 2
+"""After half as long again without a message the broker says that the service is gone."""
+EXPIRE_S = 3
 ONLINE, OFFLINE = "online", "offline"
 _TOLD = PRELOAD.name, HEALTH.name, IMM.name
 
@@ -67,7 +60,6 @@ class MqttOutput(Output):
         config.tls()
         self._client: aiomqtt.Client | None = None
         self._listening: asyncio.Task[None] | None = None
-        self._sent_s: dict[str, float] = {}
 
     async def open(self) -> None:
         if self._client is not None:
@@ -78,7 +70,6 @@ class MqttOutput(Output):
         except aiomqtt.MqttError as error:
             raise OutputUnavailableError(f"{self.config.where}: {error}") from None
         self._client = client
-        self._sent_s.clear()
         if self.context.is_test:  # of the service that runs nothing is said
             return
         if self._node is not None:
@@ -104,25 +95,16 @@ class MqttOutput(Output):
         if self._listening is not None and self._listening.done():
             await self._lost("the connection broke")
         if isinstance(message, AxisAnswer):
-            now_s = time.monotonic()
-            if now_s - self._sent_s.get(message.axis, -PERIOD_S) >= PERIOD_S:
-                preload, health = preload_of(message), health_of(message)
-                if self._node is None:
-                    opinion = message.opinion or ImmEstimate(axis=message.axis)
-                    imm = {"schema": IMM.schema} | opinion.model_dump(mode="json")
-                    root, told = f"{self._root}/{message.axis}", (preload, health, imm)
-                    await all_of(
-                        *(
-                            self._publish(f"{root}/{topic}", said, retain=True)
-                            for topic, said in zip(_TOLD, told, strict=True)
-                        )
-                    )
-                elif message.is_heard:
-                    values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
-                    await self._tell_device(message.axis, values)
-                else:
-                    await self._tell_device(message.axis, None)
-                self._sent_s[message.axis] = now_s
+            preload, health = preload_of(message), health_of(message)
+            if self._node is not None:
+                values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
+                await self._tell_device(message.axis, values if message.is_heard else None)
+                return
+            opinion = message.opinion or ImmEstimate(axis=message.axis)
+            imm = {"schema": IMM.schema} | opinion.model_dump(mode="json")
+            root, told = f"{self._root}/{message.axis}/", (preload, health, imm)
+            said = zip(_TOLD, told, strict=True)
+            await all_of(*(self._publish(root + name, each, retain=True) for name, each in said))
             return
         for event in message.events:
             members = event.model_dump(mode="json")
@@ -153,10 +135,10 @@ class MqttOutput(Output):
         """A client with our will; that of a test has a name of its own, and no will."""
         if self._node is not None:
             self._node.begin()
-        will = aiomqtt.Will(*self._death(), 1, self._node is None)
         is_test, name = self.context.is_test, self.context.name
+        will = None if is_test else aiomqtt.Will(*self._death(), 1, self._node is None)
         who = f"edge-service-{self._machine.replace('/', '-')}-{'test' if is_test else name}"
-        client: aiomqtt.Client = self.config.client(who, will=None if is_test else will)
+        client: aiomqtt.Client = self.config.client(who, will=will, keepalive=SILENT_S)
         client.pending_calls_threshold += len(_TOLD) * len(self.context.axes)  # or it warns
         return client
 
@@ -178,7 +160,6 @@ class MqttOutput(Output):
             async for heard in client.messages:
                 if isinstance(heard.payload, bytes) and sparkplug.asks_for_birth(heard.payload):
                     await self._publish(*node.birth(), qos=0)
-                    self._sent_s.clear()
 
     async def _lost(self, reason: str) -> None:
         """Raise what is wrong, after the connection was given up."""

@@ -2,10 +2,13 @@
 
 import asyncio
 import logging
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from asyncua import ua
+from asyncua.common.callback import CallbackType, ServerItemCallback
 from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
@@ -34,11 +37,14 @@ from .base import (
 from .opcua_nodes import AddressSpace, data_values
 
 URI = "urn:edge-service"
+OLD_S = 1.0
+"""Time without a new answer after which a value that is read is the last usable one."""
 SESSIONS = 20
 """Clients that there may be at once."""
 _MESSAGE_BYTES, _CHUNK_BYTES = 1_000_000, 65_535
 _UNREAD_BYTES = 4_000_000
 """Bytes that may wait for a client that does not read; then it is cut off."""
+_OLD = ua.StatusCode(ua.UInt32(StatusCodes.UncertainLastUsableValue))
 _NOBODY = User(role=UserRole.Anonymous)
 _REFUSED = (
     ObjectIds.WriteRequest_Encoding_DefaultBinary,
@@ -89,7 +95,7 @@ class OpcuaOutput(Output):
             self._uri = application_uri(config.certificate, config.private_key)
         self._server: BoundedServer | None = None
         self._space: AddressSpace | None = None
-        self._limited: set[str] = set()
+        self._limited, self._told_s = set[str](), 0.0
 
     @property
     def port(self) -> int:
@@ -123,6 +129,7 @@ class OpcuaOutput(Output):
         if message.axis not in self._limited and message.health.limits is not None:
             await self._space.set_limits(message)
             self._limited.add(message.axis)
+        self._told_s = time.monotonic()
         write = self._server.iserver.aspace.write_attribute_value
         for name, value in data_values(message).items():
             for node in self._space.shown[message.axis][name]:
@@ -140,6 +147,7 @@ class OpcuaOutput(Output):
 
     async def _build(self, server: "BoundedServer") -> None:
         await server.init()
+        server.subscribe_server_callback(CallbackType.PostRead, self._mark_old)
         host, port = self.config.place
         shown = f"[{host}]" if ":" in host else host
         server.set_endpoint(f"opc.tcp://{shown}:{port}/edge-service/")
@@ -157,6 +165,15 @@ class OpcuaOutput(Output):
         self._space = AddressSpace(server)
         machine = f"{self.context.site}/{self.context.machine}"
         await self._space.build(machine, self.context.axes)
+
+    def _mark_old(self, read: ServerItemCallback, _service: object) -> None:
+        """Mark what is read of the axes after a stall, before there are new answers."""
+        space, values = self._space, read.response_params
+        if space is None or time.monotonic() - self._told_s < OLD_S:
+            return
+        for number, node in enumerate(read.request_params.NodesToRead):
+            if node.NodeId in space.told and values[number].SourceTimestamp:
+                values[number] = replace(values[number], StatusCode=_OLD)
 
     def get_user(
         self,

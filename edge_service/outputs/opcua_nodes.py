@@ -159,6 +159,7 @@ class AddressSpace:
         self._server = server
         self._index: dict[str, int] = {}
         self.shown: dict[str, Nodes] = {}
+        self.told = frozenset[ua.NodeId]()
 
     async def build(self, machine: str, axes: Sequence[str]) -> None:
         """Make the nodes of a machine and of its axes; what is unknown is bad."""
@@ -181,8 +182,9 @@ class AddressSpace:
             for name, child in {ADVICE: "Activity", DUE: "PredictedTime"}.items():
                 told = await prognosis.get_child(self._name(MACHINE_TOOL, child))
                 nodes[name].append(told.nodeid)
-        known = {node for nodes in self.shown.values() for each in nodes.values() for node in each}
-        await self._mark_unknown(root, known)
+        every = (each for nodes in self.shown.values() for each in nodes.values())
+        self.told = frozenset(node for each in every for node in each)
+        await self._mark_unknown(root, self.told)
 
     async def _load_nodesets(self) -> None:
         """Load the companion specifications, without what rests on others beyond these."""
@@ -261,7 +263,7 @@ class AddressSpace:
         place = self._id(where), self._name(uri, name)
         return await parent.add_object(*place, self._known(kind), instantiate_optional=False)
 
-    async def _mark_unknown(self, node: Node, known: set[ua.NodeId]) -> None:
+    async def _mark_unknown(self, node: Node, known: frozenset[ua.NodeId]) -> None:
         """Say of all variables below a node that have no value that there is none."""
         for child in await node.get_children():
             if await child.read_node_class() == ua.NodeClass.Variable and child.nodeid not in known:

@@ -24,7 +24,7 @@ async def bench(folder: Path) -> AsyncIterator[OutputBench]:
         async with Client(f"{url}/edge-service/") as client:
             index = await client.get_namespace_index("urn:edge-service:axes")
             condition = client.get_node(f"ns={index};s=X.Condition")
-            return await condition.read_value() == "NORMAL"
+            return (await condition.read_data_value(False)).Value.Value == "NORMAL"
 
     yield OutputBench(make, heard, taker.start, taker.stop)
     await taker.stop()

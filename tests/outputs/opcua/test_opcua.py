@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import socket
 import sys
 from collections.abc import AsyncIterator
@@ -23,7 +24,7 @@ from edge_service.outputs.opcua_nodes import FIELDS, HEALTH, data_values
 from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
 
 FOREIGN = Path(__file__).parent / "foreign_client.py"
-PATIENCE_S = 60.0
+PATIENCE_S, STALE = 60.0, "UncertainLastUsableValue"
 FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
 
 
@@ -68,6 +69,7 @@ async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_not
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(module, "SESSIONS", 2)
+    monkeypatch.setattr(module, "OLD_S", math.inf)
     worn = answer(
         "Y", preload_percent=1.0, low=0.5, high=1.5, health=health_of(AxisCondition.FAULT)
     )
@@ -93,11 +95,16 @@ async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_not
         await server.take(SILENT)
         assert await line_of(process) == {"health": None, "status": "BadNoCommunication"}
 
-        async with Client(url):
+        async with Client(url) as client:
             assert server.readings == {"sessions": 2.0}
             with pytest.raises(ua.UaStatusCodeError) as caught:
                 await Client(url).connect()
             assert caught.value.code == ua.StatusCodes.BadTooManySessions
+            await server.take(answer())
+            number = client.get_node(server._space.shown["X"]["Preload"][0])
+            assert await number.read_value() == pytest.approx(6.7 / 0.0685)
+            monkeypatch.setattr(module, "OLD_S", 0.0)  # a stall until this reading
+            assert (await number.read_data_value(False)).StatusCode.name == STALE
 
 
 @pytest.mark.slow
