@@ -200,8 +200,7 @@ def test_a_current_without_a_sign_gets_that_of_the_direction(tmp_path: Path) -> 
     path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
     text = adopt([path], out, known=Known(DIAGNOSIS.lead_m, 1.0)).words
     assert "has no sign" in text
-    machine = load_machine(out)
-    torque = read_recording(machine, path).channels["torque_command_nm"]
+    torque = read_recording(load_machine(out), path).channels["torque_command_nm"]
     speed = np.gradient(t["position_setpoint_m"], t["time_s"])
     steady = (np.abs(speed) > 0.5 * np.abs(speed).max()) & np.isfinite(torque)
     assert np.mean(np.sign(torque[steady]) == np.sign(speed[steady])) > 0.95

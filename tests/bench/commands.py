@@ -1,6 +1,8 @@
 """The command that measures: speed and size, and how right the answers are."""
 
 import json
+import signal
+import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -46,6 +48,7 @@ def bench(
     with the library. drivers: polls and notifications. estimator: the preload beside its truth.
     identification: parameters beside their truth.
     """
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # ends what it started
     parts = PARTS_OF[name]
     unknown = [each for each in only if each not in parts]
     if unknown:

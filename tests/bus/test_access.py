@@ -184,8 +184,7 @@ async def test_a_payload_beyond_all_bounds_is_dropped_and_others_go_on() -> None
 
 
 async def test_sessions_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    key = "transport/unicast/max_sessions"
-    monkeypatch.setitem(settings._ROUTER, key, 3)
+    monkeypatch.setitem(settings._ROUTER, "transport/unicast/max_sessions", 3)
     bus = await Bus.open(BusSettings("tcp/127.0.0.1:0", "router"))
     with ExitStack() as held:
         for _ in range(2):

@@ -110,8 +110,7 @@ async def test_holes_and_foreign_bytes_are_counted(router: Bus) -> None:
 async def test_a_stalled_foreign_reader_never_blocks_the_publisher(router: Bus) -> None:
     config = zenoh_config(BusSettings(router.endpoint, "client"))
     stalled = await asyncio.to_thread(zenoh.open, config)
-    one = zenoh.handlers.FifoChannel(1)  # nobody reads it
-    subscriber = stalled.declare_subscriber(KEYS.key("X", RAW), one)
+    subscriber = stalled.declare_subscriber(KEYS.key("X", RAW), zenoh.handlers.FifoChannel(1))
     publisher = router.publisher(KEYS.key("X", RAW), RAW, "X")
     big = SampleFrame(np.zeros(5_000), {TORQUE: np.zeros(5_000)})
     near = router.subscribe(KEYS.key("X", RAW), RAW, depth=1000)

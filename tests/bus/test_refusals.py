@@ -55,8 +55,7 @@ async def test_what_could_not_be_decoded_is_refused_in_its_process(router: Bus) 
 
 
 async def test_a_flood_on_one_key_pushes_nothing_out_of_another(router: Bus) -> None:
-    topic = replace(RAW, most_hz=10.0)
-    subscriber = router.subscribe(KEYS.all_axes(RAW), topic, depth=4)
+    subscriber = router.subscribe(KEYS.all_axes(RAW), replace(RAW, most_hz=10.0), depth=4)
     router._session.put(KEYS.key("Y", RAW), RAW.encode("Y", GENUINE, FRAME))
     for number in range(1000):
         payload = RAW.encode("X", replace(GENUINE, sequence=number), FRAME)

@@ -127,8 +127,7 @@ def simulation(arguments: str) -> Maker:
     """Maker of what `edge-service simulate` records."""
 
     def make(path: Path) -> None:
-        command = ["simulate", *arguments.split(), "--out", str(path)]
-        _made_with(command)
+        _made_with(["simulate", *arguments.split(), "--out", str(path)])
 
     return make
 

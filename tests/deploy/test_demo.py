@@ -70,8 +70,7 @@ def test_what_is_missing_is_installed(checkout: Path, there: str, asked: str) ->
     python.chmod(0o755)
     for name in ("python3.11", "python3.12", "python3.13"):
         shutil.copy(python, checkout / name)
-    line = f'PATH="{checkout}:$PATH" sh deploy/setup.sh {asked}'
-    done = run(checkout, "-c", line)
+    done = run(checkout, "-c", f'PATH="{checkout}:$PATH" sh deploy/setup.sh {asked}')
     assert done.returncode == 2
     assert "[1/3]" in done.stderr
     assert "has neither venv nor pip" in done.stderr

@@ -38,8 +38,7 @@ print(Path("/proc/self/maps").read_text())
 @pytest.mark.slow
 def test_nothing_that_is_loaded_is_left_out(tmp_path: Path) -> None:
     packages = Path(sysconfig.get_path("purelib"))
-    environment = packages.parents[2]
-    unused = printed("sh", ROOT / "deploy" / "unused.sh", environment).splitlines()
+    unused = printed("sh", ROOT / "deploy" / "unused.sh", packages.parents[2]).splitlines()
     assert all(Path(path).exists() for path in unused)
     assert sum(path.endswith("/tests") for path in unused) > 5
     # Arrow looks for each of its parts and does without: here it runs as it is installed.

@@ -26,8 +26,7 @@ def run_foreign(count: int, seed: int, progress: Progress) -> Table:
     rows = sorted(run_cases(plan(foreign_plant(), count, seed), progress), key=lambda r: r.words)
     totals = totals_of(rows)
     counts = [{"kind": kind, **each} for kind, each in totals["outcomes"].items()]
-    shrinks = total_lines(totals)[len(counts) :]
-    return Table.of(counts, *shrinks, "", *(row.words for row in rows))
+    return Table.of(counts, *total_lines(totals)[len(counts) :], "", *(row.words for row in rows))
 
 
 def run_cases(cases: Sequence[HiddenCase], progress: Progress) -> Iterator[CheckedCase]:

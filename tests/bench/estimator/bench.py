@@ -75,8 +75,7 @@ def tasks_of(quick: bool, axes: range) -> Iterator[Task]:
                 name = f"life {plant} {axis}: {shape}"
                 yield Task("life", name, partial(live, plant, shape, axis, quick))
         for plant in PLANTS:
-            healthy = partial(shifts, plant, axis, shift_s)
-            yield Task("healthy", f"healthy {plant} {axis}", healthy)
+            yield Task("healthy", f"healthy {plant} {axis}", partial(shifts, plant, axis, shift_s))
             yield Task("losses", f"losses {plant} {axis}", partial(lost, plant, axis, shift_s))
         for plant in ("foreign", "own"):
             told = partial(lied, plant, axis, 10.0 if quick else LIE_S)

@@ -82,8 +82,7 @@ def _percent(machine: Machine) -> float:
 
 
 def _preparation(machine: Machine) -> PreparationSettings:
-    ratio = machine.transmission_ratio_m_per_rad
-    return PreparationSettings(ratio, torque_delay_s=0.5 / RATE_HZ)
+    return PreparationSettings(machine.transmission_ratio_m_per_rad, torque_delay_s=0.5 / RATE_HZ)
 
 
 def _runs(machine: Machine, frame: SampleFrame, *required: str) -> list[PreparedRun]:

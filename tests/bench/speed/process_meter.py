@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from edge_service.process import ENVIRONMENT
+
 from ..table import BenchError
 
 PATIENCE_S, STOP_PATIENCE_S, _TIMEOUT_S = 120.0, 10.0, 10.0
@@ -53,8 +55,7 @@ def cpu_s(pid: int) -> float:
 
 def read_stolen_s() -> float:
     """Processor time that the host of a virtual machine gave to others since its start, s."""
-    fields = _text(Path("/proc/stat")).split(maxsplit=9)
-    return int(fields[8]) / os.sysconf("SC_CLK_TCK")
+    return int(_text(Path("/proc/stat")).split(maxsplit=9)[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def _mb(path: Path, name: str) -> float:
@@ -87,9 +88,9 @@ def wait_until(holds: Callable[[], bool], problem: str, period_s: float = 0.1) -
 
 
 def kept_in(folder: Path) -> dict[str, str]:
-    """Environment that keeps kernels and bytecode, as an installation does; a checkout may not."""
+    """Environment that keeps kernels and bytecode, as an installation does, and ends with us."""
     kept = {"NUMBA_CACHE_DIR": str(folder), "PYTHONPYCACHEPREFIX": f"{folder}/bytecode"}
-    return kept | {"PYTHONDONTWRITEBYTECODE": ""}
+    return ENVIRONMENT | kept | {"PYTHONDONTWRITEBYTECODE": ""}
 
 
 class Program:

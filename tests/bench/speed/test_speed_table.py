@@ -2,8 +2,9 @@
 
 import math
 import os
-import subprocess
+import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from tests.bench.commands import bench
 
 from ..table import Figure, Table, figures_table
 from .paced import MOSQUITTO, _peer
-from .process_meter import usage_of
+from .process_meter import Program, _text, _tree, usage_of
 
 
 def test_an_aim_is_one_of_the_ratio_where_there_is_a_peer() -> None:
@@ -39,15 +40,23 @@ def test_children_are_counted_with_their_parent() -> None:
         "import time\nheld = b'x' * 200_000_000\nwhile time.process_time() < 0.3: pass\n"
         "print(1, flush=True)\ninput()"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as child:
-        assert child.stdout is not None
-        child.stdout.readline()
+    with Program(sys.executable, "-c", code) as child:
+        child.hear()
         after = usage_of(os.getpid())
-        child.kill()
     assert after.cpu_s - before.cpu_s >= 0.25
     assert after.shared_mb > before.shared_mb + 100.0
+
+
+@pytest.mark.slow
+def test_what_it_started_ends_with_it() -> None:
+    line = (sys.executable, "-m", "edge_service", "bench", "speed", "--quick", "--only", "start")
+    with Program(*line) as run:
+        while not (started := _tree(run.pid)[1:]):
+            time.sleep(0.1)
+        os.kill(run.pid, signal.SIGTERM)
+        assert not run.hear()
+    while any("edge_service" in _text(Path(f"/proc/{each}/cmdline")) for each in started):
+        time.sleep(0.1)
 
 
 @pytest.mark.slow

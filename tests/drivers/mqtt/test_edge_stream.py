@@ -80,8 +80,7 @@ def test_what_is_lost_and_repeated_is_counted_and_nothing_is_invented(
     assert counters["repeated_samples"] == BLOCK * (len(order) - len(set(order)))
     assert counters["restarts"] == counters["late_samples"] == 0
     marked = got.quality["torque_command_nm"] == Quality.OVERFLOW
-    after_gap = np.diff(rows[kept, 0], prepend=4999) > 1
-    np.testing.assert_array_equal(marked, after_gap)
+    np.testing.assert_array_equal(marked, np.diff(rows[kept, 0], prepend=4999) > 1)
 
 
 @pytest.mark.parametrize("first", [5000, 1, 5155])

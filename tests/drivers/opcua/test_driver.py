@@ -147,8 +147,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", WRONG)
 async def test_a_mistake_names_its_key(name: str, config: OpcuaConfig, stub: OpcuaStub) -> None:
     changes, expected = WRONG[name]
-    wrong = OpcuaConfig.model_validate(config.model_dump() | changes)
-    driver = OpcuaDriver(wrong, CONTEXT)
+    driver = OpcuaDriver(OpcuaConfig.model_validate(config.model_dump() | changes), CONTEXT)
     for attempt in (driver.open, driver.probe):
         with pytest.raises(DriverMisconfiguredError, match=expected):
             await attempt()
