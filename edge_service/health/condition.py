@@ -228,7 +228,7 @@ class ConditionMonitor:
         """Condition of the axis as of now, with its number."""
         condition, reasons = self._verdict(now_ns)
         heard, limits = self._preload, self._limits
-        estimate = None if heard.is_stale(now_ns) else self.estimate
+        estimate = None if heard.is_stale(now_ns) or FIRST in reasons else self.estimate
         number = None
         if estimate is not None and condition is not AxisCondition.UNAVAILABLE:
             number = of_fresh(estimate, None if limits is None else limits.fresh_percent)

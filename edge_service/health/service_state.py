@@ -49,19 +49,20 @@ class AxisState:
         return tuple(filter(None, (preload, health)))
 
     def readable(self, now_ns: int) -> PreloadEstimate:
-        """The estimate without what must not be read now."""
+        """The estimate without what must not be read now: none before the condition."""
         estimate = self.preload.payload
         missing = self._components.missing(self.preload, self.axis, now_ns)
+        none = EstimateStatus.UNESTIMATED
         if estimate is None or missing is not None:
-            return PreloadEstimate(
-                time_s=0.0 if estimate is None else estimate.time_s,
-                status=EstimateStatus.UNESTIMATED,
-                reasons=() if missing is None else (missing,),
-            )
-        if estimate.status is EstimateStatus.ESTIMATED:
+            reasons, time_s = tuple(filter(None, (missing,))), getattr(estimate, "time_s", 0.0)
+            return PreloadEstimate(time_s=time_s, status=none, reasons=reasons)
+        last, is_number = self.health.payload, estimate.status is EstimateStatus.ESTIMATED
+        states = () if last is None else (last.condition, last.status)
+        if is_number and (AxisCondition.UNAVAILABLE not in states or estimate.status in states):
             return estimate
+        changes = {"status": none, "reasons": (FIRST,)} if is_number else {}
         kept = {"time_s", "status", "method", "reasons", "level", "data_used_s"}
-        return PreloadEstimate(**{name: getattr(estimate, name) for name in kept})
+        return PreloadEstimate(**{name: getattr(estimate, name) for name in kept} | changes)
 
     def opinion(self, now_ns: int) -> ImmEstimate:
         """The second opinion; without numbers where none may be read now."""
@@ -102,16 +103,15 @@ class AxisState:
         is_known = last.condition is not unavailable and not missing
         fresh = None if limits is None or not is_known else limits.fresh_percent
         changes["of_fresh"] = of_fresh(estimate, fresh)
-        if last.status is not estimate.status is EstimateStatus.ESTIMATED and not is_known:
-            changes["reasons"] = (FIRST,)  # the condition does not know of the number yet
+        if FIRST in estimate.reasons:
+            changes["reasons"] = (FIRST,)
         if missing:
             own = last.reasons if last.condition is unavailable else ()
             changes["reasons"] = tuple(dict.fromkeys((*missing, *own)))
         if missing and last.condition is not unavailable:
-            inputs = (self.preload, self.health)
-            since_ns = min(each.stale_since_ns for each in inputs if each.is_stale(now_ns))
-            changes["condition"] = unavailable
-            changes["since_time_ns"] = max(since_ns, started_ns)
+            stale = [each for each in (self.preload, self.health) if each.is_stale(now_ns)]
+            since_ns = max(min(each.stale_since_ns for each in stale), started_ns)
+            changes |= {"condition": unavailable, "since_time_ns": since_ns}
         return consistent(last.model_copy(update=changes), estimate)
 
 

@@ -39,7 +39,7 @@ class Axis:
         self.state = AxisState("X", None, ComponentWatch(5.0))
 
     def hear(self, estimate: PreloadEstimate, seconds: int) -> None:
-        for _ in range(seconds * 5):
+        for _ in range(seconds * 5 or 1):
             self.wait(0.2)
             self.sequence += 1
             header = Header(self.sequence, START_NS, self.now_ns, self.now_ns)
@@ -101,7 +101,7 @@ TRENDS = st.builds(
     _trend, st.sampled_from(TrendStatus), st.floats(1e-5, 100.0), st.integers(0, 1000)
 )
 STEPS = st.lists(
-    st.tuples(st.just("hear"), ESTIMATES, st.integers(1, 15))
+    st.tuples(st.just("hear"), ESTIMATES, st.integers(0, 15))
     | st.tuples(st.just("wait"), st.integers(1, 20))
     | st.tuples(st.just("trend"), TRENDS)
     | st.tuples(st.just("acknowledge"), st.sampled_from(AlarmKind))
@@ -168,8 +168,7 @@ def _texts_fit(health: AxisHealth) -> None:
     texts = [*health.reasons, *(alarm.text for alarm in health.alarms if alarm.active)]
     levels = {level for text in texts for level in PRESENT.findall(text)}
     assert len(levels) <= 1
-    if health.condition is AxisCondition.UNAVAILABLE:
-        assert not levels
+    assert not (levels and health.condition is AxisCondition.UNAVAILABLE)
     for alarm in health.alarms:
         assert alarm.active is (alarm.code != "alarm_over")
 
@@ -190,6 +189,8 @@ def _outputs_agree(axis: Axis, health: AxisHealth) -> None:
     assert opcua["PreloadRate"] is None or (rate and not rate.low <= 0.0 <= rate.high)
     if answer.estimate.status is EstimateStatus.ESTIMATED:
         assert not any(each.startswith("no_number") for each in own.reasons)
+    if own.condition is AxisCondition.UNAVAILABLE:
+        assert (opcua["PreloadOfRating"], agent["preload_X", ""]) == (None, ("UNAVAILABLE",))
 
 
 def _trend_fits(health: AxisHealth, now_ns: int) -> None:
@@ -200,8 +201,7 @@ def _trend_fits(health: AxisHealth, now_ns: int) -> None:
     ahead = set() if trend is None else {each.limit for each in trend.crossings}
     if health.condition is AxisCondition.FAULT:
         assert not ahead
-    if health.condition is AxisCondition.WARNING:
-        assert "warning" not in ahead
+    assert not ("warning" in ahead and health.condition is AxisCondition.WARNING)
     falling = trend is not None and trend.status is TrendStatus.FALLING
     claims = [a for a in health.alarms if a.active and "falling fast" in a.text]
     assert falling or not claims
