@@ -81,8 +81,8 @@ def log_entry(axis: str, command: Command, now_ns: int) -> Event:
 
 def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:
     """Event of a command that would have changed nothing."""
-    about = "" if command.alarm is None else f" {command.alarm}"
-    words = f"{command.action}{about} was refused: {reason}"
-    data: Data = {"action": command.action, "outcome": "refused"}
-    event = noted(axis, "command", Statement(text=words), now_ns, data)
+    action, alarm = command.action, command.alarm or ""
+    why = {"command": f"{action} {alarm}".strip(), "reason": reason}
+    words = told(Code.COMMAND_REFUSED, why, command=action, alarm=alarm)
+    event = noted(axis, "command", words, now_ns, {"action": action, "outcome": "refused"})
     return event.model_copy(update={"who": command.user, "origin": command.origin or "bus"})

@@ -111,11 +111,10 @@ class AxisAnswer:
     def due_ns(self) -> int | None:
         """UNIX time by which the most urgent task is likely due, ns; past if it is due now."""
         first = self.advice
-        if first is None:
-            return None
-        if first.now:
+        if first is not None and first.now:
             return self.health.since_time_ns
-        return None if first.due is None else first.due.likely_ns or first.due.earliest_ns
+        due = None if first is None else first.due
+        return None if due is None else due.likely_ns or due.earliest_ns
 
     def preload(self, age_s: float | None = None) -> PreloadAnswer:
         """Message on the preload, of that age."""

@@ -1,7 +1,7 @@
 // The question for a name and a note before something is changed.
 
 import { byId, fetchJson, write } from "./dom.js";
-import { t } from "./strings.js";
+import { language, t } from "./strings.js";
 
 // Name of the token that the browser sent; null where none is needed, and a name is typed.
 let signedName = null;
@@ -38,6 +38,6 @@ async function send(axes, key, { occurrences, ...command }) {
     await Promise.all(axes.map((axis) => fetchJson(`/api/v1/axes/${encodeURIComponent(axis)}/commands`, { method: "POST", headers, body: body(axis) })));
     byId("ask").close();
   } catch (error) {
-    write(byId("ask-error"), t("ask.refused", { why: error.message }));
+    write(byId("ask-error"), t("ask.refused", { why: error.status === 409 && language !== "en" ? t("ask.nothing") : error.message }));
   }
 }

@@ -54,7 +54,7 @@ export function list(node, items) {
 export async function fetchJson(path, options) {
   const response = await fetch(path, options);
   const answer = await response.json().catch(() => null);
-  if (!response.ok) throw new Error(answer?.detail ?? `${path}: ${response.status}`);
+  if (!response.ok) throw Object.assign(new Error(answer?.detail ?? `${path}: ${response.status}`), { status: response.status });
   return answer;
 }
 

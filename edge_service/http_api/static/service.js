@@ -1,5 +1,6 @@
 // The service's own parts: which work, and which do not. Counts of them are for the metrics.
 
+import { reasonWords } from "./advice.js";
 import { byId, element, list, withoutCode, write } from "./dom.js";
 import { named, t } from "./strings.js";
 
@@ -10,9 +11,16 @@ export function renderService(service) {
   }
   if (!service) return;
   write(byId("service-state"), t(service.ready ? "parts.ready" : "parts.not_ready"));
-  list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map((reason) => ({ text: withoutCode(reason), lang: "en" })));
+  list(root.querySelector(".waiting"), service.ready ? [] : service.reasons.map(waitingFor));
   write(byId("versions"), versionWords(service));
   renderRows(root.querySelector("tbody"), service.components);
+}
+
+// `X: code: sentence`, or `code: sentence` where it is of no axis.
+function waitingFor(reason) {
+  const [whole, of, why] = reason.match(/^(?:([^:]+): )?([a-z_]+: .*)$/) ?? [reason, "", reason];
+  const { text, lang } = reasonWords(why);
+  return lang ? { text: withoutCode(whole), lang } : { text: of ? `${of === "service" ? t("service") : of}: ${text}` : text };
 }
 
 function versionWords({ version, configuration }) {
