@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import BinaryIO, TextIO
 
 PART = ".part"
-PRIVATE = 0o600
-"""Mode of files that their owner alone may read."""
+PRIVATE = 0o600  # mode of files that their owner alone may read
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES)
 
 
@@ -55,8 +54,7 @@ def damaged_name(name: str) -> str:
 
 def new_file(path: Path, mode: int = 0o666) -> BinaryIO:
     """A file that is begun, and that was not there. Raises OSError."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    return os.fdopen(handle, "wb")
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "wb")
 
 
 def append(path: Path, text: str) -> None:
@@ -97,6 +95,8 @@ def sync_folder(folder: Path) -> None:
 @contextmanager
 def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
     """A descriptor of a new file that is on the disk, and takes `path`'s place, on success."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device, which root replaces
+        raise FileExistsError(errno.EEXIST, "is no file that can be replaced", str(path))
     made_folder(path.parent)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)

@@ -29,6 +29,13 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
 
 
+def test_a_device_is_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with pytest.raises(FileExistsError), replaced_file(pipe):
+        pass
+    assert pipe.is_fifo()
+
+
 @pytest.mark.parametrize("old", [None, 0o644])
 def test_a_secret_is_for_its_owner_alone_from_first_byte(tmp_path: Path, old: int | None) -> None:
     target = tmp_path / "secret"

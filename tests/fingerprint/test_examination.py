@@ -267,8 +267,7 @@ def test_a_mistake_of_unit_or_sign_is_named(name: str, healthy: SampleFrame) -> 
 @pytest.mark.parametrize("lead_m", [0.01, 0.005, 0.04])
 def test_another_lead_is_named_with_its_value(lead_m: float) -> None:
     axis = MACHINE.axis.model_copy(update={"lead_m": lead_m})
-    frame = recorded(MACHINE.model_copy(update={"axis": axis}))
-    finding = examined(MACHINE, frame)["lead"]
+    finding = examined(MACHINE, recorded(MACHINE.model_copy(update={"axis": axis})))["lead"]
     assert finding.verdict is Verdict.DOUBTFUL
     assert f"lead looks like {1e3 * lead_m:.4g} mm, not 20" in finding.sentence
     assert finding.figure is not None
@@ -314,7 +313,6 @@ def test_slow_samples_are_called_slow_and_nothing_else(healthy: SampleFrame, eve
 
 
 def test_channels_that_are_not_there_are_not_judged(healthy: SampleFrame) -> None:
-    only = SampleFrame(healthy.time_s, {TORQUE: healthy.channels[TORQUE]})
-    findings = examined(MACHINE, only)
+    findings = examined(MACHINE, SampleFrame(healthy.time_s, {TORQUE: healthy.channels[TORQUE]}))
     assert set(findings) == {"rate", "signals", "samples", "torque"}
     assert findings["torque"].verdict is Verdict.UNKNOWN

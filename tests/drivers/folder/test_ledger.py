@@ -34,8 +34,7 @@ def _written(path: Path, traces: list[Path]) -> Ledger:
 
 
 def _done(path: Path, traces: list[Path]) -> list[bool]:
-    ledger = Ledger(path)
-    return [ledger.entry_of(each).done for each in traces]
+    return [Ledger(path).entry_of(each).done for each in traces]
 
 
 def _refuse(number: int) -> object:

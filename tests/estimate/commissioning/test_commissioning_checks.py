@@ -71,8 +71,7 @@ def cut(axis: PlainAxis, frame: SampleFrame | None = None) -> list[FeatureBlock]
     """Blocks of a recording, with the limits that its motion asks for."""
     frame, machine = frame or axis.frame(), axis.machine()
     blocks = make_downsampler(machine).push(frame)
-    limits = observed_limits([blocks])
-    return make_downsampler(machine, limits).push(frame)
+    return make_downsampler(machine, observed_limits([blocks])).push(frame)
 
 
 def learned(axis: PlainAxis, **stated: float) -> Machine:

@@ -101,8 +101,7 @@ def test_an_axis_that_cuts_is_refused_and_in_air_it_is_not(
 def test_every_kind_of_cut_is_refused(
     cut: Cut, force_n: float, axis_seed: int, tmp_path: Path
 ) -> None:
-    recording = produced(cut, force_n, axis_seed, encoders=1 + axis_seed % 2)
-    text = commission(recording, tmp_path, 2)
+    text = commission(produced(cut, force_n, axis_seed, encoders=1 + axis_seed % 2), tmp_path, 2)
     assert "process forces" in text or "another force is in it" in text
 
 

@@ -218,8 +218,7 @@ def test_improbable_frictions_cost_in_full_and_once() -> None:
     hypotheses.copy_to(bank, BEFORE, STEADY, 0.0)
     bank.mean[BEFORE, s.NUT_FRICTION : s.GUIDE_VISCOUS + 1] = 3.0 * SETTINGS.together
     for _ in range(3):
-        short = measured(rng, Truth(), idle(rng))._replace(steady_s=1e-9)
-        step(bank, MODEL, PROCESS, short, 1e-9)
+        step(bank, MODEL, PROCESS, measured(rng, Truth(), idle(rng))._replace(steady_s=1e-9), 1e-9)
         ahead.append(bank.log_weight[STEADY] - bank.log_weight[BEFORE])
     spread = SETTINGS.together**2 + SETTINGS.apart**2 / 5.0
     full = 0.5 * (3.0 * SETTINGS.together) ** 2 / spread

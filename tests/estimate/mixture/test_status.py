@@ -176,8 +176,7 @@ def thinned(frames: Iterator[SampleFrame], every: int, of: Machine) -> list[Feat
 
 
 def own(percent: float, seed: int, every: int) -> list[FeatureBlock]:
-    frames = AXIS.frames("production", np.full(90_000, percent), seed)
-    return thinned(frames, every, AXIS.nominal())
+    return thinned(AXIS.frames("production", np.full(90_000, percent), seed), every, AXIS.nominal())
 
 
 @cache
