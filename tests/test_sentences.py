@@ -46,7 +46,7 @@ def in_german(said: Statement) -> str:
 
 
 NUMBER = re.compile(r"\d+(?:[.,]\d+)?")
-ENGLISH_ALONE = {Code.PART_DOWN, Code.COMPONENT_CHANGED, Code.ESTIMATE_ANEW}
+ENGLISH_ALONE = {Code.COMMAND_REFUSED, Code.PART_DOWN, Code.COMPONENT_CHANGED, Code.ESTIMATE_ANEW}
 """Codes whose reason is a part's own words, which no other language has."""
 SAID_LESS = {AlarmKind.DATA_LOST, AlarmKind.SERVICE, AlarmKind.SUDDEN_DROP}
 """Alarms whose reason is a code in other languages, without its numbers."""
@@ -138,7 +138,7 @@ def test_each_kind_of_alarm_is_told_in_german(kind: AlarmKind) -> None:
     check_alarms(health)
 
 
-IN_ENGLISH = {"command"}
+IN_ENGLISH = set[str]()
 """Events that parts tell in words of their own; notes are people's."""
 
 

@@ -82,7 +82,6 @@ def log_entry(axis: str, command: Command, now_ns: int) -> Event:
 def refused_command(axis: str, command: Command, reason: str, now_ns: int) -> Event:
     """Event of a command that would have changed nothing."""
     action, alarm = command.action, command.alarm or ""
-    why = {"command": f"{action} {alarm}".strip(), "reason": reason}
-    words = told(Code.COMMAND_REFUSED, why, command=action, alarm=alarm)
+    words = told(Code.COMMAND_REFUSED, {"reason": reason}, command=action, alarm=alarm)
     event = noted(axis, "command", words, now_ns, {"action": action, "outcome": "refused"})
     return event.model_copy(update={"who": command.user, "origin": command.origin or "bus"})

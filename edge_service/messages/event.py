@@ -84,7 +84,7 @@ class Code(Enum):
     ESTIMATE_ANEW = "The estimate starts over: its state cannot be continued ({reason})"
     STARTED = "edge-service {version} started: {parts}"
     PART_REPLACED = "part replaced by {user}"
-    COMMAND_REFUSED = "{command} was refused: {reason}"
+    COMMAND_REFUSED = "{command} {alarm} was refused: {reason}"
     ESTIMATED = "The preload is estimated."
     NOT_KNOWN = "The preload is not known at present: {reason}."
 
