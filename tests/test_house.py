@@ -151,7 +151,7 @@ MOST_LINES = {
     "drivers": 3668,
     "estimate": 5159,
     "fingerprint": 2769,
-    "health": 4523,
+    "health": 4522,
     "http_api": 2410,
     "messages": 2024,
     "models": 5655,
