@@ -161,9 +161,7 @@ def test_a_mistake_is_told_before_anything_is_loaded(arguments: list[str]) -> No
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])
-def test_linear_algebra_keeps_to_one_thread_unless_asked(
-    stated: dict[str, str], alone: bool
-) -> None:
+def test_linear_algebra_keeps_to_one_thread_by_default(stated: dict[str, str], alone: bool) -> None:
     """The number must be set before numpy is loaded."""
     if not alone and (os.cpu_count() or 1) == 1:
         pytest.skip("one core has one thread")

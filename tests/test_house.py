@@ -157,11 +157,11 @@ MOST_LINES = {
     "models": 5655,
     "nodes": 2893,
     "offline": 5639,
-    "outputs": 1783,
+    "outputs": 1782,
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 758,
-    "tests": 44966,
+    "tests": 44965,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

@@ -7,6 +7,7 @@ The format `home-assistant` adds the description by which Home Assistant finds e
 import asyncio
 import json
 import re
+import time
 from contextlib import suppress
 from dataclasses import asdict
 from hashlib import sha256
@@ -25,9 +26,9 @@ from ..retry import all_of
 from . import sparkplug
 from .base import Message, Output, OutputConfig, OutputContext, OutputUnavailableError
 
-SILENT_S = 2
-"""After half as long again without a message the broker says that the service is gone."""
-EXPIRE_S = 3
+PERIOD_S, EXPIRE_S, SILENT_S = 1.0, 60, 2
+"""An answer about an axis is sent once in that time at most; Home Assistant drops what is as old;
+half as long again without a message, and the broker says that the service is gone."""
 ONLINE, OFFLINE = "online", "offline"
 _TOLD = PRELOAD.name, HEALTH.name, IMM.name
 
@@ -60,6 +61,7 @@ class MqttOutput(Output):
         config.tls()
         self._client: aiomqtt.Client | None = None
         self._listening: asyncio.Task[None] | None = None
+        self._sent_s: dict[str, float] = {}
 
     async def open(self) -> None:
         if self._client is not None:
@@ -70,6 +72,7 @@ class MqttOutput(Output):
         except aiomqtt.MqttError as error:
             raise OutputUnavailableError(f"{self.config.where}: {error}") from None
         self._client = client
+        self._sent_s.clear()
         if self.context.is_test:  # of the service that runs nothing is said
             return
         if self._node is not None:
@@ -95,6 +98,9 @@ class MqttOutput(Output):
         if self._listening is not None and self._listening.done():
             await self._lost("the connection broke")
         if isinstance(message, AxisAnswer):
+            if time.monotonic() < self._sent_s.get(message.axis, -PERIOD_S) + PERIOD_S:
+                return
+            self._sent_s[message.axis] = time.monotonic()
             preload, health = preload_of(message), health_of(message)
             if self._node is not None:
                 values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
@@ -142,13 +148,11 @@ class MqttOutput(Output):
         client.pending_calls_threshold += len(_TOLD) * len(self.context.axes)  # or it warns
         return client
 
-    async def _publish(
-        self, topic: str, content: Any, qos: int = 1, *, retain: bool = False
-    ) -> None:
+    async def _publish(self, topic: str, told: Any, qos: int = 1, *, retain: bool = False) -> None:
         """Send what is text, bytes or JSON; returns when the broker has it."""
         if self._client is None:
             raise OutputUnavailableError("not open")
-        payload = json.dumps(content) if isinstance(content, dict) else content
+        payload = json.dumps(told) if isinstance(told, dict) else told
         try:
             await self._client.publish(topic, payload, qos=qos, retain=retain)
         except aiomqtt.MqttError as error:
@@ -160,6 +164,7 @@ class MqttOutput(Output):
             async for heard in client.messages:
                 if isinstance(heard.payload, bytes) and sparkplug.asks_for_birth(heard.payload):
                     await self._publish(*node.birth(), qos=0)
+                    self._sent_s.clear()
 
     async def _lost(self, reason: str) -> None:
         """Raise what is wrong, after the connection was given up."""

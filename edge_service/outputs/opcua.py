@@ -27,13 +27,7 @@ from ..messages.answer import AxisAnswer
 from ..plugins import MisconfiguredError
 from ..secret_files import SecretError, expanded, read_secret
 from ..threads import Threads
-from .base import (
-    ListeningConfig,
-    Message,
-    Output,
-    OutputContext,
-    OutputUnavailableError,
-)
+from .base import ListeningConfig, Message, Output, OutputContext, OutputUnavailableError
 from .opcua_nodes import AddressSpace, data_values
 
 URI = "urn:edge-service"

@@ -158,9 +158,7 @@ async def test_zenohs_own_file_adds_endpoints_with_tls(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["{a:", "{ listen: 3 }", None])
-async def test_a_file_that_zenoh_does_not_take_is_named(
-    content: str | None, tmp_path: Path
-) -> None:
+async def test_a_file_zenoh_does_not_take_is_named(content: str | None, tmp_path: Path) -> None:
     path = tmp_path / "zenoh.json5"
     if content is not None:
         path.write_text(content)

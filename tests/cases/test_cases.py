@@ -94,9 +94,7 @@ def test_a_case_that_is_misspelt_is_refused(tmp_path: Path, unknown: str) -> Non
         {"json": '{"answer": [{"path": "a"}]}'},
     ],
 )
-def test_an_expectation_that_says_nothing_is_refused(
-    tmp_path: Path, expected: dict[str, str]
-) -> None:
+def test_an_expectation_of_nothing_is_refused(tmp_path: Path, expected: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"wanted|bellow|asserted"):
         load_expected(made(tmp_path / "case", EMPTY, **expected))
 

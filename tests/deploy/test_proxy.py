@@ -147,9 +147,7 @@ def test_a_command_of_its_own_page_is_taken(
     assert said[0] == status, said[1]
 
 
-def test_the_stream_arrives_while_it_goes_on(
-    proxy: list[str], service: tuple[Path, int, str]
-) -> None:
+def test_stream_arrives_while_it_goes_on(proxy: list[str], service: tuple[Path, int, str]) -> None:
     line = [*proxy[:-1], "--no-buffer", *bearer(service), proxy[-1] + "/api/v1/events"]
     with running(line) as client:
         assert client.stdout is not None

@@ -17,9 +17,7 @@ from .conftest import frame_of, recorded, runs, session_of
 
 
 @pytest.mark.parametrize("causes", [(), ("viscous_error",), ("drag_error", "backlash")])
-def test_the_gap_is_that_of_an_independent_computation(
-    machine: Machine, causes: tuple[str, ...]
-) -> None:
+def test_gap_is_that_of_independent_computation(machine: Machine, causes: tuple[str, ...]) -> None:
     recording = recorded(causes, seed=3)
     expected = foreign_plant.gap(recording, foreign_plant.DIAGNOSIS)
     channels = session_of(machine, frame_of(recording)).channels

@@ -102,9 +102,7 @@ def test_blocks_fall_on_the_grid_and_cover_the_trace() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(1, 1999), max_size=30), st.sampled_from([0.005, 0.013, 0.1]))
-def test_blocks_do_not_depend_on_how_samples_were_parted(
-    cuts: list[int], interval_s: float
-) -> None:
+def test_blocks_do_not_depend_on_how_samples_are_parted(cuts: list[int], interval_s: float) -> None:
     columns = faulty_trace()
     whole = blocks_of(columns, interval_s=interval_s)
     assert repr(blocks_of(columns, cuts, interval_s)) == repr(whole)

@@ -35,6 +35,12 @@ TOLD = ("X/preload", "X/health", "X/imm")
 OPINION = ImmEstimate(axis="X", mode_probability={"10": 0.25, "0": 0.75}, engine="compiled")
 
 
+@pytest.fixture(autouse=True)
+def every_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answers need not wait for their second."""
+    monkeypatch.setattr(module, "PERIOD_S", 0.0)
+
+
 @asynccontextmanager
 async def telling(broker: Broker, form: str = "json", **facts: Any) -> AsyncIterator[Output]:
     made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}", "format": form}, **facts)
@@ -118,13 +124,18 @@ async def test_a_test_message_says_nothing_of_the_service_that_runs(broker: Brok
 
 
 @pytest.mark.parametrize("hangs", [False, pytest.param(True, marks=pytest.mark.slow)])
-async def test_the_will_tells_of_a_crash_and_of_a_service_that_hangs(
+async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_an_end(
     broker: Broker, monkeypatch: pytest.MonkeyPatch, hangs: bool
 ) -> None:
     monkeypatch.setattr(module, "SILENT_S", 1)
+    monkeypatch.setattr(module, "PERIOD_S", 1000.0)
     async with listening(broker) as live:
         made = output("mqtt", {"url": f"mqtt://127.0.0.1:{broker.port}"})
         await made.open()
+        for axis in ("X", "X", "X", "Y"):
+            await made.take(answer(axis))
+        await there(live, f"{ROOT}/Y/preload")
+        assert sum(str(each.topic) == f"{ROOT}/X/preload" for each in live) == 1
         hang = partial(time.sleep, 9.0)  # of this process; the broker looks every 5 s
         (hang if hangs else made._client._client._sock_close)()
         await until(lambda: any(each.payload == b"offline" for each in live))
