@@ -8,7 +8,7 @@ import errno
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, TextIO
@@ -68,8 +68,7 @@ def made_folder(folder: Path, mode: int = 0o777) -> None:
     if folder.is_dir():
         return
     made_folder(folder.parent)
-    with suppress(FileExistsError):
-        folder.mkdir(mode)
+    folder.mkdir(mode, exist_ok=True)
     sync_folder(folder.parent)
 
 

@@ -58,11 +58,12 @@ FILES = {
     "edge.toml": modbus(),
     "unit.toml": modbus(more=', unit = "mm"'),
 }
+Capture, Patch = pytest.CaptureFixture[str], pytest.MonkeyPatch
 AXIS = '[[axes]]\nname = "X"\n'
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text("utf-8"))
 
 
-def complaint(words: str, capsys: pytest.CaptureFixture[str]) -> str:
+def complaint(words: str, capsys: Capture) -> str:
     """Complaint of a call, of the files in the present folder."""
     for name, text in FILES.items():
         Path(name).write_text(text)
@@ -79,12 +80,7 @@ def complaint(words: str, capsys: pytest.CaptureFixture[str]) -> str:
     [*((words, None, said) for words, said in MISTAKES["calls"]), *MISTAKES["configurations"]],
 )
 def test_a_mistake_is_one_line_with_its_place_and_status_2(
-    words: str,
-    text: str | None,
-    expected: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    words: str, text: str | None, expected: str, tmp_path: Path, capsys: Capture, monkeypatch: Patch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     if text is not None:
@@ -96,9 +92,7 @@ def test_a_mistake_is_one_line_with_its_place_and_status_2(
     assert ".toml: " in line or not words.startswith("check-config a")
 
 
-def test_a_port_in_use_is_one_line_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_in_use_is_one_line_and_status_2(tmp_path: Path, capsys: Capture) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -118,7 +112,7 @@ def test_a_port_in_use_is_one_line_and_status_2(
             assert option in said
 
 
-def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> None:
+def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path, capsys: Capture) -> None:
     rows = "".join(f"{i / 1000},0.1,{i / 10}\n" for i in range(500))
     trace = write(tmp_path, "t.csv", "time_s,torque_command_nm,motor_angle_rad\n" + rows)
     out = tmp_path / "out.csv"
@@ -127,9 +121,11 @@ def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path) -> Non
     assert header == "time_s,preload_percent,low,high,status,drag_torque_nm,reasons,method"
     assert [line.split(",")[0] for line in body] == ["0.1", "0.2", "0.3", "0.4"]
     assert {tuple(line.split(",")[-2:]) for line in body} == {("no_motion torque_stuck", "kf-imm")}
+    assert main(["estimate", trace, "--out", f"{out}/o.csv"]) == 2
+    assert f"{out}: cannot be used (File exists)" in capsys.readouterr().err
 
 
-def test_check_config_says_what_the_default_means(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_config_says_what_the_default_means(capsys: Capture) -> None:
     assert main(["check-config"]) == 0
     printed = capsys.readouterr().out
     assert "axis X: driver simulated" in printed

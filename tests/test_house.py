@@ -160,8 +160,8 @@ MOST_LINES = {
     "outputs": 1782,
     "recordings": 3264,
     "regression": 1000,
-    "beside the rooms": 758,
-    "tests": 44965,
+    "beside the rooms": 757,
+    "tests": 44961,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

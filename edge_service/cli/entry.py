@@ -54,8 +54,6 @@ GONE: dict[str, str] = {
 }
 """Command, `command --option`, `command word`, or `--option` of any command -> what to do."""
 
-_M_ARENA_MAX = -8  # malloc.h of glibc
-
 
 class _Grouped(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -102,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     as_json = FLAG in given
     if hasattr(libc := ctypes.CDLL(None), "mallopt"):
-        libc.mallopt(_M_ARENA_MAX, 1)  # threads share one heap: 20 MB less
+        libc.mallopt(-8, 1)  # M_ARENA_MAX of glibc: threads share one heap, 20 MB less
     command, *rest = given or [""]
     options = [each.partition("=")[0] for each in rest if each.startswith("--")]
     keys = [command, " ".join(given[:2]), *(f"{command} {each}" for each in options), *options]
@@ -137,6 +135,8 @@ def _explained(error: Exception) -> tuple[str, int]:
         return str(error), error.status
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: cannot be used ({error.strerror})", BAD_INPUT
     words = f"internal failure: {type(error).__name__}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
     return words, INTERNAL_FAILURE
 
