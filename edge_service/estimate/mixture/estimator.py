@@ -20,8 +20,7 @@ from .state import MixtureSettings, Reading, bank_snapshot, restored_bank
 from .step import step
 
 _SNAPSHOT_SCHEMA = "mixture-preload/11"
-VIBRATING_SHARE, SHORTEST_S = 0.25, 0.02
-"""Both speeding up and slowing down are more of an interval that is shaken; either lasts longer."""
+VIBRATING_SHARE = 0.25
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
 FORCED_REPORTED_S = 5.0
@@ -105,9 +104,12 @@ class MixturePreloadEstimator:
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
         self._slow_s = period_s if too_slow else None
-        done, self._waiting = ([], self._waiting) if too_slow else gathered(self._waiting, block)
+        done: list[SteadyInterval] = []
+        if not too_slow:
+            done, self._waiting = gathered(self._waiting, block)
         for interval in done:
-            taken = [self._take(interval, phase) for phase in lasting(interval)]
+            phases = [phase for phase in interval.phases if phase.steady_s > 0.0]
+            taken = [] if vibrates(interval) else [self._take(interval, each) for each in phases]
             surprises = [surprise for surprise in taken if not math.isnan(surprise)]
             used_s += interval.duration_s if surprises else 0.0
             calm += surprises
@@ -268,13 +270,11 @@ def _interval(bounds: tuple[float, float, float] | None) -> Interval | None:
     return None if bounds is None else Interval(value=bounds[0], low=bounds[1], high=bounds[2])
 
 
-def lasting(interval: SteadyInterval) -> list[Phase]:
-    """Phases that can be read; none if a process shakes the axis for much of the interval."""
+def vibrates(interval: SteadyInterval) -> bool:
+    """A process shakes the axis: it speeds up and slows down for much of one interval."""
+    steady_s = sum(phase.steady_s for phase in interval.phases)
     shaken_s = min(interval.phases[0].steady_s, interval.phases[-1].steady_s)
-    if shaken_s > VIBRATING_SHARE * sum(phase.steady_s for phase in interval.phases):
-        return []
-    least_s = (SHORTEST_S, 0.0, SHORTEST_S)
-    return [p for p, least in zip(interval.phases, least_s, strict=True) if p.steady_s > least]
+    return shaken_s > VIBRATING_SHARE * steady_s and shaken_s > 0.0
 
 
 def plausible(reading: Reading) -> bool:
