@@ -21,6 +21,7 @@ from .step import step
 
 _SNAPSHOT_SCHEMA = "mixture-preload/11"
 VIBRATING_SHARE = 0.25
+SHORTEST_S = (0.01, 0.0, 0.01)  # less is about the window through which acceleration is seen
 SESSION_S = 600.0
 """An axis that was not seen to move for this long may have another load, lubricant or nut."""
 FORCED_REPORTED_S = 5.0
@@ -104,12 +105,11 @@ class MixturePreloadEstimator:
         period_s = block.duration_s / max(block.sample_count, 1)
         too_slow = block.usable and period_s > self._slowest_s
         self._slow_s = period_s if too_slow else None
-        done: list[SteadyInterval] = []
-        if not too_slow:
-            done, self._waiting = gathered(self._waiting, block)
+        done, self._waiting = ([], self._waiting) if too_slow else gathered(self._waiting, block)
         for interval in done:
-            phases = [phase for phase in interval.phases if phase.steady_s > 0.0]
-            taken = [] if vibrates(interval) else [self._take(interval, each) for each in phases]
+            each = zip(interval.phases, SHORTEST_S, strict=True)
+            phases = [phase for phase, least_s in each if phase.steady_s > least_s]
+            taken = [] if vibrates(interval) else [self._take(interval, p) for p in phases]
             surprises = [surprise for surprise in taken if not math.isnan(surprise)]
             used_s += interval.duration_s if surprises else 0.0
             calm += surprises
