@@ -107,9 +107,9 @@ class MixturePreloadEstimator:
         self._slow_s = period_s if too_slow else None
         done, self._waiting = ([], self._waiting) if too_slow else gathered(self._waiting, block)
         for interval in done:
-            each = zip(interval.phases, SHORTEST_S, strict=True)
-            phases = [phase for phase, least_s in each if phase.steady_s > least_s]
-            taken = [] if vibrates(interval) else [self._take(interval, p) for p in phases]
+            pairs = zip(interval.phases, SHORTEST_S, strict=True)
+            phases = [phase for phase, least_s in pairs if phase.steady_s > least_s]
+            taken = [] if vibrates(interval) else [self._take(interval, each) for each in phases]
             surprises = [surprise for surprise in taken if not math.isnan(surprise)]
             used_s += interval.duration_s if surprises else 0.0
             calm += surprises
