@@ -151,7 +151,7 @@ MOST_LINES = {
     "drivers": 3668,
     "estimate": 5159,
     "fingerprint": 2769,
-    "health": 4522,
+    "health": 4520,
     "http_api": 2410,
     "messages": 2024,
     "models": 5655,
@@ -161,7 +161,7 @@ MOST_LINES = {
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 757,
-    "tests": 44959,
+    "tests": 44958,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366

@@ -64,16 +64,13 @@ class LimitLatch:
         """Forget evidence for a change; the state stays."""
         self._doubtful_since = self._certain_since = None
 
-    def update(self, value: float, low: float, high: float, time_ns: int) -> None:
-        """Take one estimate in, percent; `time_ns` is the time of its newest sample."""
+    def update(self, value: float, low: float, high: float, begun_ns: int, time_ns: int) -> None:
+        """Take one estimate in, percent, that rests on samples from one time to another."""
+        beyond, certain = value < self.limit_percent, high < self.limit_percent
         if self.below:
-            beyond = value >= self.release_percent
-            certain = beyond and low >= self.limit_percent
-        else:
-            beyond = value < self.limit_percent
-            certain = beyond and high < self.limit_percent
-        self._doubtful_since = _since(self._doubtful_since, beyond, time_ns)
-        self._certain_since = _since(self._certain_since, certain, time_ns)
+            beyond, certain = value >= self.release_percent, low >= self.limit_percent
+        self._doubtful_since = _since(self._doubtful_since, beyond, begun_ns)
+        self._certain_since = _since(self._certain_since, beyond and certain, begun_ns)
         if _lasted(self._certain_since, time_ns, _DELAY_NS) or _lasted(
             self._doubtful_since, time_ns, _DOUBT_DELAY_NS
         ):
@@ -84,8 +81,9 @@ class LimitLatch:
 class LimitTracker:
     """Condition of an axis from its estimates.
 
-    `condition` is None until the first estimates have lasted for 0.3 s: at a start, or after
-    an interruption, a screw without preload is never called NORMAL first.
+    `condition` is None until the estimator has seen motion for 0.3 s: at a start, or after an
+    interruption, a screw without preload is never called NORMAL first. What it saw while it
+    learned counts, so that its first number has a condition.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -94,31 +92,33 @@ class LimitTracker:
         self._warning = LimitLatch(limits.warning_percent, limits.warning_percent + margin)
         self._fault = LimitLatch(limits.fault_percent, limits.fault_percent + margin)
         self._first_ns: int | None = None
-        self._last_ns, self._confirmed, self._high = 0, False, math.inf
+        self._last_ns, self._high = 0, math.inf
+        self._confirmed: bool | None = None  # before the first number
 
     def restart(self) -> None:
         """After an interruption: keep the states of the limits, ask for new evidence."""
-        self._first_ns, self._confirmed = None, False
+        self._first_ns = self._confirmed = None
         self._warning.restart()
         self._fault.restart()
 
     def update(self, estimate: PreloadEstimate, time_ns: int) -> None:
-        """Take one estimate in; without bounds nothing is certain.
-
-        Args:
-            time_ns: time of its newest sample.
-        """
-        value = estimate.preload_percent
-        if value is None or estimate.status is not EstimateStatus.ESTIMATED:
+        """Take one estimate in, at the time of its newest sample; certain by its bounds alone."""
+        status, value = estimate.status, estimate.preload_percent
+        learns = status is EstimateStatus.UNESTIMATED and estimate.data_used_s > 0.0
+        if not learns and (value is None or status is not EstimateStatus.ESTIMATED):
             return
         if not 0 <= time_ns - self._last_ns <= GRACE_NS:
             self.restart()
-        self._first_ns, self._last_ns = _since(self._first_ns, True, time_ns), time_ns
+        first_ns = time_ns if self._first_ns is None else self._first_ns
+        self._first_ns, self._last_ns = first_ns, time_ns
+        if learns or value is None:
+            return
         low = -math.inf if estimate.low is None else estimate.low
         self._high = math.inf if estimate.high is None else estimate.high
-        self._warning.update(value, low, self._high, time_ns)
-        self._fault.update(value, low, self._high, time_ns)
-        self._confirmed = self._confirmed or _lasted(self._first_ns, time_ns, _DELAY_NS)
+        seen_ns = min(time_ns - first_ns, _DELAY_NS) if self._confirmed is None else 0
+        for latch in (self._warning, self._fault):
+            latch.update(value, low, self._high, time_ns - seen_ns, time_ns)
+        self._confirmed = self._confirmed or time_ns - first_ns >= _DELAY_NS
 
     @property
     def condition(self) -> AxisCondition | None:
@@ -143,9 +143,7 @@ class LimitTracker:
 
 
 def _since(since: int | None, holds: bool, time_ns: int) -> int | None:
-    if not holds:
-        return None
-    return time_ns if since is None else since
+    return (time_ns if since is None else since) if holds else None
 
 
 def _lasted(since: int | None, time_ns: int, delay_ns: int) -> bool:
@@ -156,7 +154,7 @@ class ConditionMonitor:
     """Monitor of one axis from its inputs; every call returns the events that it caused.
 
     The condition is UNAVAILABLE without input, with stale input, while no number came for
-    10 s, where no limit is known, and until the first numbers have lasted for 0.3 s.
+    10 s, where no limit is known, and until the first numbers are confirmed.
 
     Args:
         limits: None where the fresh screw's preload is not known.
