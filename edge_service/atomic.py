@@ -1,15 +1,15 @@
 """Files that appear whole or not at all, and are on the disk then: the one way to change a file.
 
-Every file that is kept has the mode that the process' umask leaves it, secrets are for their owner
-alone.
+Every file has the mode that the umask leaves it, secrets are for their owner alone.
 """
 
 import errno
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from io import TextIOWrapper
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
@@ -21,10 +21,7 @@ _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EACCES)
 @contextmanager
 def replaced_file(path: Path, mode: int = 0o666) -> Iterator[TextIO]:
     """A text file that takes `path`'s place on success and leaves no trace on failure. OSError."""
-    with (
-        _part(path, mode) as handle,
-        os.fdopen(handle, "w", encoding="utf-8", newline="", closefd=False) as file,
-    ):
+    with replaced_bytes(path, mode) as raw, TextIOWrapper(raw, "utf-8", newline="") as file:
         yield file
 
 
@@ -93,13 +90,13 @@ def sync_folder(folder: Path) -> None:
 
 @contextmanager
 def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
-    """A descriptor of a new file that is on the disk, and takes `path`'s place, on success."""
+    """A descriptor of a new file that takes `path`'s place on success; errors name that one."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a device, which root replaces
         raise FileExistsError(errno.EEXIST, "is no file that can be replaced", str(path))
     made_folder(path.parent)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
-    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
+        handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
         try:
             if os.geteuid() == 0 and path.exists() and not path.parent.stat().st_mode & 0o022:
                 old = path.stat()  # what root writes stays its owner's, where others put nothing
@@ -109,7 +106,10 @@ def _part(path: Path, mode: int = 0o666) -> Iterator[int]:
         finally:
             os.close(handle)
         part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
+    except BaseException as error:
+        with suppress(OSError):
+            part.unlink()
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(part)):
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
     sync_folder(path.parent)

@@ -116,11 +116,12 @@ def test_what_fails_is_raised_and_leaves_the_old_file(
     target = tmp_path / "file"
     _written(replaced_file, target, "1")
 
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+    def full(path: object, *_: object) -> None:
+        named = (str(path),) if isinstance(path, Path) else ()
+        raise OSError(errno.ENOSPC, "No space left on device", *named)
 
     monkeypatch.setattr(os, name, full)
-    with pytest.raises(OSError, match="space"):
+    with pytest.raises(OSError, match=f"space.*'{target}'"):
         _written(replaced_file, target, "2")
     monkeypatch.undo()
     assert target.read_text() == "1"

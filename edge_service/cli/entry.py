@@ -70,7 +70,7 @@ def summary(command: click.Command) -> str:
     return (command.help or "").partition("\n")[0].removesuffix(".")
 
 
-@click.group(cls=_Grouped, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("edge-service", cls=_Grouped, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="edge-service")
 def cli() -> None:
     """Ball-screw preload from the signals a feed drive already has."""
@@ -81,8 +81,7 @@ def cli() -> None:
 def show_help(command: str | None) -> None:
     """Show the commands, or the options and an example of one."""
     arguments = ["--help"] if command is None else [command, "--help"]
-    name = click.get_current_context().find_root().info_name
-    cli.main(arguments, prog_name=name, standalone_mode=False)
+    cli.main(arguments, prog_name="edge-service", standalone_mode=False)
 
 
 @cli.command(hidden=True, epilog="Example: edge-service version")
@@ -135,8 +134,9 @@ def _explained(error: Exception) -> tuple[str, int]:
         return str(error), error.status
     if os.environ.get("EDGE_SERVICE_DEBUG"):
         raise error
-    if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: cannot be used ({error.strerror})", BAD_INPUT
+    cause = error.__context__ if isinstance(error, RuntimeError) else error  # links in a circle
+    if isinstance(cause, OSError) and cause.filename:
+        return f"{cause.filename}: cannot be used ({cause.strerror})", BAD_INPUT
     words = f"internal failure: {type(error).__name__}: {error} (EDGE_SERVICE_DEBUG=1 shows where)"
     return words, INTERNAL_FAILURE
 

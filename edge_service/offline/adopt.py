@@ -217,7 +217,4 @@ def _draw(frame: SampleFrame, title: str, out: Path) -> None:
             axes.set_ylabel(CHANNELS[name].unit if name in CHANNELS else "")
         panels[-1].set_xlabel("time, s")
         figure.suptitle(title, fontsize=10)
-    try:
-        write_png(figure, out, _DPI)
-    except OSError as error:
-        raise ConfigError(f"--plot {out}: cannot be written ({error.strerror})") from None
+    write_png(figure, out, _DPI)

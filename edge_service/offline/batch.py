@@ -84,10 +84,7 @@ def run_batch(
         row |= {key: each for key, each in said.items() if not isinstance(each, list | None)}
         rows.append(row | {"document": json.dumps(document) if document else None})
         progress(f"{number} of {len(cases)}: {name}, {len(failed)} without an answer")
-    try:
-        write_table(out / TABLE, rows)
-    except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written ({error.strerror})") from None
+    write_table(out / TABLE, rows)
     failed.sort(key=lambda each: str(each["case"]))
     answered = len(cases) - len(failed)
     words = [f"{out / TABLE}: {answered} of {len(cases)} cases answered"]

@@ -115,26 +115,23 @@ def write_motion(
             )
         _check_rows(name, plan.duration_s * rate_hz)
     progress(f"writing {name}")
-    try:
-        with replaced_file(out) as file:
-            if rate_hz is None:
-                acc = f"ACC 100 % is taken as {limits.acceleration_m_s2:g} m/s2"
-                header += [f"{acc}; set it in the machine data"]
-                file.writelines(f"; {line}\n" for line in header)
-                file.writelines(f"{block}\n" for block in blocks)
-                rows = len(blocks)
-            else:
-                rows = 1 + sum(samples_of(segment, rate_hz) for segment in plan.segments)
-                header += [f"rate {rate_hz:g} Hz, {rows} rows"]
-                file.writelines(f"# {line}\n" for line in header)
-                file.write(",".join(COLUMNS) + "\n")
-                source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
-                for first in range(0, rows, _CHUNK):
-                    index = np.arange(first, min(first + _CHUNK, rows))
-                    table = np.column_stack((index / rate_hz, source.take(len(index))))
-                    np.savetxt(file, table, fmt=_FORMAT, delimiter=",")
-    except OSError as error:
-        raise MotionError(f"{out}: cannot be written ({error.strerror})") from None
+    with replaced_file(out) as file:
+        if rate_hz is None:
+            acc = f"ACC 100 % is taken as {limits.acceleration_m_s2:g} m/s2"
+            header += [f"{acc}; set it in the machine data"]
+            file.writelines(f"; {line}\n" for line in header)
+            file.writelines(f"{block}\n" for block in blocks)
+            rows = len(blocks)
+        else:
+            rows = 1 + sum(samples_of(segment, rate_hz) for segment in plan.segments)
+            header += [f"rate {rate_hz:g} Hz, {rows} rows"]
+            file.writelines(f"# {line}\n" for line in header)
+            file.write(",".join(COLUMNS) + "\n")
+            source = Setpoints(iter(plan.segments), limits.low_m, rate_hz)
+            for first in range(0, rows, _CHUNK):
+                index = np.arange(first, min(first + _CHUNK, rows))
+                table = np.column_stack((index / rate_hz, source.take(len(index))))
+                np.savetxt(file, table, fmt=_FORMAT, delimiter=",")
     size = "blocks" if rate_hz is None else f"setpoints at {rate_hz:g} Hz"
     line = f"{out}: {name}, {plan.duration_s:.1f} s, {rows} {size}"
     document = {"out": str(out), "motion": name, "duration_s": plan.duration_s, "rows": rows}

@@ -193,12 +193,6 @@ def test_an_axis_of_unknown_stroke_or_strange_name_is_refused(
         write_motion("friction", changed(machine, name="my axis"), tmp_path / "a.mpf")
 
 
-def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, machine: Machine) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(MotionError, match="cannot be written"):
-        write_motion("standstill", machine, tmp_path / "file" / "a.csv")
-
-
 def test_the_list_names_each_motion_with_its_duration_on_this_axis(machine: Machine) -> None:
     lines = list_motions(machine).words.splitlines()
     assert [line.split()[0] for line in lines] == list(MOTIONS)
