@@ -33,6 +33,8 @@ from ..recordings.writer import TraceWriter
 
 ENDLESS_DURATION_S = 60.0
 """Duration of an endless motion unless one is given."""
+LONGEST_S = 1e6
+"""Longest duration that a slip of the pen does not explain."""
 _HOME_REST_S = 0.2
 _AT_HOME_M = 1e-9  # sums of distances are not exact
 _BLOCK_S = 10.0
@@ -194,8 +196,9 @@ def parse_motion(text: str, duration_s: float | None = None) -> tuple[str, float
             duration_s = float(number)
         except ValueError:
             raise MotionError(f"motion {name}: duration_s: {number!r} is no number") from None
-    if duration_s is not None and not 0.0 < duration_s < math.inf:
-        raise MotionError(f"duration: expected a time above 0 s, got {duration_s:g} s")
+    if duration_s is not None and not 0.0 < duration_s <= LONGEST_S:
+        expected = f"above 0 s, {LONGEST_S:g} s at most"
+        raise MotionError(f"duration: expected a time {expected}, got {duration_s:g} s")
     return name, duration_s
 
 

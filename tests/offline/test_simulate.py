@@ -196,7 +196,7 @@ def test_the_axis_of_a_session_warms_up_from_file_to_file(machine: Machine, tmp_
         (("standstill", "polka"), "motion: 'polka' is not one of"),
         (("standstill", "warmup:speed=2"), "motion warmup: 'speed=2', expected duration_s=SECONDS"),
         (("standstill", "warmup:duration_s=long"), "duration_s: 'long' is no number"),
-        (("standstill", "warmup:duration_s=nan"), "duration: expected a time above 0 s, got nan"),
+        (("standstill", "warmup:duration_s=nan"), "duration: expected a time above 0 s"),
         (("friction:duration_s=3", "standstill"), "takes 131.0 s, .* 3 s would cut it"),
         (("warmup:duration_s=0.5", "standstill"), "its first move takes longer than 0.5 s"),
     ],
