@@ -55,6 +55,8 @@ FILES = {
     "effect.toml": MACHINE + '[[effects]]\nname = "nosuch"\n',
     "mm.toml": MACHINE.replace("0.02", "20.0"),
     "no.toml": "x = = 1",
+    "digits.toml": f"x = {'9' * 5000}",
+    "bom.toml": "\ufeff" + modbus(more=', unit = "kW"'),
     "edge.toml": modbus(),
     "unit.toml": modbus(more=', unit = "mm"'),
 }

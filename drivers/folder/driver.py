@@ -9,6 +9,7 @@ import os
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing, suppress
 from dataclasses import asdict, dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import ClassVar
 
@@ -41,7 +42,7 @@ class FolderConfig(DriverConfig):
     """Settings of a watched folder; `deploy/drivers/folder.toml` tells of each."""
 
     folder: Path
-    pattern: str = Field("*", min_length=1)
+    pattern: str = Field("*", pattern=r"^[^/]+$")
 
 
 class Arrivals:
@@ -60,9 +61,8 @@ class Arrivals:
             DriverUnavailableError: the folder cannot be looked into.
         """
         try:
-            if not self._folder.is_dir():
-                raise DriverUnavailableError(f"{self._folder}: no such folder")
-            there = {path for path in self._folder.glob(self._pattern) if path.name[0] != "."}
+            seen = [path for path in self._folder.iterdir() if path.name[0] != "."]
+            there = {path for path in seen if fnmatch(path.name, self._pattern)}
             self.links = {path for path in there if path.is_symlink()}
             found = {
                 (path, path.stat().st_size, path.stat().st_mtime_ns)

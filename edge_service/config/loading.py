@@ -44,7 +44,7 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
     if "axes" not in content and {"axis", "model"} & content.keys():
         kind = "this is a machine file ([axis], [model])"
         raise ConfigError(f"{path}: {kind}; expected a configuration, which has [[axes]]")
-    gone = gone_keys(content)
+    gone, axes = gone_keys(content), content.get("axes")
     mistakes, config = [*gone, *open_secrets(content, path)], None
     try:
         config = EdgeConfig.model_validate(content)
@@ -58,7 +58,7 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
     if config is None:
         return None, [f"{path}: {each}" for each in mistakes]
     config = _placed_config(config, path)
-    if not content.get("axes") and config.store.folder is None:
+    if not axes and config.store.folder is None:
         mistakes.append("axes: missing; expected [[axes]], or [store] folder for axes of the page")
     told = [f"{path}: {each}" for each in mistakes]
     for file in axis_files(config.store.folder):
@@ -85,9 +85,8 @@ def read_axis(path: Path, written: bytes | None = None) -> AxisConfig:
     try:
         (axis,) = AxisFile.model_validate(content).axes
     except ValidationError as error:
-        raise ConfigError(
-            *(f"{path}: {each}" for each in explain(error, AxisFile, content))
-        ) from None
+        told = explain(error, AxisFile, content)
+        raise ConfigError(*(f"{path}: {each}" for each in told)) from None
     if axis.name != path.parent.name:
         raise ConfigError(f"{path}: axes.{axis.name}: expected the name {path.parent.name!r}")
     return _placed_axis(axis, path)
@@ -133,8 +132,8 @@ def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
     machines = {}
     for axis in axes:
         try:
-            machines[axis.name] = hashlib.sha256(axis.machine.read_bytes()).hexdigest()
-        except OSError:  # missing: told by whoever needs it
+            machines[axis.name] = hashlib.sha256(_read(axis.machine)).hexdigest()
+        except ConfigError:  # told by whoever needs it
             machines[axis.name] = ""
     described = json.dumps([hashlib.sha256(config).hexdigest(), machines], sort_keys=True)
     return hashlib.sha256(described.encode()).hexdigest()[:12]
@@ -143,9 +142,7 @@ def _digest(config: bytes, axes: tuple[AxisConfig, ...]) -> str:
 def state_folder(named: Path | None, folder: Path) -> Path | None:
     """Folder of the store, by default the one that systemd gives the service; None: none."""
     given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    if named is not None:
-        return folder / named
-    return Path(given) if given else None
+    return folder / named if named is not None else Path(given) if given else None
 
 
 def load_machine(path: Path, axis_number: int | None = None) -> Machine:
@@ -180,8 +177,7 @@ def check_settings(model: type[_Model], settings: dict[str, Any], where: str) ->
     except SecretError as error:
         raise ConfigError(f"{where}.{error}") from None
     except ValidationError as error:
-        mistakes = explain(error, model)
-        raise ConfigError(*(f"{where}.{each}" for each in mistakes)) from None
+        raise ConfigError(*(f"{where}.{each}" for each in explain(error, model))) from None
 
 
 def _placed(table: _Model, folder: Path, key: str) -> _Model:
@@ -198,6 +194,8 @@ def _anchored(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> bytes:
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path}: a folder or device; expected a file")
     try:
         return path.read_bytes()
     except FileNotFoundError:
@@ -208,8 +206,7 @@ def _read(path: Path) -> bytes:
 
 def _parsed(path: Path, content: bytes) -> dict[str, Any]:
     try:
-        return tomllib.loads(content.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
-    except RecursionError:
-        raise ConfigError(f"{path}: is not valid TOML: nested too deeply") from None
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        words = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise ConfigError(f"{path}: is not valid TOML: {words}") from None

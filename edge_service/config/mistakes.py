@@ -52,7 +52,10 @@ class ConfigError(BadInputError):
 
 def explain(error: ValidationError, model: type[BaseModel], content: Any = None) -> list[str]:
     """The mistakes of a validation, `key: what was wrong` each."""
-    return [_explained(each, model, content) for each in error.errors(include_url=False)]
+    found = error.errors(include_url=False)
+    above = {each["loc"][:depth] for each in found for depth in range(len(each["loc"]))}
+    told = (each for each in found if each["type"] != "too_short" or each["loc"] not in above)
+    return [_explained(each, model, content) for each in told]
 
 
 def _explained(mistake: ErrorDetails, model: type[BaseModel], content: Any) -> str:

@@ -94,7 +94,7 @@ class EstimatorConfig(Table):
     @classmethod
     def _known_method(cls, value: object) -> object:
         *names, last = (repr(name) for name in (AUTO, *ESTIMATORS))
-        if value != AUTO and value not in ESTIMATORS:
+        if value not in (AUTO, *ESTIMATORS):
             expected = f"Input should be {', '.join(names)} or {last}"
             raise PydanticCustomError("literal_error", "{expected}", {"expected": expected})
         return value

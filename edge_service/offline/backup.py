@@ -54,7 +54,7 @@ def back_up(config: Path, out: Path, *, recordings: bool = False) -> Answer:
     """Write a backup of a service, which may be running. Raises ConfigError, BackupError."""
     folder, place = load_config(config).store.folder, config.parent
     named = set()
-    for text in _texts(tomllib.loads(config.read_text("utf-8"))):
+    for text in _texts(tomllib.loads(config.read_text("utf-8-sig"))):
         with suppress(OSError, ValueError):  # a text that can be no name
             if (place / text).is_file():
                 named.add(place / text)
@@ -170,7 +170,7 @@ def _restored(archive: ZipFile, config: Path, stages: ExitStack, *, force: bool)
     manifest, place = _manifest_of(archive), config.parent
     written = _unpacked(archive, manifest, CONFIG, _stage(place, stages), place)
     put_in_place(written / manifest.config, written / config.name)
-    table = tomllib.loads((written / config.name).read_text("utf-8")).get("store", {})
+    table = tomllib.loads((written / config.name).read_text("utf-8-sig")).get("store", {})
     named = table.get("folder") if isinstance(table, dict) else None
     folder = state_folder(Path(named) if isinstance(named, str) else None, place)
     places, lines = [(written, place)], [f"{config}: restored"]

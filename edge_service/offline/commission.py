@@ -97,7 +97,7 @@ def commission_to_file(
     machine = machine.model_copy(update={"commissioned": learned})
     progress("reading the recordings back")
     unlike = _not_as_fresh(machine, traces, recordings)
-    document = tomlkit.parse(machine_file.read_text(encoding="utf-8"))
+    document = tomlkit.parse(machine_file.read_text("utf-8-sig"))
     if axis_number is not None:
         document["axis"]["number"] = axis_number
     _write_model(document, machine, stated)

@@ -266,6 +266,6 @@ def _number(text: str, key: str, unit: str, least: float) -> float:
 def _force(path: Path) -> Floats:
     """Times, s, and forces, N, in a CSV file, (2, n)."""
     try:
-        return force_profile(path.read_text("utf-8"))
+        return force_profile(path.read_text("utf-8-sig"))
     except (OSError, ValueError) as error:
         raise SimulationError(f"{path}: cannot be read as time_s,force_n ({error})") from None

@@ -41,7 +41,7 @@ def update(
 
     Raises ConfigError, TraceError, DiagnosisError, BadDataError.
     """
-    machine, text = load_machine(machine_file, axis_number), machine_file.read_text("utf-8")
+    machine, text = load_machine(machine_file, axis_number), machine_file.read_text("utf-8-sig")
     now, names = datetime.now(UTC), ", ".join(trace.name for trace in traces)
     today = f"{_DATE.sub('', machine_file.stem)}-{now:%Y-%m-%d}{machine_file.suffix}"
     place = out or machine_file.with_name(today)

@@ -68,7 +68,7 @@ def diagnose(
     try:
         stated = machine = load_machine(machine_file, axis_number)
         library = library_without(without)
-        text, healthy = machine_file.read_text("utf-8"), None
+        text, healthy = machine_file.read_text("utf-8-sig"), None
         if reference:
             machine, healthy = _healthy(machine, reference)
         runs = read_runs(machine, traces)

@@ -181,9 +181,9 @@ async def test_a_file_that_is_no_trace_is_told_and_does_not_stop_the_others(
 
 async def test_a_folder_that_is_not_there_is_unavailable(tmp_path: Path) -> None:
     driver = FolderDriver(FolderConfig(folder=tmp_path / "no"), CONTEXT)
-    with pytest.raises(DriverUnavailableError, match="no such folder"):
+    with pytest.raises(DriverUnavailableError, match="No such file"):
         await driver.open()
-    with pytest.raises(DriverUnavailableError, match="no such folder"):
+    with pytest.raises(DriverUnavailableError, match="No such file"):
         await driver.probe()
 
 
