@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -58,10 +59,13 @@ def read_config(path: Path) -> tuple[EdgeConfig | None, list[str]]:
     if config is None:
         return None, [f"{path}: {each}" for each in mistakes]
     config = _placed_config(config, path)
-    if not axes and config.store.folder is None:
+    state = config.store.folder
+    if state is not None and state.exists() and not state.is_dir():
+        mistakes.append(f"store.folder: {state}: expected a folder")
+    if not axes and state is None:
         mistakes.append("axes: missing; expected [[axes]], or [store] folder for axes of the page")
     told = [f"{path}: {each}" for each in mistakes]
-    for file in axis_files(config.store.folder):
+    for file in axis_files(state):
         try:
             axis = read_axis(file)
             if any(each.name == axis.name for each in config.axes):
@@ -97,12 +101,10 @@ def _without(content: dict[str, Any], error: ValidationError) -> EdgeConfig | No
     for mistake in error.errors():
         *above, last = mistake["loc"] or ("",)
         table: Any = content
-        try:
+        with suppress(LookupError, TypeError):  # missing, or gone with another
             for part in above:
                 table = table[part]
             del table[last]
-        except (LookupError, TypeError):  # missing, or gone with another
-            continue
     try:
         return EdgeConfig.model_validate(content)
     except ValidationError:

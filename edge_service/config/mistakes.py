@@ -124,6 +124,4 @@ def _holds(content: object, names: list[str]) -> bool:
     if isinstance(content, list):
         return any(_holds(each, names) for each in content)
     table: dict[str, Any] = content if isinstance(content, dict) else {}
-    if names[0] not in table:
-        return False
-    return len(names) == 1 or _holds(table[names[0]], names[1:])
+    return names[0] in table and (len(names) == 1 or _holds(table[names[0]], names[1:]))

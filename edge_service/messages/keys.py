@@ -24,7 +24,7 @@ def _check(pattern: str, problem: str) -> Callable[[str], str]:
 
 
 check_part = _check(
-    r"[A-Za-z0-9_.\-]{1,100}", "is no key part: use letters, digits, '_', '-' and '.'"
+    r"(?!\.)[A-Za-z0-9_.\-]{1,100}", "is no key part: use letters, digits, '_', '-' and '.'"
 )
 """Of what stands between two slashes of a key."""
 check_component = _check(

@@ -1,6 +1,7 @@
 """Configuration, bus, machines and store of events, shared by the nodes of one process."""
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, suppress
@@ -22,6 +23,7 @@ from .stages import load_machines, prepare
 
 PATIENCE_S = 2.0
 """So long the disk may hold back what is to be told; then monitoring goes on without it."""
+log = logging.getLogger(__name__)
 WATCH_PERIOD_S = 1.0
 SILENT = "the disk does not answer"
 Publish = Callable[[list[StoredEvent], str], None]
@@ -194,12 +196,12 @@ class EventDispatcher:
             await asyncio.sleep(WATCH_PERIOD_S)
             await self._events.store.run(self.save)
             for event in self.news(now_ns()):
+                log.warning("%s", event.text)
                 tell(event)
 
     def news(self, at_ns: int) -> list[Event]:
         """Events of what became of the store since the last call."""
-        found = []
-        store = self._events.store
+        store, found = self._events.store, list[tuple[str, AxisCondition, str]]()
         problem, before, self._problem = store.problem, self._problem, store.problem
         if problem and not before:
             words = f"nothing can be kept on the disk, and waits in memory: {problem}"

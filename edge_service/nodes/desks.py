@@ -96,9 +96,7 @@ class AxisDesk:
 
     def _file(self, axis: str) -> Path:
         """File of an axis of the page. Raises RefusedError: another owns it."""
-        own = self._known().get(axis)
-        if check_part(axis).startswith("."):
-            raise ValueError(f"{axis!r}: expected a letter or digit first")
+        own = self._known().get(check_part(axis))
         file = self._folder / "axes" / axis / "axis.toml"
         if own is not None and own.file != file:
             line = f"{own.file}{_line_of(own)}: axis {axis} stands there"

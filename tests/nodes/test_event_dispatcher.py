@@ -92,7 +92,7 @@ async def test_a_disk_that_hangs_holds_nothing_up_and_loses_nothing(
 
 
 async def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(_work: Any) -> None:
         scene.log.store.problem = "disk full"
@@ -106,8 +106,13 @@ async def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(
         kinds = [each.kind for _ in range(2) for each in scene.dispatcher.news(1)]
         assert kinds == ["store_failing"]
     scene.dispatcher.flush()
-    scene.log.store.damages.append("x: damaged")
-    assert [each.kind for each in scene.dispatcher.news(2)] == ["store_recovered", "store_damaged"]
+    scene.log.store.damages += ["x: damaged", "y: damaged"]
+    monkeypatch.setattr(module, "WATCH_PERIOD_S", 0.0)
+    kinds = ["store_recovered", "store_damaged"]
+    with pytest.raises(ValueError, match="not in list"):  # by the second damage
+        await scene.dispatcher.watch(lambda event: kinds.remove(event.kind))
+    assert kinds == []
+    assert caplog.messages[1:] == ["x: damaged", "y: damaged"]
     assert [each.event.text for each in scene.log.after(0, 10)] == ["one"]
 
 
