@@ -100,13 +100,10 @@ def test_a_port_in_use_is_one_line_and_status_2(tmp_path: Path, capsys: Capture)
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
+        place = f"tcp/127.0.0.1:{port}"
         for call, told, option in (
             (f"run --port {port} --bus tcp/127.0.0.1:0", f"127.0.0.1:{port} is in use", "--port"),
-            (
-                f"run --port 0 --bus tcp/127.0.0.1:{port}",
-                f"tcp/127.0.0.1:{port} is in use",
-                "--bus",
-            ),
+            (f"run --port 0 --bus {place}", f"{place} is in use", "--bus"),
             ("stub modbus " + write(tmp_path, "edge.toml", modbus(port)), "is in use", "--port"),
         ):
             assert main(call.split()) == 2

@@ -2,6 +2,7 @@
 
 import ssl
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ..config import ConfigError, EdgeConfig, HttpConfig
@@ -11,24 +12,23 @@ from ..secret_files import SecretError, expanded, read_secret
 
 
 def tokens_of(config: EdgeConfig) -> Tokens:
-    """Tokens in the store of a configuration; in memory if it keeps nothing."""
-    folder = config.store.folder
-    return Tokens(Store(None if folder is None else folder / FILE_NAME))
+    """Tokens in the store of a configuration, which only the service mends; in memory without."""
+    path = config.store.folder and config.store.folder / FILE_NAME
+    return Tokens(Store(path, mends=path is None or not path.exists()))
 
 
 def knows_of(config: EdgeConfig) -> Callable[[str, str], bool] | None:
-    """Answers whether a user's name and token fit; None where there are no tokens. ConfigError."""
+    """Answers whether a user's name and token fit; None where there are no tokens."""
     tokens = tokens_of(config)
-    try:
-        if not tokens.all():
-            return None
-    except StoreFailedError as error:
-        raise ConfigError(f"tokens cannot be read: {error}") from None
 
     def knows(user: str, password: str) -> bool:
-        token = token_of(password, tokens.all())
-        return token is not None and token.name == user
+        with suppress(StoreFailedError):  # nobody is known while none can be read
+            token = token_of(password, tokens.all())
+            return token is not None and token.name == user
+        return False
 
+    with suppress(StoreFailedError):
+        return knows if tokens.all() else None
     return knows
 
 

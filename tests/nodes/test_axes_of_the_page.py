@@ -13,7 +13,7 @@ import trustme
 from edge_service.bus.fleet import ask_health
 from edge_service.config import ConfigError, HttpConfig, load_config
 from edge_service.config_tables import StoreConfig
-from edge_service.nodes.http_rights import check_access, server_files, tokens_of
+from edge_service.nodes.http_rights import check_access, knows_of, server_files, tokens_of
 from tests.certificates import write_certificates
 
 from .conftest import config_of, once, running, served, until
@@ -149,6 +149,10 @@ def test_loopback_needs_nothing_until_a_token_exists(tmp_path: Path) -> None:
     assert check_access(config) == "no TLS, for any user of this machine"
     tokens_of(config).add("kim", "viewer", 0)
     assert check_access(config) == "no TLS, for whoever has one of 1 tokens"
+    file = tmp_path / "state" / "edge-service.sqlite"
+    file.write_bytes(b"rubbish")
+    assert "tokens cannot be read" in check_access(config)
+    assert (knows_of(config) is None, file.read_bytes()) == (False, b"rubbish")
 
 
 def test_beyond_loopback_and_behind_a_proxy_a_token_is_needed(tmp_path: Path) -> None:

@@ -103,8 +103,7 @@ async def test_a_disk_that_takes_nothing_is_said_once_and_again_when_it_does(
         async with scene.running():
             scene.put("one")
             assert await scene.heard(1) == [("one", "disk full")]
-        kinds = [each.kind for _ in range(2) for each in scene.dispatcher.news(1)]
-        assert kinds == ["store_failing"]
+        assert [e.kind for _ in range(2) for e in scene.dispatcher.news(1)] == ["store_failing"]
     scene.dispatcher.flush()
     scene.log.store.damages += ["x: damaged", "y: damaged"]
     monkeypatch.setattr(module, "WATCH_PERIOD_S", 0.0)
