@@ -81,9 +81,11 @@ def tolerated(quantity: Quantity, unit: str) -> str:
 
     >>> tolerated(Quantity(value=1.5e-3, tolerance=0.02), "kg m2")
     '0.0015 kg m2 +- 2 %'
+    >>> tolerated(Quantity(value=0.0), "N m s/rad")
+    'not told from none'
     """
     known = f"{quantity.value:.4g} {unit} +- {100 * quantity.tolerance:.2g} %"
-    return known if quantity.tolerance < 1.0 else "not told from none"
+    return known if quantity.tolerance < 1.0 and quantity.value else "not told from none"
 
 
 def against(figure: IntervalEstimate, expected: float | None) -> str:
@@ -93,10 +95,14 @@ def against(figure: IntervalEstimate, expected: float | None) -> str:
     '0.02 m, 0.019 to 0.021; expected 0.01'
     >>> against(IntervalEstimate(0.99996, 0.99992, 1.00001, "", 9.0), 1.0)
     '1; expected 1'
+    >>> against(IntervalEstimate(1.57e-4, -4.06e-4, 7.2e-4, "ms", 9.0), 0.0)
+    'less than 0.001 ms apart'
     """
     if not figure.determined:
         return ""
-    unit = f" {figure.unit}" if figure.unit else ""
+    unit, most = f" {figure.unit}" if figure.unit else "", max(abs(figure.low), abs(figure.high))
+    if expected == 0.0 and 0.0 < most < 0.01:
+        return f"less than {10.0 ** math.ceil(math.log10(most)):g}{unit} apart"
     low, value, high = (f"{each:.3g}" for each in (figure.low, figure.value, figure.high))
     text = f"{value}{unit}" if low == high else f"{value}{unit}, {low} to {high}"
     return text if expected is None else f"{text}; expected {expected:.3g}"
