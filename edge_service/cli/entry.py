@@ -80,8 +80,7 @@ def cli() -> None:
 @click.argument("command", required=False)
 def show_help(command: str | None) -> None:
     """Show the commands, or the options and an example of one."""
-    arguments = ["--help"] if command is None else [command, "--help"]
-    cli.main(arguments, prog_name="edge-service", standalone_mode=False)
+    cli.main([*filter(None, [command]), "--help"], prog_name="edge-service", standalone_mode=False)
 
 
 @cli.command(hidden=True, epilog="Example: edge-service version")

@@ -169,8 +169,8 @@ def motion(
         if file is None:
             raise BadInputError("motion isolability: expected the NAME of a motion, or a TRACE")
         return motions.isolability(axis, file)
-    if file is not None:
-        raise BadInputError(f"motion: {file}: {name} takes no file")
+    if file is not None or effects:
+        raise BadInputError(f"motion: {name} takes no file and no --effect")
     if out is None:
         raise BadInputError(f"motion: {name}: expected --out FILE")
     return motions.write_motion(name, axis, out, settings)

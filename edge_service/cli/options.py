@@ -12,7 +12,7 @@ import click
 
 from .. import DEFAULTS
 from ..command_answer import LISTENER, Answer
-from ..exit_status import DONE
+from ..exit_status import DONE, BadInputError
 from .terminal import pause_progress, progress
 
 if TYPE_CHECKING:
@@ -83,10 +83,8 @@ def _given(parameter: Parameter) -> Decorator:
     if kind is bool:
         settings = {"is_flag": True}
     settings["show_default"] = settings.get("default") is not None
-    if said.kind is not None:
-        settings["type"] = said.kind
-    if said.default is not None:
-        settings["default"] = said.default
+    told = {"type": said.kind, "default": said.default}
+    settings |= {key: each for key, each in told.items() if each is not None}
     settings |= {"required": is_needed and not is_several and said.default is None}
     settings |= {"multiple": is_several, "metavar": said.metavar, "help": said.words}
     return click.option(said.name or f"--{name.replace('_', '-')}", name, **settings)
@@ -98,6 +96,9 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
     @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
     @wraps(function)
     def told(*, as_json: bool, **named: Any) -> int:
+        for key, each in named.items():
+            if isinstance(each, float) and not abs(each) < float("inf"):
+                raise BadInputError(f"--{key.replace('_', '-')}: {each}, expected a finite number")
         LISTENER.set(progress)
         progress("loading")  # what the command imports may take seconds
         answers, status = function(**named), DONE
