@@ -19,6 +19,8 @@ Curve = Callable[[Floats], Floats]
 
 HOUSING_LAG_S = 180.0
 """Assumption: time constant of the nut's housing behind screw and lubricant."""
+HOLDING = 0.05
+"""Dry friction that holds a table within its play over the whole level, if the model has none."""
 
 
 class Over(StrEnum):

@@ -22,6 +22,7 @@ from ..plant.tables import (
 )
 from ..plant.two_mass import Loads, Plant
 from .contribution import (
+    HOLDING,
     Change,
     Constant,
     Contribution,
@@ -38,6 +39,7 @@ from .contribution import (
     TableForce,
     ViscousFriction,
     Warming,
+    constant,
 )
 from .effect import ActiveEffect
 
@@ -115,8 +117,11 @@ def put_into(plant: Plant, effects: Sequence[ActiveEffect], screw_drag_nm: float
             SmoothTorque(Over.SPEED, lambda speed: viscous * speed, Side.TABLE),
             SmoothTorque(Over.SPEED, lambda speed: -viscous * speed, Side.MOTOR),
         )
-    limits = _changes(parts, Constant.TORQUE_LIMIT)
-    speed = speed_grid()
+    if not guide_nm and any(each.friction_share for each in _of(Play, parts)):
+        held_nm = HOLDING * coulomb_nm
+        parts += (DryFriction(Over.SPEED, constant(held_nm), Side.TABLE),)
+        parts += (DryFriction(Over.SPEED, constant(-held_nm), Side.MOTOR),)
+    limits, speed = _changes(parts, Constant.TORQUE_LIMIT), speed_grid()
     tables = stack(
         _table(parts, Over.POSITION, position_grid(plant.screw_length_m), share),
         _table(parts, Over.ANGLE, angle_grid(), share),

@@ -14,6 +14,7 @@ import numpy as np
 from ...messages.samples import Floats
 from .baseline import Baseline, Motion
 from .contribution import (
+    HOLDING,
     Change,
     Constant,
     Contribution,
@@ -40,8 +41,6 @@ _POSITION_STEP_M = 1e-5
 _CURRENT_LOOP_S = 3e-4
 """Assumption: no current loop answers later."""
 _CROSSING = 0.499  # of a play, from its middle, up to which the motor touches no flank
-_FLOATING = 0.05
-"""Load over the whole Coulomb level from which on it lays the table onto a flank."""
 _RATTLING = 0.2  # the same of a table without friction, whose rattling is a load too
 
 
@@ -187,7 +186,7 @@ def _lost_motion(each: Play, motion: Motion, baseline: Baseline) -> Floats:
     if not each.friction_share and not each.viscous_share:
         held = np.abs(load_nm) > _RATTLING * baseline.coulomb_nm
         return np.where(held, -0.5 * each.width_m * np.sign(load_nm), 0.0)
-    leads = load_nm * motion.approach < -_FLOATING * baseline.coulomb_nm
+    leads = load_nm * motion.approach < -HOLDING * baseline.coulomb_nm
     ahead = np.where(leads, motion.approach, 0.0).astype(np.int8)
     return play(travel, each.width_m, ahead) - travel
 

@@ -14,6 +14,10 @@ _COULOMB_SHARES = (0.0, 1.0, 2.0, 2.8, 3.6, 4.8, 6.5)
 """Share of the Coulomb friction behind a spring over the share of the inertia behind it."""
 _VISCOUS_SHARES = (0.5, 1.0)
 """Share of the viscous friction behind a spring over that of the Coulomb friction."""
+_REACH = (
+    "Travel of the motor over which the table's dry friction builds up on a recording; "
+    "0: at once. A simulated axis has that of its spring."
+)
 
 
 def _contributions(values: Values) -> tuple[Contribution, ...]:
@@ -78,24 +82,11 @@ EFFECT = Effect(
     source="thesis (5.3.1), (5.3.9): x - R theta = -(c_0 + c_1 x) T_load / R",
     kind=Kind.LOST_MOTION,
     parameters=(
-        amount(
-            "level_m_per_n", "m/N", "Additional compliance at the fixed bearing.", -1e-6, 1e-5, 2e-8
-        ),
-        amount(
-            "slope_per_n", "1/N", "Additional compliance per metre from there.", -1e-5, 1e-5, 3e-8
-        ),
+        amount("level_m_per_n", "m/N", "More compliance at the fixed bearing.", -1e-6, 1e-5, 2e-8),
+        amount("slope_per_n", "1/N", "More compliance per metre from there.", -1e-5, 1e-5, 3e-8),
         friction_share(),
         viscous_share(),
-        shape(
-            "reach_m",
-            "m",
-            "Travel of the motor over which the table's dry friction builds up on a recording; "
-            "0: at once. A simulated axis has that of its spring.",
-            0.0,
-            1e-4,
-            0.0,
-            tried=(5e-7, 3e-6),
-        ),
+        shape("reach_m", "m", _REACH, 0.0, 1e-4, 0.0, tried=(5e-7, 3e-6)),
     ),
     contributions=_contributions,
     has_one_load=True,
