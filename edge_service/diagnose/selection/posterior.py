@@ -12,6 +12,7 @@ from ...models.effects.effect import Term
 from ...models.effects.registry import effects_where, error_of
 from ..candidates.regressors import FORCE, UNKNOWN, ForcePulse
 from ..residual.noise import Noise
+from ..session.session import rms
 from .problem import EffectSet, SelectionProblem
 
 TIED = 5.0
@@ -74,6 +75,12 @@ class Posterior:
         mine, coefficients = self.problem.coefficients(self.best.fit, name)
         columns = self.problem.design.columns[channel]
         return columns[:, self.problem.design.indices(mine)].astype(np.float64) @ coefficients
+
+    @property
+    def unnamed(self) -> set[str]:
+        """Channels in which a cause without a name matters."""
+        most = self.problem.noise.tolerance if UNKNOWN in self.best.material else {}
+        return {name for name in most if rms(self.part(UNKNOWN, name)) > most[name]}
 
     @property
     def exceeding(self) -> set[str]:

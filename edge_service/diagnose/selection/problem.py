@@ -19,6 +19,7 @@ from ..candidates.regressors import (
     FORCE,
     UNKNOWN,
     CandidateRegressor,
+    EmpiricalShape,
     candidates_of,
     most_shapes,
     null_shapes,
@@ -147,19 +148,20 @@ class SelectionProblem:
         score = -0.5 * np.sum((beta - mean) ** 2 * prior, axis=1)
         for name, each in variance.items():
             score -= 0.5 * noise.effective[name] * np.log(each)
-        names = [frozenset(design.regressors[a].name for a in chosen) for chosen in sets]
         each_cost = 0.5 * math.log(sum(noise.effective.values()))
         found = []
         for k, chosen in enumerate(sets):
-            shapes = (
-                design.regressors[a].size * each_cost + math.log(design.alternatives[a])
-                for a in chosen
-            )
-            unnamed = (UNNAMED_COST - NAME_COST) * (UNKNOWN in names[k])
-            evidence = float(score[k] - (sum(shapes) + NAME_COST * len(names[k]) + unnamed))
+            some = [design.regressors[a] for a in chosen]
+            shapes = sum(math.log(design.alternatives[a]) for a in chosen)
+            shapes += each_cost * sum(each.size for each in some)
+            unnamed = [x for x in some if isinstance(x, EmpiricalShape) and x.name == UNKNOWN]
+            causes = UNNAMED_COST * len({bool(each.curves.torque) for each in unnamed})
+            names = frozenset(each.name for each in some)
+            causes += NAME_COST * len(names - {UNKNOWN})  # of no name one a channel
+            evidence = float(score[k] - (shapes + causes))
             rms = {name: math.sqrt(each[k]) for name, each in left.items()}
             solution = regressors[k], index[k], beta[k], rms, evidence
-            found.append(Fit(tuple(chosen), names[k], *solution))
+            found.append(Fit(tuple(chosen), names, *solution))
         return found
 
     def stretched(self, whole: Fit) -> dict[str, float]:
@@ -216,8 +218,7 @@ class SelectionProblem:
             known: regressors to begin with as well: of two that help only together, none is first.
         """
         begun = [self.fit(()), *([self._pruned(self.fit(known))] if known else [])]
-        grown = [self._grown(candidates, most_of, each) for each in begun]
-        return max(grown, key=lambda each: each.score)
+        return max((self._grown(candidates, most_of, x) for x in begun), key=lambda x: x.score)
 
     def _grown(self, candidates: Sequence[int], most_of: Callable[[str], int], best: Fit) -> Fit:
         while len(best.chosen) < _MOST_REGRESSORS:

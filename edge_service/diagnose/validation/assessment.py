@@ -103,9 +103,7 @@ def attributions(posterior: Posterior, contributions: Contributions) -> dict[str
     left, by_shapes = contributions.left_beside_nuisances, problem.residuals(posterior.best.fit)
     thermal = effects_where(lambda effect: effect.is_thermal)
     heated = {channel for effect, channel in channel_of.items() if effect in thermal}
-    residuals = {
-        name: by_shapes[name] if name in heated else left[name] for name in set(channel_of.values())
-    }
+    residuals = {c: (by_shapes if c in heated else left)[c] for c in set(channel_of.values())}
     missed = _missed(residuals, predicted_structure(session, residuals), tolerance)
     found, unexplained = {}, posterior.unexplained
     for effect, channel in channel_of.items():
@@ -146,9 +144,8 @@ def confidences(posterior: Posterior, contributions: Contributions) -> dict[str,
     problem, session = posterior.problem, posterior.problem.session
     entries_left, by_effect = contributions.left_beside_nuisances, contributions.by_effect
     if FORCE in by_effect and TORQUE_GAP in entries_left:  # a force is taken as its pulses were
-        as_entry = by_effect[FORCE][TORQUE_GAP]
-        as_pulses = posterior.part(FORCE, TORQUE_GAP)
-        entries_left[TORQUE_GAP] = entries_left[TORQUE_GAP] + as_entry - as_pulses
+        more_nm = by_effect[FORCE][TORQUE_GAP] - posterior.part(FORCE, TORQUE_GAP)
+        entries_left[TORQUE_GAP] = entries_left[TORQUE_GAP] + more_nm
     left_rms = {name: rms(each) for name, each in entries_left.items()}
     by_entries = problem.noise.unexplained_shares(session, left_rms)
     crowded = False
@@ -218,9 +215,8 @@ class CrossValidation:
         if name != FORCE:
             without -= self.values.contribution(FORCE, channel)
         left = [without - self.held_out(name, channel)]
-        for made in (self.at_pace(name, channel, pace) for pace in paces):
-            if made is not None:
-                left.append(without - made)
+        paced = (self.at_pace(name, channel, pace) for pace in paces)
+        left += [without - made for made in paced if made is not None]
         return on_other_motion(replace(rows, gap=without), left)
 
 
@@ -252,9 +248,8 @@ def on_other_motion(rows: Rows, left: Sequence[Floats]) -> Shrink:
     weights = ((block >= first) & (block < first + length)).astype(np.float64)
 
     def drawn(series: Floats) -> Floats:
-        count = weights.shape[1]
-        cells = np.bincount(regime * count + rows.block, series**2, minlength=_REGIMES * count)
-        return np.asarray(np.sum((proportions @ cells.reshape(_REGIMES, count)) * weights, axis=1))
+        cells = np.bincount(regime * blocks + rows.block, series**2, minlength=_REGIMES * blocks)
+        return np.asarray(np.sum((proportions @ cells.reshape(_REGIMES, blocks)) * weights, axis=1))
 
     before, after = drawn(rows.gap), [drawn(each) for each in left]
     chosen = np.choose(random.integers(0, len(after), _RESAMPLES), after)
@@ -288,14 +283,14 @@ class Assessment:
         noise, estimates = posterior.problem.noise, contributions.estimates
         validation, effects = CrossValidation.of_estimates(estimates), []
         for name, attribution in attributed.items():
-            channel = contributions.channel_of[name]
-            trust = BESIDE_UNNAMED if UNKNOWN in posterior.best.material else 1.0
-            trust *= attribution.trust
+            channel, parts = contributions.channel_of[name], contributions.by_effect[name]
             shown = sorted(estimates.shown(*estimates.of_effect(name)))
-            # the least of all channels that it shows in: it must be right in each of them
-            trust *= min((confidence[each] for each in shown), default=1.0)
+            # it must be right in each channel that it is a part of, beside what has no name there
+            within = {channel} | {x for x in shown if rms(parts[x]) > noise.tolerance[x]}
+            trust = attribution.trust * min(confidence[each] for each in within)
+            trust *= BESIDE_UNNAMED if within & posterior.unnamed else 1.0
             shrink, tolerated = validation.shrink(name, channel), noise.tolerance[channel]
-            mine = contributions.by_effect[name][channel]
+            mine = parts[channel]
             before = rms(contributions.left[channel] + mine)
             low = validation.shrink(name, channel, ()).low  # at another pace it is the same cause
             helps = shrink.estimate * before >= tolerated >= -low * before
@@ -304,13 +299,11 @@ class Assessment:
             trust *= DOUBTED ** (contradicted + estimates.is_at_bound(name) + bool(rivals))
             ratios = ((each, 1.0 - validation.shrink(name, each).estimate) for each in shown)
             less = sum(noise.effective[each] * math.log(left) for each, left in ratios)
-            if name != FORCE and less > 0.0:
-                trust = 0.0  # all channels together are less likely with it
+            trust *= name == FORCE or less <= 0.0  # all channels together must be likelier with it
             if name == FORCE:
-                gap = posterior.problem.session.channels[TORQUE_GAP].gap
-                force_nm = posterior.part(FORCE, TORQUE_GAP)
-                left = float(np.sum((gap - force_nm) ** 2)) / float(np.sum(gap**2))
-                high = 1.0 - math.sqrt(left) if left < LESSER_PART else max(shrink.high, 0.0)
+                rows = posterior.problem.session.channels[TORQUE_GAP]
+                left = rms(rows.gap - posterior.part(FORCE, TORQUE_GAP)) / rows.rms
+                high = 1.0 - left if left**2 < LESSER_PART else max(shrink.high, 0.0)
                 shrink = Shrink(estimate=0.0, low=0.0, high=high)  # it does not come again
             effects.append(
                 NamedEffect(
@@ -349,8 +342,7 @@ class Assessment:
             told = helps >= LEAST_SHRINK and (is_force or is_told(each))
             if each.probability < LEAST_PROBABILITY or not told:
                 idle.append(each)
-        worst = min(idle, key=lambda each: (each.shrink.estimate, each.probability), default=None)
-        return worst.name if worst else ""
+        return min(idle, key=lambda x: (x.shrink.estimate, x.probability)).name if idle else ""
 
 
 def is_told(each: NamedEffect) -> bool:
