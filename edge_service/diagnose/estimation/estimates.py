@@ -189,7 +189,7 @@ class Contributions:
     # effect -> channel -> its contribution to the gap, (n,)
     by_effect: Mapping[str, Mapping[str, Floats]]
     left: Mapping[str, Floats]  # what all of them leave of the gap, by channel, (n,)
-    channel_of: Mapping[str, str]  # effect -> the channel of whose gap it makes the greater part
+    channel_of: Mapping[str, str]  # effect -> channel that matters of whose gap it has most
 
     @classmethod
     def of_effects(cls, posterior: Posterior, named: frozenset[str]) -> "Contributions":
@@ -212,13 +212,13 @@ class Contributions:
             name: {channel: estimates.contribution(name, channel) for channel in session.channels}
             for name in estimates.names
         }
-        left, energy = {}, {}
+        left = {}
         for channel, rows in session.channels.items():
             parts = [each[channel] for each in by_effect.values()]
             left[channel] = rows.gap - sum(parts, np.zeros(len(rows.gap)))
-            energy[channel] = rows.rms**2
+        mattering = posterior.exceeding or set(session.channels)
         channel_of = {
-            name: max(session.channels, key=lambda c: float(np.mean(parts[c] ** 2)) / energy[c])
+            name: max(sorted(mattering), key=lambda c: rms(parts[c]) / session.channels[c].rms)
             for name, parts in by_effect.items()
         }
         return cls(session, named, estimates, by_effect, left, channel_of)
