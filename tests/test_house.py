@@ -154,7 +154,7 @@ MOST_LINES = {
     "health": 4520,
     "http_api": 2410,
     "messages": 2024,
-    "models": 5651,
+    "models": 5653,
     "nodes": 2893,
     "offline": 5639,
     "outputs": 1782,

@@ -145,14 +145,11 @@ def _aimed(
     design: DesignMatrix, gaps: Mapping[str, Floats], floor: Mapping[str, float]
 ) -> DesignMatrix:
     """Design matrix with other gaps; where an effect shows nothing its gap is hardly one."""
-    equations = {
-        name: replace(
-            each,
-            cross=design.columns[name].T @ gaps[name],
-            square=max(float(gaps[name] @ gaps[name]), each.rows * (_NOTHING * floor[name]) ** 2),
-        )
-        for name, each in design.equations.items()
-    }
+    equations = {}
+    for name, each in design.equations.items():
+        least, square = each.rows * (_NOTHING * floor[name]) ** 2, float(gaps[name] @ gaps[name])
+        cross = design.columns[name].T @ gaps[name]
+        equations[name] = replace(each, cross=cross, square=max(square, least))
     return replace(design, equations=equations, mean=np.zeros_like(design.mean))
 
 

@@ -147,8 +147,7 @@ def where(channels: Mapping[str, Rows], floors: Mapping[str, float] | None = Non
     chances = stats.false_discovery_control([each.p_value for each in found]) if found else ()
     known = [each for each, p in zip(found, chances, strict=True) if p <= FALSE_DISCOVERIES]
     known.sort(key=lambda each: -each.share / (_SIMPLER if each.variable == "direction" else 1.0))
-    best = ([x for x in known if x.channel == name][:_MOST_VARIABLES] for name in channels)
-    named = [each for part in best for each in part]
+    named = [x for c in channels for x in [k for k in known if k.channel == c][:_MOST_VARIABLES]]
     return [place for each in known if each in named for place in each.places()]
 
 

@@ -284,9 +284,8 @@ def learnable(found: Diagnosis, session: Session) -> tuple[NamedEffect, ...]:
             most = max(most, after / math.hypot(rows.rms, tolerated) - 1.0)
         return most
 
-    kept_out, is_open = withheld(found), found.verdict is not Verdict.UNKNOWN
-    sure = (e for e in found.effects if is_open and e.is_known and e.name not in kept_out)
-    known = [each for each in sure if each.entries]
+    kept_out, some = withheld(found), () if found.verdict is Verdict.UNKNOWN else found.effects
+    known = [e for e in some if e.entries and e.is_known and e.name not in kept_out]
     while known and growth(known) > NO_HARM:
         known = min(([e for e in known if e is not each] for each in known), key=growth)
     return tuple(known)

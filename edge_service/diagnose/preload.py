@@ -130,9 +130,8 @@ def diagnose_beside_loss(
     )
     sure = Verdict.EXPLAINED if probability >= SURE else Verdict.AMBIGUOUS
     verdict = rest.verdict if rest.verdict is Verdict.AMBIGUOUS else sure
-    partly = rest.partly or rest.verdict is Verdict.UNKNOWN
-    found = beside(rest, [named], session)
-    return found.model_copy(update={"verdict": verdict, "partly": partly})
+    changes = {"verdict": verdict, "partly": rest.partly or rest.verdict is Verdict.UNKNOWN}
+    return beside(rest, [named], session).model_copy(update=changes)
 
 
 def asked_by_torque(

@@ -106,17 +106,15 @@ class DesignMatrix:
         mean[:count] = [each.mean for each in prior]
         precision[:count] = [each.sigma**-2 for each in prior]
         strict = {name for name, effect in effects().items() if effect.follows_own_torque}
-        for regressor, k in zip(regressors[count:], first[count:], strict=False):
-            if regressor.name in strict:
-                mean[k], precision[k] = 1.0, _STRICT_SIGMA**-2
+        own = [
+            k for x, k in zip(regressors[count:], first[count:], strict=False) if x.name in strict
+        ]
+        mean[own], precision[own] = 1.0, _STRICT_SIGMA**-2
         shapes = Counter((each.name, each.form) for each in entries)
         forms = Counter(each.name for each in more)
-        alternatives = (
-            *(1 for _ in prior),
-            *(shapes[each.name, each.form] for each in entries),
-            *(forms[each.name] for each in more),
-        )
-        numbers = mean, precision, first, columns, equations, alternatives
+        alternatives = [1] * count + [shapes[each.name, each.form] for each in entries]
+        alternatives += [forms[each.name] for each in more]
+        numbers = mean, precision, first, columns, equations, tuple(alternatives)
         return cls(tuple(regressors), count, *numbers)
 
     def restricted(self, count: int, session: Session, kept: Mapping[str, Booleans]) -> Self:

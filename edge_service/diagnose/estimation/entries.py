@@ -18,7 +18,8 @@ from ...models.effects.registry import error_of, get_effect
 from ..candidates.normal_equations import solved
 from ..candidates.regressors import STEADY, EntryRegressor, ForcePulse
 from ..selection.problem import Fit, SelectionProblem
-from ..session.session import Session
+from ..session.recordings import STILL_RAD_S
+from ..session.session import TRANSMISSION_GAP, Session
 
 CHANGE_SIGMA = 1.0
 """Relative change of a shape that is thinkable, for what a slope says of it."""
@@ -45,6 +46,7 @@ class WeightedLeastSquares:
     mean: Floats  # prior of their coefficients, (q,)
     precision: Floats  # of the same, (q,)
     observations: float  # number of independent ones among the rows of all channels
+    moving: Mapping[str, Booleans]  # rows of a channel, (n,), where only those are foretold
 
     @classmethod
     def of_fit(cls, problem: SelectionProblem, best: Fit, named: frozenset[str]) -> Self:
@@ -59,7 +61,11 @@ class WeightedLeastSquares:
             weights[name] = math.sqrt(effective[name] / len(rows.gap) / variance)
         fixed = {name: design.columns[name][:, index].astype(np.float64) for name in weights}
         mean, held = best.coefficients[: len(index)], _HELD * design.precision[index]
-        return cls(session, weights, fixed, mean, held, sum(effective.values()))
+        moving = {}
+        if any(get_effect(name).rests_anywhere for name in named) and TRANSMISSION_GAP in weights:
+            speed = session.channels[TRANSMISSION_GAP].variables["motor_speed_rad_s"]
+            moving[TRANSMISSION_GAP] = np.abs(speed) > STILL_RAD_S
+        return cls(session, weights, fixed, mean, held, sum(effective.values()), moving)
 
     def columns(self, regressor: EntryRegressor) -> dict[str, Floats]:
         """Columns of one entry, by channel."""
@@ -132,8 +138,10 @@ class Entries:
         square = float(mean @ (precision * mean))
         for name, each in system.session.channels.items():
             x, gap = np.column_stack([system.fixed[name], *(c[name] for c in columns)]), each.gap
-            if rows is not None:
-                x, gap = x[rows[name]], gap[rows[name]]
+            masks = [each[name] for each in (system.moving, rows or {}) if name in each]
+            if masks:
+                kept = np.logical_and.reduce(masks)
+                x, gap = x[kept], gap[kept]
             weight = system.weights[name] ** 2
             normal = normal + weight * (x.T @ x)
             target = target + weight * (x.T @ gap)
@@ -155,9 +163,8 @@ def entries_of(problem: SelectionProblem, best: Fit, named: frozenset[str]) -> E
     there = sorted(set(best.regressors) & entries.keys())
     shapes = Counter(entries[k].name for k in there)  # what is there but once is sought anew
     known = [k for k in there if entries[k].effect.most_entries > 1 or shapes[entries[k].name] == 1]
-    whole = problem.pinned_to(best).stepwise(
-        list(entries), lambda name: get_effect(name).most_entries, known
-    )
+    pinned = problem.pinned_to(best)
+    whole = pinned.stepwise([*entries], lambda name: get_effect(name).most_entries, known)
     chosen: list[EntryRegressor] = []
     for k in whole.chosen:
         if entries[k] not in chosen:

@@ -61,8 +61,7 @@ class Estimates:
 
     def shown(self, *entries: int) -> set[str]:
         """Channels that some entries show in."""
-        columns = [pair for k in entries for pair in self.fitted.columns[k].items()]
-        return {channel for channel, each in columns if np.any(each)}
+        return {c for k in entries for c, each in self.fitted.columns[k].items() if np.any(each)}
 
     def coefficients(self, k: int) -> Floats:
         """Coefficients of one entry, bounded as the library bounds its amount."""

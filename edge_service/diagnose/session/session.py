@@ -26,7 +26,7 @@ CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
 CHANNEL_WORDS = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 MOST_ROWS = 60_000
 """Of a channel; of a longer session every second row is kept, or every third, and so on."""
-REST_S = 0.1
+REST_S = 1.0
 """Shorter rests are part of a motion."""
 BLOCK_S = 5.0
 """Rows are held out, and resampled, in blocks of about this length."""

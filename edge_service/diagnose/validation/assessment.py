@@ -104,6 +104,8 @@ def attributions(posterior: Posterior, contributions: Contributions) -> dict[str
     thermal = effects_where(lambda effect: effect.is_thermal)
     heated = {channel for effect, channel in channel_of.items() if effect in thermal}
     residuals = {c: (by_shapes if c in heated else left)[c] for c in set(channel_of.values())}
+    for channel, moves in contributions.estimates.fitted.system.moving.items():
+        residuals[channel] = np.where(moves, residuals.get(channel, 0.0), 0.0)
     missed = _missed(residuals, predicted_structure(session, residuals), tolerance)
     found, unexplained = {}, posterior.unexplained
     for effect, channel in channel_of.items():

@@ -178,6 +178,7 @@ class Effect:
     follows_own_torque: bool = False
     # its shapes say what loads it: the difference of two loads could be any
     has_one_load: bool = False
+    rests_anywhere: bool = False  # it lies where a stop throws it, which nothing foretells
     least_rate_hz: float = 0.0  # of samples, below which it comes and goes between them
     # effects that it resembles in what their few numbers leave of them. Beside a greater one of
     # these it is a cause only where it adds much, or leaves nothing

@@ -51,6 +51,7 @@ EFFECT = Effect(
     contributions=lambda values: (
         Play(values["width_m"], values["friction_share"], values["viscous_share"]),
     ),
+    rests_anywhere=True,
     imitates=frozenset({"compliance", "presliding"}),  # widths add up to what a spring does
     most_shapes=3,
     most_entries=1,
