@@ -72,9 +72,7 @@ async def run(site: Path, *arguments: str) -> asyncio.subprocess.Process:
     )
 
 
-async def test_the_installed_driver_runs_in_the_service(
-    site: Path, device: int, tmp_path: Path
-) -> None:
+async def test_installed_driver_runs_in_service(site: Path, device: int, tmp_path: Path) -> None:
     config = tmp_path / "edge.toml"
     config.write_text(CONFIG.format(port=device))
     service = await run(site, "run", str(config), "--port", "0")

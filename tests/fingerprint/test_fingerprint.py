@@ -101,9 +101,7 @@ def worn(machine: Machine, healthy: AxisFingerprint) -> AxisFingerprint:
     return fingerprint_axis(machine, session(settings, machine, 11, WORN_PERCENT), healthy)
 
 
-def test_the_figures_hold_the_truth(
-    healthy: AxisFingerprint, fresh_settings: FeedDriveSettings
-) -> None:
+def test_figures_hold_truth(healthy: AxisFingerprint, fresh_settings: FeedDriveSettings) -> None:
     figures = healthy.figures()
     coulomb = DRAG_NM + BEARING_NM + GUIDE_N * RATIO
     assert figures["friction.coulomb_nm"].value == pytest.approx(coulomb, rel=0.005)

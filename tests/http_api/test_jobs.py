@@ -355,9 +355,7 @@ async def test_only_plain_names_of_traces_are_taken(scene: Scene, name: str) -> 
     assert (await scene.client.get("recordings")).json() == {"items": [], "next": None}
 
 
-async def test_an_upload_is_whole_or_not_at_all(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_upload_is_whole_or_not_at_all(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "RECORDING_BYTES", 50)
 
     async def endless() -> AsyncIterator[bytes]:

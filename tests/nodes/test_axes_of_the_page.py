@@ -180,9 +180,7 @@ def test_certificate_and_key_must_fit_and_others_read_no_key(tmp_path: Path) -> 
         server_files(http)
 
 
-async def test_a_token_that_is_added_beside_the_running_service_counts_at_once(
-    tmp_path: Path,
-) -> None:
+async def test_a_token_that_is_added_beside_running_service_counts_at_once(tmp_path: Path) -> None:
     config = configured(tmp_path)
     async with served(config, ("http",)) as (_, client):
         assert (await client.get("api/v1/axes")).status_code == 200

@@ -218,13 +218,13 @@ def innovate(
     """Fill the innovation of hypothesis `k`; returns the compliance at the phase, m/N.
 
     The stretch is linear around where the correction leads, if the preload is too uncertain for
-    one step. Axial friction that differs from phase to phase acts on torque and stretch alike.
+    one step. Axial friction that differs from phase to phase acts on torque and stretch alike,
+    by the commissioned compliance: noise of a hypothesis' own would favour the stiffest.
     """
     x, p, at = bank.mean[k], bank.covariance[k], innovation.at
     size, ratio = x.shape[0], model.ratio_m_per_rad
-    e, s = innovation.error, innovation.covariance
-    axial = process.axial_n * process.axial_n
-    compliance = 0.0
+    e, s, compliance = innovation.error, innovation.covariance, 0.0
+    axial_nm, axial_m = process.axial_n * ratio, process.axial_n * model.compliance_m_per_n
     for i in range(size):
         at[i] = x[i]
     straight = not two or p[state.PRELOAD, state.PRELOAD] < _STRAIGHT * _STRAIGHT
@@ -234,7 +234,7 @@ def innovate(
         )
         lost_percent = model.fresh_percent - math.exp(at[state.PRELOAD])
         uneven_nm = UNEVEN_LOST * model.drag_per_percent_nm * lost_percent * (noise.factor - 1.0)
-        s[0, 0] = noise.torque_var + axial * ratio * ratio + uneven_nm * uneven_nm
+        s[0, 0] = noise.torque_var + axial_nm * axial_nm + uneven_nm * uneven_nm
         s[1, 1], s[0, 1], e[1] = 1.0, 0.0, 0.0
         if two:
             stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])
@@ -242,8 +242,8 @@ def innovate(
             loose = process.loose_m * math.exp(-math.exp(at[state.PRELOAD]) / 0.3)
             swings_n = model.guide_n + abs(model.table_mass_kg * ratio * r.acceleration_rad_s2)
             loose *= 1.0 if noise.accelerates and swings_n > abs(model.hanging_n) else STEADY_PLAY
-            s[1, 1] = noise.stretch_var + axial * compliance * compliance + loose * loose
-            s[0, 1] = axial * ratio * compliance
+            s[1, 1] = noise.stretch_var + axial_m * axial_m + loose * loose
+            s[0, 1] = axial_nm * axial_m
         if not noise.accelerates:
             innovation.slopes[:, state.PAYLOAD] = 0.0
         for i in range(size):

@@ -109,9 +109,7 @@ async def test_an_open_that_was_cancelled_is_done_again(broker: Broker) -> None:
         await driver.close()
 
 
-async def test_what_the_broker_retained_and_what_nobody_asked_for_is_counted(
-    broker: Broker,
-) -> None:
+async def test_what_broker_retained_and_what_nobody_asked_for_is_counted(broker: Broker) -> None:
     sent = messages(recorded())
     await send(broker, sent[1:2], retain=True)
     driver = MqttDriver(config_of(broker.port), CONTEXT)

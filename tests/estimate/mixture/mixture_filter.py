@@ -78,9 +78,7 @@ def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, f
     return np.array([*values, stretch]), slopes, compliance
 
 
-def noise_of(
-    model: AxisModel, process: Process, x: Floats, r: Reading, compliance: float, quantities: int
-) -> Floats:
+def noise_of(model: AxisModel, process: Process, x: Floats, r: Reading, quantities: int) -> Floats:
     """Covariance of what one phase errs by, (m, m): sensors, slow motion, axial friction, play."""
     speed = abs(r.speed_rad_s)
     torque = model.torque_density * (1.0 + (model.torque_slow_rad_s / speed) ** 2) / r.steady_s
@@ -95,7 +93,7 @@ def noise_of(
     swings &= inertia_nm > 2.0 * math.sqrt(noise[0, 0])
     loose *= 1.0 if swings else physics.STEADY_PLAY
     noise[1, 1] = stretch + loose**2
-    axial = process.axial_n * np.array([model.ratio_m_per_rad, compliance])
+    axial = process.axial_n * np.array([model.ratio_m_per_rad, model.compliance_m_per_n])
     return (noise + np.outer(axial, axial))[:quantities, :quantities]
 
 
@@ -109,10 +107,10 @@ def corrected(
     ratio. The state is then projected onto a preload that a nut can have; no joint is stiffer than
     when it was new.
     """
-    foreseen, slopes, compliance = expected(model, x, r)
+    foreseen, slopes, _ = expected(model, x, r)
     seen = np.array([r.torque_nm, r.stretch_m])[: len(foreseen)]
     error = seen - foreseen
-    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, compliance, len(foreseen))
+    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, len(foreseen))
     nis = float(error @ np.linalg.solve(s, error))
     s *= max(1.0, nis / USUAL)
     one = CONSIDERED if len(x) > state.TORQUE_STATES else ()

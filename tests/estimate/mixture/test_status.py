@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import chain, cycle
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.features import PHASES, Fault, FeatureBlock
 from edge_service.messages.samples import ANGLE, TABLE_POSITION, TORQUE, Floats, SampleFrame
 from edge_service.models.machine import Machine
+from edge_service.models.motions.registry import MOTIONS, Move
 
 from ...bench.estimator.axis import FRAME_ROWS, downsampled
 from ...bench.estimator.healthy.production_cases import without_table
@@ -99,6 +101,15 @@ def test_an_axis_that_is_tested_by_shaking_has_lost_nothing(seed: int, grease: f
     answers = numbers(run(downsampled(frames, machine())))
     assert held(answers, FRESH) == 1.0
     assert answers[:, 1].min() > 0.8 * FRESH
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4, 0.1])
+def test_strokes_at_one_place_mislead_nobody(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only braking lasts, with an inertia force as large as the friction of the guide."""
+    strokes = (Move(way_m, 0.3, 4.0, 200.0) for way_m in chain([0.3], cycle((0.005, -0.005))))
+    monkeypatch.setitem(MOTIONS, "strokes", lambda *_: strokes)
+    frames = AXIS.frames("strokes", np.full(40_000, share * FRESH), 5)
+    assert misled(numbers(run(downsampled(frames, machine()))), share * FRESH) == 0.0
 
 
 @pytest.mark.parametrize("interval_s", [0.02, 0.005])
