@@ -17,8 +17,7 @@ from edge_service.plugins import MisconfiguredError, load_plugin, plugins
 
 ENTRY_POINT_GROUP = "edge_service.drivers"
 DriverMisconfiguredError = MisconfiguredError
-QUIET_S = 10.0
-"""Silence of a source after which `no data` is told, s."""
+QUIET_S = 10.0  # silence of a source after which `no data` is told, s
 
 
 class DriverConfig(BaseModel):

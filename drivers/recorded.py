@@ -2,8 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from edge_service.messages.edge_block import LONGEST_S
 from edge_service.messages.samples import SampleFrame
 from edge_service.models.machine import Machine
+from edge_service.recordings.columns import TraceError
 from edge_service.recordings.reader import TraceReader, open_trace
 from edge_service.recordings.sinumerik.signals import ControllerAxis
 from edge_service.threads import Threads
@@ -39,7 +43,10 @@ class RecordedRows:
 
     async def next(self, reader: TraceReader) -> SampleFrame | None:
         """The next rows; None at the end, or once it is closed. Raises TraceError."""
-        return await self.run(lambda: next(reader, None) if self.reader is reader else None)
+        frame = await self.run(lambda: next(reader, None) if self.reader is reader else None)
+        if frame is not None and (latest_s := float(np.abs(frame.time_s).max())) > LONGEST_S:
+            raise TraceError(f"{reader.path}: no clock shows {latest_s:.3g} s; is it in seconds?")
+        return frame
 
     async def close(self) -> None:
         self._turn += 1

@@ -9,8 +9,7 @@ import numpy as np
 from edge_service.messages.samples import Quality, SampleFrame
 from edge_service.recordings.reader import joined
 
-FRAME_S = 0.1
-"""Axis time of a frame."""
+FRAME_S = 0.1  # axis time of a frame
 GREATEST_LAG_S = 1.0
 """Further behind real time than this, a driver lets the missed time go instead of bursting."""
 LARGEST_FRAME = 4096

@@ -27,8 +27,7 @@ from ..rows import FRAME_S, FrameCutter
 log = logging.getLogger(__name__)
 SETTLE_S = 2.0
 """A file that has not changed for so long, and has its proper end, is complete."""
-POLL_S = 1.0
-"""Time between two looks into the folder."""
+POLL_S = 1.0  # time between two looks into the folder
 BETWEEN_S = 1.0
 """Axis time between two traces: the axis may be anywhere when the next begins."""
 SAVE_ROWS = 20_000

@@ -24,8 +24,7 @@ from .mapped import MappedStream
 from .streams import EdgeStream, Lateness, MessageError, decode_object
 
 log = logging.getLogger(__name__)
-LISTEN_S = 10.0
-"""Longest time that a probe listens."""
+LISTEN_S = 10.0  # longest time that a probe listens
 MOST_TOPICS = 5
 BRIEF_S, MOST_BRIEF = 20.0, 3
 """So many connections in a row that last no longer: another client has our name."""

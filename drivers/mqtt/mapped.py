@@ -17,8 +17,7 @@ from ..signals import scalings
 from .link import MqttSourceConfig
 from .streams import MessageError, Order
 
-MOST_ROWS = 100_000
-"""Of one message."""
+MOST_ROWS = 100_000  # of one message
 
 
 class MappedStream:

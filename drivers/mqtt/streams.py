@@ -32,8 +32,7 @@ from ..base import DriverMisconfiguredError, DriverUnavailableError
 
 LARGEST_COUNT = 2.0**53
 """Beyond it neighbouring counts are the same double."""
-LARGEST_BYTES = 4_000_000
-"""Of a message."""
+LARGEST_BYTES = 4_000_000  # of a message
 MEMORY = 1 << 15
 """Samples that are remembered: a minute at 500 Hz."""
 MOST_LATE, LATE_S = 500, 0.8

@@ -23,8 +23,7 @@ from .variables import UNIT_OF_ID, NodeConfig, OpcuaConfig, node_id
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 SESSION_S = 20.0
 """A server keeps the session of a client that vanished for so long; it has few to give away."""
-GOODBYE_S = 1.0
-"""Longest time a server may take to close a session."""
+GOODBYE_S = 1.0  # longest time a server may take to close a session
 ANSWER_S = LOST_AFTER_S = 2.0
 MOST_WAITING = 1000
 """Publications that may wait for a reader that is too slow."""

@@ -185,9 +185,7 @@ async def test_after_a_stop_on_a_new_clock_the_preload_is_known_but_less(tmp_pat
     assert all(one.low <= PERCENT <= one.high for one in numbers)  # type: ignore[operator]
 
 
-async def test_a_part_replaced_while_the_estimator_was_away_is_not_the_old_one(
-    tmp_path: Path,
-) -> None:
+async def test_a_part_replaced_while_estimator_was_away_is_not_the_old_one(tmp_path: Path) -> None:
     config, begin_ns = config_in(tmp_path), time.time_ns() - 20 * NS
     await fed(config, blocks()[:40], begin_ns)
     assert document_in(tmp_path)["axis"] == "X"

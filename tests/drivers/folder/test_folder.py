@@ -168,13 +168,16 @@ async def test_a_file_that_is_no_trace_is_told_and_does_not_stop_the_others(
     bad.write_text("<html></html>\n</traceSession>")
     other = watch.folder / "words.csv"
     other.write_text("time_s,torque_command_nm\n0,word\n")
-    for path in (bad, other):
+    since_1970 = watch.folder / "milliseconds.csv"
+    since_1970.write_text("time_s,torque_command_nm\n1.79e12,1\n")
+    for path in (bad, other, since_1970):
         os.utime(path, (1000, 1000))
     watch.write("z.csv", 1.0)
     driver = watch.driver()
     assert len(torques(await watch.read(driver))) == 500
-    assert driver.counters["bad_files"] == 2
+    assert driver.counters["bad_files"] == 3
     assert "notes.csv" in caplog.text
+    assert "milliseconds.csv: no clock shows 1.79e+12 s" in caplog.text
     assert await watch.read(watch.driver()) == []
     assert watch.driver().counters["bad_files"] == 0
 
