@@ -112,7 +112,7 @@ class MixtureSettings(NamedTuple):
     wander: float = 0.02  # friction that wanders along the way, over the Coulomb friction
     wander_s: float = 1.0  # for how long it is alike
     wander_m: float = 0.03  # over which way the stretch is
-    axial: float = 0.02  # axial friction from phase to phase, over the Coulomb friction
+    axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
     preload_walk: float = 0.005  # of ln(preload) per sqrt(s) of motion
     wear_walk: float = 0.06  # the same, wearing fast
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
