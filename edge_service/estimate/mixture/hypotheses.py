@@ -88,8 +88,8 @@ def adapt_hypotheses(
     surprised = moments[state.SURPRISE] > _SURPRISE and (since >= _SOON_S or not calm)
     if since >= process.assumed.spawn_s or surprised:
         moments[state.SINCE_SPAWN_S] = 0.0
-        _restart(bank, state.STEADY, state.WEARING)
-        _restart(bank, state.WEARING, state.STEADY)
+        _restart(bank, state.STEADY, state.WEARING, process.assumed.steady_rate)
+        _restart(bank, state.WEARING, state.STEADY, process.assumed.wear_rate)
         for k in state.CHALLENGERS:
             is_own = k >= state.LOOSENING and nis[k] > _SURPRISE
             anew = is_own or (surprised and k == state.LUBRICATION)
@@ -164,8 +164,12 @@ def _succeed(
     force, force_n, cost = bank.force[other], bank.force_n[other], bank.cost[other]
     weight = bank.log_weight[slot]
     copy_to(bank, state.STEADY, slot, weight)
-    _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
+    if slot in (state.LOSS, state.TOTAL_LOSS):  # it may go on, and how much is vague
+        _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
+    elif bank.moments[state.LEARNING] > 0.0:
+        _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.steady_rate)
     copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
+    _renew(bank, state.WEARING, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
     for k in state.CHALLENGERS:
         if k in (slot, other) or bank.log_weight[k] < least:
             bank.alive[k] = 0
@@ -185,11 +189,12 @@ def _renew(bank: Bank, slot: int, i: int, value: float, sigma: float) -> None:
 
 
 @compiled
-def _restart(bank: Bank, slot: int, other: int) -> None:
-    """Restart a slot from the other once it has hardly any weight beside it."""
+def _restart(bank: Bank, slot: int, other: int, rate: float) -> None:
+    """Restart a slot from the other, with a wear rate of its own, once it has hardly any weight."""
     least = bank.log_weight[other] + _LEAST_SHARE
     if bank.alive[slot] == 0 or bank.log_weight[slot] < least:
         copy_to(bank, slot, other, least)
+        _renew(bank, slot, state.WEAR_RATE, 0.0, rate)
 
 
 @compiled

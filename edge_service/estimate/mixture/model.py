@@ -188,7 +188,8 @@ def _walk(size: int, coulomb_nm: float, settings: MixtureSettings) -> Floats:
 def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings) -> Floats:
     """Covariance that a step of each hypothesis adds, (HYPOTHESES, n, n).
 
-    What hangs has stretched a loose joint before it is sought, which the offset may hold already.
+    What hangs, and friction where the encoders were zeroed, has stretched a loose joint before it
+    is sought: the offset may hold that already.
     """
     jumps = np.zeros((state.HYPOTHESES, size, size))
     jumps[state.LOSS, state.PRELOAD, state.PRELOAD] = settings.loss**2
@@ -197,7 +198,8 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
         at = [state.LOOSENESS, state.COUPLING, state.ENCODER_OFFSET]
-        jumps[:, at, at] += np.outer(_loosened(model, settings), (1.0, 1.0, model.hanging_n)) ** 2
+        held_n = math.hypot(model.hanging_n, model.guide_n)
+        jumps[:, at, at] += np.outer(_loosened(model, settings), (1.0, 1.0, held_n)) ** 2
     return jumps
 
 

@@ -31,7 +31,6 @@ from . import state
 from .state import AxisModel, Bank, Process, Reading
 
 _STRAIGHT = 0.05
-_FARTHEST = 1.5
 _STRIBECK_ERROR = 0.3
 _TOLD = 2.0
 """Standard deviations of the torque from which on an inertia torque is told from noise. Less tells
@@ -179,7 +178,8 @@ class Innovation(NamedTuple):
     gains: Floats  # P H', (2, n)
     error: Floats  # (2,), N m and m
     covariance: Floats  # S, (2, 2)
-    at: Floats  # (n,), state around which the stretch is linear; scratch after that
+    at: Floats  # (n,), a point of the rule; scratch after that
+    points: Floats  # (3, 2), torque and stretch at its points
 
 
 class Noise(NamedTuple):
@@ -217,56 +217,54 @@ def innovate(
 ) -> float:
     """Fill the innovation of hypothesis `k`; returns the compliance at the phase, m/N.
 
-    The stretch is linear around where the correction leads, if the preload is too uncertain for
-    one step. Axial friction that differs from phase to phase acts on torque and stretch alike,
-    by the commissioned compliance: noise of a hypothesis' own would favour the stiffest.
+    Torque and stretch are linear as a regression over what the preload may be tells (statistical
+    linearisation): three points of Gauss and Hermite's rule, each with the state that is likely
+    there; what bends is noise. A slope taken where this phase leads would go with its error, and
+    walk along what the data cannot tell. Axial friction that differs from phase to phase acts on
+    both by the commissioned compliance: noise of a hypothesis' own would favour the stiffest.
     """
-    x, p, at = bank.mean[k], bank.covariance[k], innovation.at
-    size, ratio = x.shape[0], model.ratio_m_per_rad
-    e, s, compliance = innovation.error, innovation.covariance, 0.0
-    axial_nm, axial_m = process.axial_n * ratio, process.axial_n * model.compliance_m_per_n
-    for i in range(size):
-        at[i] = x[i]
-    straight = not two or p[state.PRELOAD, state.PRELOAD] < _STRAIGHT * _STRAIGHT
-    for turn in range(1 if straight else 3):
-        e[0] = r.torque_nm - expected_torque(
-            model, at, r, noise.factor, noise.slow_nm, innovation.slopes[0]
-        )
-        lost_percent = model.fresh_percent - math.exp(at[state.PRELOAD])
-        uneven_nm = UNEVEN_LOST * model.drag_per_percent_nm * lost_percent * (noise.factor - 1.0)
-        s[0, 0] = noise.torque_var + axial_nm * axial_nm + uneven_nm * uneven_nm
-        s[1, 1], s[0, 1], e[1] = 1.0, 0.0, 0.0
+    x, p, compliance = bank.mean[k], bank.covariance[k], 0.0
+    slopes, gains, e, s, at, points = innovation
+    swings_n = abs(model.table_mass_kg * model.ratio_m_per_rad * r.acceleration_rad_s2)
+    swings = noise.accelerates and model.guide_n + swings_n > abs(model.hanging_n)
+    var = p[state.PRELOAD, state.PRELOAD]
+    wide = two and var > _STRAIGHT * _STRAIGHT
+    side, end, away = (1, 1.0 / 6.0, math.sqrt(3.0 / var)) if wide else (0, 0.0, 0.0)
+    slopes[:], points[:], s[:] = 0.0, 0.0, 0.0
+    e[0], e[1] = r.torque_nm, r.stretch_m if two else 0.0
+    for n in range(-side, side + 1):
+        weight = end if n else 1.0 - 2.0 * end
+        for i in range(x.shape[0]):
+            at[i] = x[i] + n * away * p[state.PRELOAD, i]
+        percent = math.exp(at[state.PRELOAD])
+        points[n, 0] = expected_torque(model, at, r, noise.factor, noise.slow_nm, gains[0])
+        lost_nm = model.drag_per_percent_nm * (model.fresh_percent - percent)
+        s[0, 0] += weight * (UNEVEN_LOST * lost_nm * (noise.factor - 1.0)) ** 2
         if two:
-            stretch, compliance = expected_stretch(model, at, r, noise.factor, innovation.slopes[1])
-            e[1] = r.stretch_m - stretch
-            loose = process.loose_m * math.exp(-math.exp(at[state.PRELOAD]) / 0.3)
-            swings_n = model.guide_n + abs(model.table_mass_kg * ratio * r.acceleration_rad_s2)
-            loose *= 1.0 if noise.accelerates and swings_n > abs(model.hanging_n) else STEADY_PLAY
-            s[1, 1] = noise.stretch_var + axial_m * axial_m + loose * loose
-            s[0, 1] = axial_nm * axial_m
-        if not noise.accelerates:
-            innovation.slopes[:, state.PAYLOAD] = 0.0
-        for i in range(size):
-            away = x[i] - at[i]
-            e[0] -= innovation.slopes[0, i] * away
-            if two:
-                e[1] -= innovation.slopes[1, i] * away
-        _project(p, innovation.slopes[0], innovation.gains[0])
-        s[0, 0] += along(innovation.slopes[0], innovation.gains[0])
-        if two:
-            _project(p, innovation.slopes[1], innovation.gains[1])
-            s[1, 1] += along(innovation.slopes[1], innovation.gains[1])
-            s[0, 1] += along(innovation.slopes[1], innovation.gains[0])
-        s[1, 0] = s[0, 1]
-        if straight or turn == 2:
-            break
-        det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
-        a = (s[1, 1] * e[0] - s[0, 1] * e[1]) / det
-        b = (s[0, 0] * e[1] - s[0, 1] * e[0]) / det
-        for i in range(size):
-            at[i] = x[i] + innovation.gains[0, i] * a + innovation.gains[1, i] * b
-        low, high = x[state.PRELOAD] - _FARTHEST, x[state.PRELOAD] + _FARTHEST
-        at[state.PRELOAD] = min(max(at[state.PRELOAD], low), high)
+            points[n, 1], yields = expected_stretch(model, at, r, noise.factor, gains[1])
+            compliance += weight * yields
+            loose_m = process.loose_m * math.exp(-percent / 0.3) * (1.0 if swings else STEADY_PLAY)
+            s[1, 1] += weight * loose_m * loose_m
+        for q in range(1 + two):
+            e[q] -= weight * points[n, q]
+            for i in range(x.shape[0]):
+                slopes[q, i] += weight * gains[q, i]
+    for q in range(2):
+        if wide:
+            across = 0.5 * (points[1, q] - points[-1, q])
+            across -= away * along(slopes[q], p[state.PRELOAD])
+            slopes[q, state.PRELOAD] += across / (away * var)
+        points[0, q] = math.sqrt(end / 3.0) * (points[1, q] + points[-1, q] - 2.0 * points[0, q])
+        slopes[q, state.PAYLOAD] *= noise.accelerates
+        _project(p, slopes[q], gains[q])
+    bend_nm, bend_m = points[0]
+    axial_nm = process.axial_n * model.ratio_m_per_rad
+    axial_m = two * process.axial_n * model.compliance_m_per_n
+    s[0, 0] += noise.torque_var + axial_nm**2 + bend_nm**2 + along(slopes[0], gains[0])
+    s[1, 1] += (noise.stretch_var if two else 1.0) + axial_m**2 + bend_m**2
+    s[1, 1] += along(slopes[1], gains[1])
+    s[0, 1] = axial_nm * axial_m + bend_nm * bend_m + along(slopes[1], gains[0])
+    s[1, 0] = s[0, 1]
     return compliance
 
 

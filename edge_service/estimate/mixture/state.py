@@ -113,9 +113,10 @@ class MixtureSettings(NamedTuple):
     wander_s: float = 1.0  # for how long it is alike
     wander_m: float = 0.03  # over which way the stretch is
     axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
-    preload_walk: float = 0.005  # of ln(preload) per sqrt(s) of motion
+    preload_walk: float = 0.001  # of ln(preload) per sqrt(s) of motion
     wear_walk: float = 0.06  # the same, wearing fast
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
+    steady_rate: float = 1e-4  # the same, where nothing was lost: a warm-up has a trend, too
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.08  # of ln(preload) at the start, of a fresh screw

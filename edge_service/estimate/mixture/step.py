@@ -56,9 +56,8 @@ def step(
     """
     size = bank.mean.shape[1]
     two = size > state.TORQUE_STATES and not math.isnan(reading.stretch_m)
-    innovation = Innovation(
-        np.zeros((2, size)), np.zeros((2, size)), np.zeros(2), np.eye(2), np.zeros(size)
-    )
+    slopes, gains, points = np.zeros((2, size)), np.zeros((2, size)), np.zeros((3, 2))
+    innovation = Innovation(slopes, gains, np.zeros(2), np.eye(2), np.zeros(size), points)
     noise, speed = noise_of(model, reading), abs(reading.speed_rad_s)
     bank.moments[state.FASTEST_RAD_S] = max(bank.moments[state.FASTEST_RAD_S], speed)
     rapid = speed > _RAPID * bank.moments[state.FASTEST_RAD_S]

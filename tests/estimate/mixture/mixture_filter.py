@@ -14,7 +14,7 @@ from .mixture_axis import SETTINGS
 FRICTIONS = range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1)
 CONSIDERED = (state.NUT_COMPLIANCE,)
 GROWTH_S = 300.0
-USUAL = 6.0
+USUAL, WIDE = 6.0, 0.05
 TORQUE_S, WAY_M = SETTINGS.wander_s, SETTINGS.wander_m
 
 
@@ -78,6 +78,30 @@ def expected(model: AxisModel, x: Floats, r: Reading) -> tuple[Floats, Floats, f
     return np.array([*values, stretch]), slopes, compliance
 
 
+def regressed(
+    model: AxisModel, process: Process, x: Floats, p: Floats, r: Reading
+) -> tuple[Floats, Floats, Floats]:
+    """Torque and stretch as a regression over the preload tells: mean, slopes and what is left.
+
+    The rest of the state follows the preload as the covariance tells. With one encoder, around x.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
+    if len(expected(model, x, r)[0]) == 1 or p[0, 0] < WIDE**2:
+        nodes, weights = np.zeros(1), np.ones(1)
+    weights, sigma = weights / np.sum(weights), math.sqrt(p[0, 0])
+    points = [x + node * p[:, 0] / sigma for node in nodes]
+    values = np.array([expected(model, point, r)[0] for point in points])
+    slopes = np.average([expected(model, point, r)[1] for point in points], 0, weights)
+    mean, quantities = weights @ values, values.shape[1]
+    noise = np.average([noise_of(model, process, y, r, quantities) for y in points], 0, weights)
+    if len(nodes) > 1:
+        whole = (weights * nodes) @ values
+        slopes[:, 0] += (whole - slopes @ p[:, 0] / sigma) / sigma
+        left = values - mean - np.outer(nodes, whole)
+        noise += left.T @ (weights[:, None] * left)
+    return mean, slopes, noise
+
+
 def noise_of(model: AxisModel, process: Process, x: Floats, r: Reading, quantities: int) -> Floats:
     """Covariance of what one phase errs by, (m, m): sensors, slow motion, axial friction, play."""
     speed = abs(r.speed_rad_s)
@@ -107,10 +131,10 @@ def corrected(
     ratio. The state is then projected onto a preload that a nut can have; no joint is stiffer than
     when it was new.
     """
-    foreseen, slopes, _ = expected(model, x, r)
+    foreseen, slopes, noise = regressed(model, process, x, p, r)
     seen = np.array([r.torque_nm, r.stretch_m])[: len(foreseen)]
     error = seen - foreseen
-    s = slopes @ p @ slopes.T + noise_of(model, process, x, r, len(foreseen))
+    s = slopes @ p @ slopes.T + noise
     nis = float(error @ np.linalg.solve(s, error))
     s *= max(1.0, nis / USUAL)
     one = CONSIDERED if len(x) > state.TORQUE_STATES else ()

@@ -131,7 +131,7 @@ def test_a_heavy_table_keeps_a_nut_without_preload_on_one_side(hanging_n: float)
     process, bank, model = parts()[2], alone(parts()[1], 0.0), MODEL._replace(hanging_n=hanging_n)
     bank.mean[0, state.PRELOAD], bank.covariance[0] = math.log(0.02), 0.0
     n = bank.mean.shape[1]
-    zeros = np.zeros((2, 2, n)), np.zeros(2), np.eye(2), np.zeros(n)
+    zeros = np.zeros((2, 2, n)), np.zeros(2), np.eye(2), np.zeros(n), np.zeros((3, 2))
     found = physics.Innovation(*zeros[0], *zeros[1:])
     r = idle(np.random.default_rng(1))._replace(acceleration_rad_s2=200.0, stretch_m=0.0)
     physics.innovate(bank, 0, model, process, r, physics.noise_of(model, r), True, found)
