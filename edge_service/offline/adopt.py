@@ -117,7 +117,7 @@ def _answer(
         lines.append(f"found, from {mechanics.seconds:.3g} s of motion (95 %):")
         for name, each in mechanics.named().items():
             numbers: dict[str, float | None] = dict.fromkeys(("value", "low", "high"))
-            said = "not determined"
+            said = f"not determined{each.note and f': {each.note}'}"
             if each.determined:
                 numbers = {"value": each.value, "low": each.low, "high": each.high}
                 said = f"{each.value:.4g} {each.unit} ({each.low:.4g} to {each.high:.4g})"

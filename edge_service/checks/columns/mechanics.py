@@ -19,6 +19,7 @@ _STEADY_SHARE = 0.7
 _LEAST_ROWS, _LEAST_PASSAGES = 5, 3
 _RESPONSE_HZ = 200.0
 _NO_SIGN = "a torque without a sign is wrong while the axis brakes"
+_NEGATIVE = "it reads negative: a force that follows the motion is in the torque"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +36,10 @@ class Mechanics:
     sign_is_told: bool = True  # inertia or friction shows which way the torque counts
 
     def named(self) -> dict[str, IntervalEstimate]:
-        names = "inertia", "dry friction", "viscous friction", "constant load"
-        found = self.inertia, self.coulomb, self.viscous, self.offset
-        return dict(zip(names, found, strict=True))
+        names = "inertia", "dry friction", "viscous friction"
+        found = zip(names, (self.inertia, self.coulomb, self.viscous), strict=True)
+        told = {n: undetermined(x.unit, _NEGATIVE) if x.high < 0.0 else x for n, x in found}
+        return told | {"constant load": self.offset}
 
 
 def steady_friction(frames: Sequence[SampleFrame], ratio_m_per_rad: float) -> Mechanics:
@@ -82,8 +84,7 @@ def identify_mechanics(frames: Sequence[SampleFrame], ratio_m_per_rad: float) ->
         found[0] = undetermined(found[0].unit, TOO_SLOW.format(clock.rate_hz))
     inertia, _, coulomb, offset = found
     told = not (inertia.holds(0.0) and coulomb.holds(0.0))
-    telling = coulomb if inertia.holds(0.0) else inertia
-    inverted = told and telling.value < 0.0
+    inverted = told and (coulomb if inertia.holds(0.0) else inertia).value < 0.0
     share = driven_share(*rows_in_motion(frames, settings)[:2], offset.value)
     if told and abs(share - 0.5) > CLEAR_SHARE:
         inverted = share < 0.5

@@ -93,7 +93,7 @@ def _find_effort(
     """Choose the torque channel; says and asks what there is to it."""
     column = _best_effort(names, values, speed)
     if column is None and not found.questions:
-        found.say(TORQUE, "no column holds a torque or a current: friction cannot be judged")
+        found.say(TORQUE, "not understood; name it or a current: --column current=COLUMN:UNIT")
     if column is None:
         return
     effort = values[column.name]
