@@ -44,6 +44,8 @@ _LASTING_SHARE = 0.02
 """Of the strongest acceleration: by so much it may change from sample to sample and still last."""
 _SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
 """A tenth, and what lies within that quantile of the size of a standard normal variable."""
+_OLD_SHARE = 0.2
+"""Of a fast table's samples: with as many that keep a value it shows no acceleration."""
 _AT_LIMIT = 0.999
 """Of the drive's limit: as exactly as drives state their torque."""
 TEMPERATURE_MEAN_S = 5.0
@@ -97,8 +99,7 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     passed = cutoff_hz, FILTER_ORDER, run.period_s
     smooth = {name: raw[name] if slow else low_pass(raw[name], *passed) for name in names}
     speed = central_difference(smooth[ANGLE], run.period_s)
-    noise_rms = _slow_noise_rms if slow else white_noise_rms
-    noise = {name: noise_rms(raw[name]) for name in names}
+    noise = {name: (_slow_noise_rms if slow else white_noise_rms)(raw[name]) for name in names}
     if slow:
         acceleration, resolved = _second_difference(smooth[ANGLE], run.period_s, noise[ANGLE])
         wavers = _CERTAIN_SIGMAS * noise[ANGLE] / math.sqrt(2.0) / run.period_s
@@ -119,7 +120,9 @@ def _run_of(run: UniformRun, baseline: Baseline, number: int) -> Run:
     stretch = carried = None
     if TABLE_POSITION in raw:
         pace = central_difference(smooth[TABLE_POSITION], run.period_s) / baseline.ratio_m_per_rad
-        carried = None if slow else central_difference(pace, run.period_s)[inside]
+        fast = np.abs(speed[1:]) > 0.5 * np.abs(speed).max()
+        is_old = np.mean(np.diff(raw[TABLE_POSITION])[fast] == 0.0) > _OLD_SHARE
+        carried = None if slow or is_old else central_difference(pace, run.period_s)[inside]
         stretch = (raw[TABLE_POSITION] - baseline.ratio_m_per_rad * raw[ANGLE])[inside]
         table, motor = (max(noise[n], _steps_rms(raw[n])) for n in (TABLE_POSITION, ANGLE))
         noise[STRETCH] = math.hypot(table, baseline.ratio_m_per_rad * motor)
