@@ -104,11 +104,11 @@ def _measure_inertia(machine: Machine, frames: Sequence[SampleFrame]) -> Content
     fit = identify_inverse_dynamics(able, min(each, key=lambda one: one.cutoff_hz))
     inertia = fit.parameters["inertia"]
     clock = clock_of([frame.time_s for frame in able])
-    if clock.is_slow:
-        inertia = undetermined(inertia.unit, TOO_SLOW.format(clock.rate_hz))
-    coulomb, viscous = fit.parameters["coulomb"], fit.parameters["viscous"]
-    frictions = {"rigid_coulomb_nm": coulomb, "rigid_viscous_nm_s_per_rad": viscous}
-    return {"inertia_kg_m2": inertia} | frictions, ()
+    why = "too little acceleration: it is not told from none" * (inertia.low <= 0.0)
+    why = TOO_SLOW.format(clock.rate_hz) if clock.is_slow else why
+    inertia = undetermined(inertia.unit, why) if why else inertia
+    found = {"inertia_kg_m2": inertia, "rigid_coulomb_nm": fit.parameters["coulomb"]}
+    return found | {"rigid_viscous_nm_s_per_rad": fit.parameters["viscous"]}, ()
 
 
 def _all_of(parts: Mapping[str, Sequence[_T]]) -> tuple[_T, ...]:
