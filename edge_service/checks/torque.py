@@ -40,7 +40,7 @@ CLEAR_SHARE = 0.15
 _LONGEST_M_PER_RAD = 0.1 / 6.28  # beyond it, a rotary axis or a belt
 _GREATEST = (("dry friction", "N m", 5.0, 3e3, 1), ("inertia", "kg m2", 0.02, 5e3, 2))
 """Of feed axes: motor and screw; table and guides, by a power of the travel per rad."""
-_WIDE = "inertia is known to half of it at best: rows may be interpolated, or motion is too slow"
+WIDE = "inertia is known to half of it at best: rows may be interpolated, or motion is too slow"
 _BORROWED_SIGN = Finding(
     "torque",
     Verdict.DOUBTFUL,
@@ -71,7 +71,7 @@ def check_torque(machine: Machine, recordings: Recordings) -> Finding:
         if judged and is_rough and inertia.low > 0.0:
             judged = replace(judged, forbids=False)
         if inertia.high - inertia.low > abs(inertia.value):
-            verdict, said = Verdict.DOUBTFUL, _WIDE
+            verdict, said = Verdict.DOUBTFUL, WIDE
     judged = judged or _judged_drag(machine, able, fit) or _judged_size(machine, fit)
     return judged or Finding("torque", verdict, said, inertia, machine.model.inertia_kg_m2.value)
 
@@ -149,9 +149,8 @@ def _judged_drag(
     if coulomb.determined and falls > 0.3 * abs(coulomb.value):  # Stribeck's takes less
         sentence = f"friction falls with speed, by {falls:.2g} N m: another force is in it"
         return Finding("torque", Verdict.DOUBTFUL, sentence, viscous, 0.0)
-    if not coulomb.determined or coulomb.high >= 0.0:
-        return None
-    if viscous.determined and coulomb.high + viscous.value * slow >= 0.0:
+    carried = max(viscous.value * slow, 0.0) if viscous.determined else 0.0
+    if not coulomb.determined or coulomb.high + carried >= 0.0:
         return None
     sentence = (
         f"friction {coulomb.value:.2g} N m reads negative: sign of torque or motion, or a load "

@@ -52,9 +52,8 @@ async def examine_sources(config: EdgeConfig, axis: str | None, duration_s: floa
         names = ", ".join(each.name for each in config.axes)
         raise ConfigError(f"--axis: no axis {axis!r}; there are {names}")
     found = await asyncio.gather(*(_examined(each, duration_s) for each in chosen))
-    words = "\n".join(each.words for each in found)
-    document = {"axes": [each.document for each in found]}
-    return Answer(words, document, max(each.status for each in found))
+    words, status = "\n".join(each.words for each in found), max(each.status for each in found)
+    return Answer(words, {"axes": [each.document for each in found]}, status)
 
 
 async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
@@ -100,10 +99,10 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
     names = ("name", "verdict", "sentence", "compared", "remedy")
     found: list[dict[str, Any]] = []
     for each in findings:
-        members = ("value", "low", "high", "unit") if each.figure is not None else ()
-        figure = {name: getattr(each.figure, name) for name in members} or None
-        if figure is not None:
-            figure["expected"] = each.expected
+        of = ("value", "low", "high", "unit")
+        figure = each.figure and {n: getattr(each.figure, n) for n in of} | {
+            "expected": each.expected
+        }
         found.append({name: getattr(each, name) for name in names} | {"figure": figure})
     document = {"axis": axis, "source": source, "findings": found, "method": method}
     return Answer("\n".join(lines), document, DOUBTED if doubts else DONE)

@@ -16,6 +16,7 @@ from ...atomic import write_whole
 from ...checks.examination import check_plausibility
 from ...checks.finding import Finding
 from ...checks.session import DataCheck, check_data
+from ...checks.torque import WIDE
 from ...command_answer import Answer, progress
 from ...config import ConfigError, load_machine
 from ...diagnose.candidates.regressors import unobservable
@@ -73,7 +74,7 @@ def diagnose(
             machine, healthy = _healthy(machine, reference)
         runs = read_runs(machine, traces)
         names = [path.name for path in traces]
-        check, failing = _checked(machine, traces, runs)
+        check, findings = _checked(machine, traces, runs)
         if check.faults:
             refused = _bad_data(machine, runs, check)
             _write(out, refused, text, render(machine, names, refused))
@@ -83,7 +84,8 @@ def diagnose(
         compared, unshown = (runs, []) if healthy is None else healthy.shown(runs)
         whole = session_of(machine, compared)
         session = whole if healthy is None else healthy.beside(whole)
-        doubted, fresh, lost = doubts(machine, runs), fresh_screw(machine), None
+        doubted = [*doubts(machine, runs), *(each for each in findings if each.sentence == WIDE)]
+        fresh, lost = fresh_screw(machine), None
         reading, mismatches = preload_reading(machine, traces)
         may_lose = fault() in library
         if may_lose and fresh and reading and reading.is_lost and TORQUE_GAP in session.channels:
@@ -98,8 +100,7 @@ def diagnose(
         is_new = mismatches and found.verdict is Verdict.NO_GAP
         verdict = Verdict.UNKNOWN if is_new else found.verdict
         found = found.with_effects(found.effects, verdict, *mismatches)
-        unseen = unobservable(session)
-        ratio = machine.transmission_ratio_m_per_rad
+        unseen, ratio = unobservable(session), machine.transmission_ratio_m_per_rad
         # the file that is written knows of no reference
         plain = session if machine is stated else session_of(stated, read_runs(stated, traces))
         learned = learnable(found, plain)
@@ -109,7 +110,7 @@ def diagnose(
             "not_judged_reasons": unseen,
             "augmented": tuple(each.name for each in learned),
             "withheld": withheld(found),
-            "is_doubted": bool(failing or doubted),
+            "is_doubted": bool(remarks_of(findings) or doubted),
             "remarks": (*[COPIES.format(copies)] * bool(copies), *check.remarks, *unshown, *said),
             "reference": tuple(reference[k].name for k in counted),
         }
@@ -138,13 +139,14 @@ def library_without(names: Sequence[str]) -> tuple[Effect, ...]:
 
 def _checked(
     machine: Machine, traces: Sequence[Path], runs: Sequence[Run]
-) -> tuple[DataCheck, tuple[str, ...]]:
-    """Check of a session: what `doctor` forbids comes first, in its words; its remarks again."""
+) -> tuple[DataCheck, list[Finding]]:
+    """Check of a session, and what `doctor` finds: its words come before those of the check."""
     check = check_data(runs, machine.transmission_ratio_m_per_rad, [p.name for p in traces])
     found = examine_within(machine, traces)
     forbidding = tuple(f"{each.sentence}; {each.remedy}" for each in found if each.forbids)
     said = remarks_of(found)
-    return replace(check, faults=forbidding or check.faults, remarks=(*check.remarks, *said)), said
+    faults = forbidding or (said if check.faults else ()) or check.faults
+    return replace(check, faults=faults, remarks=(*check.remarks, *said)), found
 
 
 def _bad_data(machine: Machine, runs: Sequence[Run], check: DataCheck) -> Diagnosis:
@@ -182,8 +184,7 @@ def _healthy(machine: Machine, reference: Sequence[Path]) -> tuple[Machine, Refe
     runs = read_runs(machine, reference)
     shown = healthy_model(machine, runs, rigid_baseline(machine))
     runs = read_runs(shown, reference)
-    faults = _checked(machine, reference, runs)[0].faults
-    if faults:
+    if faults := _checked(machine, reference, runs)[0].faults:
         raise DiagnosisError(f"reference: {'; '.join(faults)}")
     return shown, healthy_machine(runs, rigid_baseline(shown), model_effects(shown))
 
@@ -217,9 +218,7 @@ def doubts(machine: Machine, runs: Sequence[Run]) -> list[Finding]:
             angle_rad = run.motion.angle_rad
             channels = {ANGLE: angle_rad, TABLE_POSITION: run.transmission_m + ratio * angle_rad}
             frames.append(SampleFrame(run.motion.time_s, channels))
-    if not frames:
-        return []
-    found = check_plausibility(machine, frames)
+    found = check_plausibility(machine, frames) if frames else []
     return [each for each in found if each.is_doubtful and each.name != "rate"]
 
 
@@ -228,11 +227,14 @@ def beside_doubts(
 ) -> Diagnosis:
     """Diagnosis that names what `doctor` sees by itself with what it may pass for.
 
-    Where `doctor` sees an effect, such as a lag of an encoder, and the causes lack it, effects that
-    may be named in its place are no longer sure, and are tied with it.
+    An effect that the causes lack, such as a lag of an encoder, leaves those that may be named in
+    its place unsure, and tied with it; rows that may be filled in do so with a vibration.
     """
     named, seen = {each.name for each in found.effects}, {each.name for each in doubted}
     changed = list(found.effects)
+    for k, each in enumerate(changed) if "torque" in seen else ():
+        if each.channel == TORQUE_GAP and not each.entries:
+            changed[k] = each.model_copy(update={"probability": _TRUST * each.probability})
     for effect in library:
         name, confirmed = effect.name, effect.confirmation
         if not confirmed or confirmed.check not in seen or name in named:
@@ -266,8 +268,7 @@ def preload_reading(
 
 
 def _last(machine: Machine, path: Path) -> PreloadEstimate:
-    downsampler = make_downsampler(machine)
-    estimator = MixturePreloadEstimator(machine)
+    downsampler, estimator = make_downsampler(machine), MixturePreloadEstimator(machine)
     with open_recording(machine, path) as frames:
         for frame in frames:
             for block in downsampler.push(frame):
