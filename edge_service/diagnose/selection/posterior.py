@@ -92,8 +92,7 @@ class Posterior:
 def select_model(problem: SelectionProblem) -> Posterior:
     """Select effects twice: the residual of the first selection shows the noise of the second."""
     first = select_effects(problem).best.fit
-    left = problem.residuals(first)
-    noise = problem.noise.of_residual(problem.session, problem.machine, left)
+    noise = problem.noise.of_residual(problem.session, problem.machine, problem.residuals(first))
     posterior = select_effects(replace(problem, noise=noise), first.chosen)
     return _beside_force(posterior) if FORCE in posterior.best.material else posterior
 

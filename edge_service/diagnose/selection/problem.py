@@ -39,7 +39,7 @@ _LEADING = 12
 LEAST_RISE_OF_GAP = 0.05
 """An effect that is less than this part of the whole gap is no better known than others."""
 LEAST_RISE_BESIDE_ALIKE = 0.22
-"""Beside a greater effect whose entry may lack what this one adds."""
+"""Beside a greater effect whose entry, or a greater cause whose guess, may lack what it adds."""
 COMPLETE = 0.3
 """Of what it adds: with less left beyond the floor one shape of an effect is no stopgap for
 another one's entry, which would be wrong in some way of its own."""
@@ -100,8 +100,7 @@ class SelectionProblem:
 
     def pinned_to(self, whole: Fit) -> Self:
         """Pin the nuisances to those of a fit: they must not stretch to hide a cause."""
-        count = self.design.first[self.design.nuisances]
-        return replace(self, pinned=whole.coefficients[:count])
+        return replace(self, pinned=whole.coefficients[: self.design.first[self.design.nuisances]])
 
     def fit(self, chosen: Sequence[int]) -> Fit:
         """Fit the nuisances and the chosen candidates."""
@@ -348,8 +347,8 @@ class SelectionProblem:
             if abs(float(coefficients.sum()) - healthy) <= MATERIAL_TOLERANCES * sigma:
                 continue
             effect = effects().get(name)
-            alike = effect.imitates & whole.names if effect else frozenset()
-            is_one = sum(a in whole.chosen for a in regressors) == 1
+            alike = {UNKNOWN, *effect.imitates} & whole.names if effect else set()
+            is_one = UNKNOWN not in alike and sum(a in whole.chosen for a in regressors) == 1
             for channel, each in design.equations.items():
                 elsewhere = channel != TRANSMISSION_GAP and TRANSMISSION_GAP in design.equations
                 before = math.sqrt(each.square / each.rows)

@@ -44,8 +44,7 @@ _LASTING_SHARE = 0.02
 """Of the strongest acceleration: by so much it may change from sample to sample and still last."""
 _SMOOTH_SHARE, _SMOOTH_QUANTILE = 0.1, 0.1257
 """A tenth, and what lies within that quantile of the size of a standard normal variable."""
-_OLD_SHARE = 0.2
-"""Of a fast table's samples: with as many that keep a value it shows no acceleration."""
+_OLD_SHARE = 0.2  # of values kept while a table is fast: they show no acceleration
 _AT_LIMIT = 0.999
 """Of the drive's limit: as exactly as drives state their torque."""
 TEMPERATURE_MEAN_S = 5.0

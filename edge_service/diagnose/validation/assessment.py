@@ -351,8 +351,8 @@ def is_told(each: NamedEffect) -> bool:
     """Flag of an amount told from zero; of several entries, or with an end at 0, the sum is."""
     amounts = {p.name for p in get_effect(each.name).parameters if p.role is Role.AMOUNT}
     values = [value for name, value in each.parameters.items() if name in amounts]
-    known = all(v.low is not None and v.high is not None and v.low * v.high >= 0 for v in values)
-    return known or len(each.entries) > 1
+    known = (v.low is not None and v.high is not None and v.low * v.high >= 0 for v in values)
+    return len(each.entries) > 1 or all(known)
 
 
 def assess_causes(posterior: Posterior) -> Assessment:
