@@ -167,7 +167,7 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     found = np.concatenate(bits)
     for k, (name, (_, _, kind)) in enumerate(_MEASURED.items()):
         if hold_s[k] > LONGER * usual_s[k] + 0.5 * period_s:
-            said.append(f"{name} is new every {1e3 * (hold_s[k] + period_s):.3g} ms only")
+            said.append(f"{name} is new every {round(1e3 * (hold_s[k] + period_s), 1):g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
             said.append(f"{100.0 * share:.2g} % of {name} are values that no drive can make")
     marks = [(n, m) for n in _MEASURED if math.isfinite(m := _mark_of(recordings, n, period_s))]
