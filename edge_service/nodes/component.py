@@ -120,7 +120,7 @@ class Component:
         self._tasks = [*(each for each in self._tasks if not each.done()), task]
         return task
 
-    def follow(self, subscriber: Subscriber[T], take: Callable[[str, Header, T], None]) -> None:
+    def follow(self, subscriber: Subscriber[T], take: Callable[[str, Header, T], object]) -> None:
         """Hand axis, header and payload of everything that is heard to `take`, and bear errors."""
 
         async def work() -> None:

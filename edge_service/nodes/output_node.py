@@ -21,7 +21,7 @@ from ..messages.answer import AxisAnswer
 from ..messages.codec import Header, Topic
 from ..messages.event import AxisCondition, Event
 from ..messages.health import ComponentStatus
-from ..messages.topics import HEALTH, IMM, PRELOAD
+from ..messages.topics import HEALTH, IMM, PRELOAD, STATUS
 from ..outputs.base import (
     Events,
     Message,
@@ -80,8 +80,8 @@ async def run(context: NodeContext, name: str) -> None:
     """Tell one output until cancelled; one that raises is begun anew. Raises ConfigError."""
     output = make_output(context.config, name, context.gone)
     component = Component(context, name)
-    silent, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
-    states = {axis: AxisState(axis, None, silent) for axis in context.machines}
+    parts, started_ns = ComponentWatch(HEALTH.stale_after_s), now_ns()
+    states = {axis: AxisState(axis, None, parts) for axis in context.machines}
     node, receivers = OutputNode(output, component, context.events, states), output.receivers
 
     def take(topic: str, axis: str, header: Header, payload: Any) -> None:
@@ -89,10 +89,10 @@ async def run(context: NodeContext, name: str) -> None:
             getattr(states[axis], topic).hear(header, payload, now_ns())
 
     async def show() -> None:
-        """Hand over what is known now of all axes, again and again."""
+        """Hand over what is known of all axes once the output is open, again and again."""
         retry = new_retry()
         while True:
-            answers = [state.answer(started_ns, now_ns()) for state in states.values()]
+            answers = (state.answer(started_ns, now_ns()) for state in states.values())
             if await node.send("answers", answers, retry):
                 await asyncio.sleep(SHOW_PERIOD_S)
 
@@ -116,6 +116,9 @@ async def run(context: NodeContext, name: str) -> None:
                 heard = context.subscribe(topic)
                 ends.callback(heard.close)
                 component.follow(heard, partial(take, topic.name))
+            reports = context.subscribe_to_components(STATUS)
+            ends.callback(reports.close)
+            component.follow(reports, lambda _axis, _header, told: parts.on_report(told, now_ns()))
             if output.takes_answers or receivers:
                 await component.again(life, new_retry(), OutputUnavailableError)
             component.to(ComponentStatus.OK)  # it is asked, as metrics are
@@ -140,7 +143,7 @@ class OutputNode:
         component.readings = lambda: output.readings | self._age()
         component.counters = lambda: {"sent": self.sent}
 
-    async def send(self, who: str, messages: Sequence[Message], retry: Retry) -> bool:
+    async def send(self, who: str, messages: Iterable[Message], retry: Retry) -> bool:
         """Hand messages over at once; False, after a pause, if the output is away. RefusedError."""
         try:
             async with self._opening:

@@ -17,7 +17,7 @@ from edge_service.config import ConfigError
 from edge_service.health.inputs import Heard
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.codec import Header
-from edge_service.messages.health import Command, ComponentStatus
+from edge_service.messages.health import Command, ComponentStatus, Task
 from edge_service.messages.samples import SampleFrame
 from edge_service.messages.topics import PRELOAD, RAW, STATUS
 from edge_service.nodes import acquire_node, health_node, output_node
@@ -185,11 +185,12 @@ async def test_all_axes_are_told_at_once_and_the_one_told_longest_ago_is_the_age
                 break
 
 
+@pytest.mark.parametrize("opens", [True, False])
 async def test_who_was_held_up_hears_the_newest_and_nothing_of_what_was_between(
-    monkeypatch: pytest.MonkeyPatch,
+    opens: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told, heard, go_on = [], [], asyncio.Event()
-    hear = Heard.hear
+    hear, begun = Heard.hear, AsyncMock(side_effect=None if opens else go_on.wait)
 
     async def take(_output: MqttOutput, message: AxisAnswer) -> None:
         told.append(message.header and message.header.sequence)
@@ -199,19 +200,31 @@ async def test_who_was_held_up_hears_the_newest_and_nothing_of_what_was_between(
         hear(self, header, payload, at_ns)
         heard.append(header.sequence)
 
-    for name, value in (("open", AsyncMock()), ("take", take), ("receivers", ())):
+    for name, value in (("open", begun), ("take", take), ("receivers", ())):
         monkeypatch.setattr(MqttOutput, name, value)
     monkeypatch.setattr(Heard, "hear", note)
     config = config_of("simulated", {}, outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
     async with running(config, ("mqtt",)) as service:
-        await until(lambda: told)
+        await until(lambda: told or begun.called)
         preload = service.context.publishers(PRELOAD)["X"]
         for _ in range(50):
             preload.publish(PAYLOADS["preload"], now_ns())
         await until(lambda: len(heard) == 50)
         go_on.set()
-        await until(lambda: len(told) > 1)
-        assert told[:2] == [None, heard[-1]]
+        await until(lambda: heard[-1] in told)
+        assert told[: told.index(heard[-1])] == [None] * opens
+
+
+async def test_an_output_says_that_the_service_is_starting(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[AxisAnswer] = []
+    take = AsyncMock(side_effect=told.append)
+    for name, value in (("open", AsyncMock()), ("take", take), ("receivers", ())):
+        monkeypatch.setattr(MqttOutput, name, value)
+    config = config_of("simulated", {}, outputs={"mqtt": {"url": "mqtt://127.0.0.1:1"}})
+    async with running(config, ("mqtt",)) as service:
+        await until(lambda: told and told[-1].health.advice[0].task is Task.SWITCH_ON)
+        Component(service.context, "estimate", "X").to(ComponentStatus.STARTING, "compiling")
+        await until(lambda: told[-1].health.advice[0].task is Task.WAIT)
 
 
 async def test_an_axis_that_comes_back_goes_on_where_it_was(bus: Bus) -> None:

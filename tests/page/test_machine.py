@@ -154,7 +154,7 @@ def test_a_lost_connection_is_reported_and_made_again(make_service: Any, open_pa
         page.wait_for_selector("#banner:not([hidden])")
         said = r"No connection to the service since .*\. Everything on this page is old"
         assert re.match(said, page.inner_text("#banner"))
-        page.wait_for_selector(f"{part}:has-text('Not known without a connection.')")
+        page.wait_for_selector(f"{part}:has-text('Not known now.')")
         claims = "NORMAL|FAULT|UNAVAILABLE|No alarm|Model does|judged|% of fresh"
         assert not re.search(claims, page.inner_text(part))
         assert page.title() == "connection lost"

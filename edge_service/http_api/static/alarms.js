@@ -3,7 +3,7 @@
 import { ask } from "./ask.js";
 import { button, element, refill } from "./dom.js";
 import { clock } from "./format.js";
-import { ORDER, isHeard, openAlarms } from "./level.js";
+import { ORDER, knowsAlarms, openAlarms } from "./level.js";
 import { statementWords } from "./sentence.js";
 import { locale, named, t } from "./strings.js";
 
@@ -14,7 +14,7 @@ export function renderAlarmList(root, states, several) {
   const alarms = together(states.flatMap((state) => openAlarms(state).map((alarm) => ({ ...alarm, axis: state.axis }))));
   alarms.sort((a, b) => Number(b.active) - Number(a.active) || ORDER.indexOf(a.level) - ORDER.indexOf(b.level));
   const place = ({ axes }) => (!several ? "" : axes.length > 1 && axes.length === states.length ? t("alarms.all_axes") : new Intl.ListFormat(locale).format(axes));
-  const isKnown = states.every(isHeard);
+  const isKnown = states.every(knowsAlarms);
   refill(root, JSON.stringify([alarms, several, isKnown]), () => [
     element("h2", { id: `${root.id}-title` }, alarms.length ? t("alarms.some", { n: alarms.length }) : t("alarms")),
     ...(alarms.length ? [...alarms.map((alarm) => alarmNode(alarm, place(alarm)))] : [element("p", { class: "quiet" }, t(isKnown ? "alarms.none" : "alarms.unknown"))]),

@@ -8,6 +8,8 @@ export const headlineOf = (state) => (state.connected ? state.health?.headline :
 export const levelOf = (state) => headlineOf(state)?.level ?? "UNAVAILABLE";
 // Without a connection, or before the first answer, nothing is claimed.
 export const isHeard = (state) => state.connected && state.health !== null;
+// A service that has just started knows no alarms yet.
+export const knowsAlarms = (state) => isHeard(state) && !state.health.reasons.some((each) => /^(no|stale)_health:/.test(each));
 export const levelWords = (state) => (isHeard(state) ? t(`condition.${levelOf(state)}`) : t(state.connected ? "connection.waiting" : "connection.lost"));
 export const openAlarms = (state) => (state.connected ? state.health?.alarms : null) ?? [];
 export const isActive = (state, kind) => openAlarms(state).some((alarm) => alarm.alarm === kind && alarm.active);

@@ -4,7 +4,7 @@ import { crossing } from "./advice.js";
 import { renderAlarmList } from "./alarms.js";
 import { byId, element, fetchJson, refill, svg, symbol } from "./dom.js";
 import { lasting, ofFresh, printed } from "./format.js";
-import { alarmsOfAll, headlineOf, isHeard, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
+import { alarmsOfAll, headlineOf, isHeard, knowsAlarms, levelOf, levelWords, openAlarms, worstFirst } from "./level.js";
 import { addressOf } from "./route.js";
 import { locale, named, t } from "./strings.js";
 
@@ -62,7 +62,7 @@ function rowText(state, shared) {
     share: share ? { value: Math.round(share.value), low: Math.round(share.low), high: Math.round(share.high) } : null,
     shown: share ? printed(share) : null,
     limit: limitText(state),
-    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : !isHeard(state) ? "" : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
+    alarms: alarms.length ? alarms.map((alarm) => named("alarm", alarm.alarm)).join(", ") : !knowsAlarms(state) ? "" : t(shared.size ? "machine.alarms.own_none" : "machine.alarms.none"),
     hasAlarm: alarms.length > 0,
     week: weeks.get(axis) ?? [],
   };

@@ -195,7 +195,7 @@ export const de = {
   "alarms": "Alarme",
   "alarms.some": "Alarme ({n})",
   "alarms.none": "Kein Alarm ist aktiv oder wartet auf Quittierung.",
-  "alarms.unknown": "Ohne Verbindung nicht bekannt.",
+  "alarms.unknown": "Derzeit nicht bekannt.",
   "alarms.all_axes": "Alle Achsen",
   "alarm.preload_low": "Vorspannung niedrig",
   "alarm.preload_lost": "Vorspannung verloren",

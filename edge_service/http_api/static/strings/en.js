@@ -134,7 +134,7 @@ export const en = {
   "alarms": "Alarms",
   "alarms.some": "Alarms ({n})",
   "alarms.none": "No alarm is active or waiting to be acknowledged.",
-  "alarms.unknown": "Not known without a connection.",
+  "alarms.unknown": "Not known now.",
   "alarms.all_axes": "All axes",
   "alarm.preload_low": "Preload low",
   "alarm.preload_lost": "Preload lost",
