@@ -17,18 +17,18 @@ def tokens_of(config: EdgeConfig) -> Tokens:
     return Tokens(Store(path, mends=path is None or not path.exists()))
 
 
-def knows_of(config: EdgeConfig) -> Callable[[str, str], bool] | None:
-    """Answers whether a user's name and token fit; None where there are no tokens."""
+def knows_of(config: EdgeConfig) -> Callable[[str, str], bool | None]:
+    """Answers whether a user's name and token fit; None while there are no tokens."""
     tokens = tokens_of(config)
 
-    def knows(user: str, password: str) -> bool:
+    def knows(user: str, password: str) -> bool | None:
         with suppress(StoreFailedError):  # nobody is known while none can be read
-            token = token_of(password, tokens.all())
-            return token is not None and token.name == user
+            known = tokens.all()
+            token = token_of(password, known)
+            fits = token is not None and token.name == user
+            return fits if known or tokens.may_be_lost else None
         return False
 
-    with suppress(StoreFailedError):
-        return knows if tokens.all() else None
     return knows
 
 

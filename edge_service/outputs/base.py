@@ -44,8 +44,8 @@ class OutputContext:
     axes: tuple[str, ...] = ()  # names of all axes
     folder: Path | None = None  # state folder; None without
     page: str = ""  # address at which people reach the page; empty if they cannot
-    # tells whether a user's name and token fit; None lets anybody look
-    knows: Callable[[str, str], bool] | None = None
+    # tells whether a user's name and token fit; None: there are no tokens
+    knows: Callable[[str, str], bool | None] = lambda _user, _token: None
     # texts of the page by key, of a language
     words: Callable[[str], Mapping[str, str]] = lambda _language: {}
     # whether it sends one test message while the service may be running beside it

@@ -136,9 +136,9 @@ class _Families(Collector):
             self.add("imm_preload_rating_ratio", second, axis, bound, scale=0.01)
             for name, (scale, path) in _INTERVALS.items():
                 self.add(name, value_at(answer, f"{path}.{bound}"), axis, bound, scale=scale)
-        for status in EstimateStatus:
-            labels = axis, status.value, estimate.method or ""
-            self.add("estimate_status", status is estimate.status, *labels)
+        method = estimate.method or ""
+        for each in EstimateStatus:
+            self.add("estimate_status", each is estimate.status, axis, each.value, method)
         for mode, probability in estimate.mode_probability.items():
             self.add("mode_probability", probability, axis, mode)
         for condition in AxisCondition:

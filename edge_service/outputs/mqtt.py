@@ -101,7 +101,9 @@ class MqttOutput(Output):
             if time.monotonic() < self._sent_s.get(message.axis, -PERIOD_S) + PERIOD_S:
                 return
             self._sent_s[message.axis] = time.monotonic()
-            preload, health = preload_of(message), health_of(message)
+            answer = message.preload().model_dump(mode="json", exclude={"age_s"})
+            header = {} if message.header is None else asdict(message.header)
+            preload, health = {"schema": PRELOAD.schema} | header | answer, health_of(message)
             if self._node is not None:
                 values = sparkplug.flat("preload", preload) | sparkplug.flat("health", health)
                 await self._tell_device(message.axis, values if message.is_heard else None)
@@ -207,15 +209,6 @@ class MqttOutput(Output):
             "availability": [status | {"payload_not_available": OFFLINE}],
             "qos": 1,
         }
-
-
-def preload_of(answer: AxisAnswer) -> dict[str, Any]:
-    """Members of the message `preload`: that of the bus, as it may be read now."""
-    return {
-        "schema": PRELOAD.schema,
-        **({} if answer.header is None else asdict(answer.header)),
-        **answer.preload().model_dump(mode="json", exclude={"age_s"}),
-    }
 
 
 def health_of(answer: AxisAnswer) -> dict[str, Any]:

@@ -28,8 +28,8 @@ from .base import (
 
 CLIENTS = 10
 """Agents that there may be at once."""
-HEARTBEAT_S = 10.0
-"""Time within which an agent asks for a sign of life again."""
+HEARTBEAT_S = 1.5
+"""Time within which an agent asks for a sign of life again; after twice that it knows nothing."""
 UNREAD_BYTES = 1_000_000
 """Bytes that may wait for a client that does not read; then it is cut off."""
 LINE_BYTES = 1024

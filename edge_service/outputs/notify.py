@@ -151,8 +151,7 @@ class NotifyOutput(Output):
         ]
         if len(lines) > MOST_TOLD:
             lines[MOST_TOLD:] = [f"... +{len(lines) - MOST_TOLD}"]
-        if self.context.page:
-            lines.append(self.context.page)
+        lines += filter(None, [self.context.page])
         return " ".join(title.split()), "\n".join(lines)
 
     def _said(self, event: Event) -> str:

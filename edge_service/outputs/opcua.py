@@ -1,9 +1,10 @@
 """OPC UA: a server that shows all axes, read-only, and that nobody can make grow."""
 
 import asyncio
+import gc
 import logging
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +55,15 @@ _BUILDERS = Threads("opcua")
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it would write all that clients do wrong
 
 
+@dataclass
+class _Guest(User):
+    secret: str = ""
+
+
 class OpcuaConfig(ListeningConfig):
     scheme, usual_port = "opc.tcp", 4840
     endpoint: str = "opc.tcp://127.0.0.1:4840"  # where clients connect
-    # certificate, private_key: of the server, in PEM: encrypted with them, and only then. Both are
-    # needed beyond loopback
+    # certificate, private_key: of the server, in PEM, for encryption; needed beyond loopback
     certificate: Path | None = None
     private_key: Path | None = None
 
@@ -81,7 +86,7 @@ class OpcuaOutput(Output):
 
     def __init__(self, config: OpcuaConfig, context: OutputContext) -> None:
         super().__init__(config, context)
-        if context.knows is None and not config.is_local:
+        if not config.is_local and context.knows("", "") is None:
             problem = "beyond loopback it needs a token (edge-service token)"
             raise MisconfiguredError("endpoint", problem)
         self._uri = URI
@@ -89,7 +94,7 @@ class OpcuaOutput(Output):
             self._uri = application_uri(config.certificate, config.private_key)
         self._server: BoundedServer | None = None
         self._space: AddressSpace | None = None
-        self._limited, self._told_s = set[str](), 0.0
+        self._limited, self._told_s, self._looked_s = set[str](), 0.0, 0.0
 
     @property
     def port(self) -> int:
@@ -99,9 +104,8 @@ class OpcuaOutput(Output):
 
     @property
     def readings(self) -> dict[str, float]:
-        server = self._server
-        count = 0 if server is None else len(server.iserver._external_sessions)
-        return {"sessions": float(count)}
+        sessions = () if self._server is None else self._server.iserver._external_sessions
+        return {"sessions": float(len(sessions))}
 
     async def open(self) -> None:
         """Build the address space, in a thread as it takes seconds, and listen."""
@@ -124,13 +128,19 @@ class OpcuaOutput(Output):
             await self._space.set_limits(message)
             self._limited.add(message.axis)
         self._told_s = time.monotonic()
+        if self._told_s - self._looked_s >= OLD_S:
+            self._looked_s = self._told_s
+            for session in (*self._server.iserver._external_sessions.values(),):
+                guest = session.user  # whose token was revoked, or who needed none at first
+                if isinstance(guest, _Guest) and not await _BUILDERS.run(self._lets_in, guest):
+                    await session.close_session()
         write = self._server.iserver.aspace.write_attribute_value
         for name, value in data_values(message).items():
             for node in self._space.shown[message.axis][name]:
                 await write(node, AttributeIds.Value, value)
 
     async def close(self) -> None:
-        server, self._server = self._server, None
+        server, self._server, self._space = self._server, None, None
         self._limited.clear()
         if server is None:
             return
@@ -140,6 +150,7 @@ class OpcuaOutput(Output):
             await server.stop()
 
     async def _build(self, server: "BoundedServer") -> None:
+        gc.collect()  # of one before 50 MB lie in circles, which a quiet service would not look for
         await server.init()
         server.subscribe_server_callback(CallbackType.PostRead, self._mark_old)
         host, port = self.config.place
@@ -153,9 +164,8 @@ class OpcuaOutput(Output):
             await server.load_private_key(expanded(self.config.private_key), format="pem")
             policies = _ENCRYPTED
         server.set_security_policy(policies, read_only())
-        anybody = self.context.knows is None
-        token = ua.AnonymousIdentityToken if anybody else ua.UserNameIdentityToken
-        server.set_identity_tokens([token])
+        kinds = [ua.AnonymousIdentityToken, ua.UserNameIdentityToken]
+        server.set_identity_tokens(kinds[0 if self._lets_in(_Guest()) else 1 :])
         self._space = AddressSpace(server)
         machine = f"{self.context.site}/{self.context.machine}"
         await self._space.build(machine, self.context.axes)
@@ -180,10 +190,12 @@ class OpcuaOutput(Output):
         if self.config.certificate is not None and certificate is None:
             return None  # by the channel that is there to find the encrypted ones
         secret = password.decode("utf-8", "replace") if isinstance(password, bytes) else password
-        knows = self.context.knows
-        if knows is not None and not knows(username or "", secret or ""):
-            return None
-        return User(role=UserRole.User, name=username)
+        guest = _Guest(UserRole.User, username, secret or "")
+        return guest if self._lets_in(guest) else None
+
+    def _lets_in(self, guest: _Guest) -> bool:
+        known = self.context.knows(guest.name or "", guest.secret)
+        return self.config.is_local if known is None else known
 
 
 def application_uri(certificate: Path, private_key: Path) -> str:

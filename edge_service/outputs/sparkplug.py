@@ -85,8 +85,7 @@ class Sparkplug:
         """Certificate of birth of the node."""
         self._seq = 0
         self._sent.clear()
-        values = {"bdSeq": self._birth, REBIRTH: False}
-        return self._topic("NBIRTH"), _encoded(values, self._next())
+        return self._topic("NBIRTH"), _encoded({"bdSeq": self._birth, REBIRTH: False}, self._next())
 
     def device(self, axis: str, values: Values | None) -> list[tuple[str, bytes]]:
         """Birth of an axis with all that is known, or what has changed; None: it is silent."""
@@ -97,11 +96,8 @@ class Sparkplug:
         if known is None:
             self._sent[axis] = dict.fromkeys(METRICS) | dict(values)
             return [self._of_device("DBIRTH", axis, self._sent[axis])]
-        news = {
-            name: value
-            for name, value in values.items()
-            if known[name] != value or name.startswith("event/")
-        }
+        changed = (n for n, v in values.items() if known[n] != v or n.startswith("event/"))
+        news = {name: values[name] for name in changed}
         known |= news
         return [self._of_device("DDATA", axis, news)] if news else []
 

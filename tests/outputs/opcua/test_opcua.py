@@ -1,6 +1,7 @@
 """The server as clients see it that know the companion specifications only."""
 
 import asyncio
+import gc
 import json
 import math
 import socket
@@ -132,6 +133,16 @@ async def test_who_leaves_unread_or_sends_without_end_is_cut_off(
 
 
 NUMBERS = ("Preload", "PreloadLow", "PreloadHigh")
+
+
+@pytest.mark.slow
+async def test_a_server_that_is_closed_stays_in_no_memory() -> None:
+    gc.disable()
+    async with serving(answer()) as (output, _):
+        await output.close()
+        await output.open()
+        assert sum(isinstance(each, module.BoundedServer) for each in gc.get_objects()) == 1
+    gc.enable()
 
 
 def test_a_number_is_percent_of_fresh_with_its_interval_and_time() -> None:
