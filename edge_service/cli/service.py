@@ -72,9 +72,7 @@ def token(
     A viewer reads; an operator may do everything. A running service knows within a second.
     """
     if (added is None) != (role is None) or (added and revoked):
-        raise BadInputError(
-            "expected --add NAME --role viewer|operator, or --revoke NAME, or neither"
-        )
+        raise BadInputError("expected --add NAME --role viewer|operator, --revoke NAME, or neither")
     from ..clock import now_ns
     from ..config import load_config
     from ..health.store.store import StoreFailedError

@@ -106,16 +106,14 @@ class AxisMonitor:
         self._rise_percent = settings.sudden_drop_percent / 100.0 * (fresh_percent or 1.0)
         self._rises = 0
 
-    def on_preload(
-        self, header: Header, estimate: PreloadEstimate, now_ns: int
-    ) -> tuple[Event, ...]:
-        events = self._condition.on_preload(header, estimate, now_ns)
-        sudden = self._alarms.on_preload(estimate, header.source_time_ns, now_ns)
+    def on_preload(self, header: Header, latest: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
+        events = self._condition.on_preload(header, latest, now_ns)
+        sudden = self._alarms.on_preload(latest, header.source_time_ns, now_ns)
         if sudden:
             self._restart_trend()  # what comes now is another state
             self._friction.restart_newest()
-        elif estimate.status is EstimateStatus.ESTIMATED:
-            events = (*events, *self._note_wear(estimate, now_ns))
+        elif latest.status is EstimateStatus.ESTIMATED:
+            events = (*events, *self._note_wear(latest, now_ns))
         return (*events, *sudden, *(self._look_at_alarms(now_ns) if events else ()))
 
     def on_feature(self, header: Header, block: FeatureBlock, now_ns: int) -> tuple[Event, ...]:

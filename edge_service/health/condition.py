@@ -175,20 +175,18 @@ class ConditionMonitor:
     def estimate(self) -> PreloadEstimate | None:
         return self._preload.payload
 
-    def on_preload(
-        self, header: Header, estimate: PreloadEstimate, now_ns: int
-    ) -> tuple[Event, ...]:
+    def on_preload(self, header: Header, latest: PreloadEstimate, now_ns: int) -> tuple[Event, ...]:
         before = self.estimate
-        self._preload.hear(header, estimate, now_ns)
-        if estimate.status is EstimateStatus.ESTIMATED:
+        self._preload.hear(header, latest, now_ns)
+        if latest.status is EstimateStatus.ESTIMATED:
             self._estimated_ns = now_ns
         if self._tracker is not None:
-            self._tracker.update(estimate, header.source_time_ns)
+            self._tracker.update(latest, header.source_time_ns)
         changed: tuple[Event, ...] = ()
-        if before is None or before.status is not estimate.status:
-            status, words = estimate.status, told(Code.ESTIMATED)
+        if before is None or before.status is not latest.status:
+            status, words = latest.status, told(Code.ESTIMATED)
             if status is not EstimateStatus.ESTIMATED:
-                words = because(Code.NOT_KNOWN, [*estimate.reasons, _NO_NUMBER[status]][0])
+                words = because(Code.NOT_KNOWN, [*latest.reasons, _NO_NUMBER[status]][0])
             invalid = status is EstimateStatus.INVALID
             level = AxisCondition.WARNING if invalid else AxisCondition.NORMAL
             about = {"from": None if before is None else before.status, "to": status}, level

@@ -60,9 +60,7 @@ def _torque_row(phase: Phase, direction: float, ratio_m_per_rad: float) -> tuple
     return np.array(row), phase.torque_nm
 
 
-def _transmission_row(
-    phase: Phase, direction: float, ratio_m_per_rad: float
-) -> tuple[Floats, float]:
+def _stretch_row(phase: Phase, direction: float, ratio_m_per_rad: float) -> tuple[Floats, float]:
     """Regressors (9,), the followed ones first, and table less motor, m."""
     speed, there = phase.speed_rad_s / _SPEED_RAD_S, _place(phase, ratio_m_per_rad)
     push = phase.acceleration_rad_s2 / _ACCELERATION_RAD_S2
@@ -76,7 +74,7 @@ def _place(phase: Phase, ratio_m_per_rad: float) -> float:
     return (phase.table_m if known else phase.angle_rad * ratio_m_per_rad) / _POSITION_M
 
 
-_ROWS = {"torque_nm": _torque_row, "transmission_m": _transmission_row}
+_ROWS = {"torque_nm": _torque_row, "transmission_m": _stretch_row}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

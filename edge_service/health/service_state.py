@@ -144,9 +144,7 @@ class ServiceState:
         self.configuration = configuration
         self.kept = kept
         self._components = ComponentWatch(HEALTH.stale_after_s)
-        self._axes = {
-            axis: AxisState(axis, limits, self._components) for axis, limits in axes.items()
-        }
+        self._axes = {axis: AxisState(axis, each, self._components) for axis, each in axes.items()}
         self._live = {axis: LiveFeatures(None) for axis in axes}
         self._versions: Counter[tuple[str, str]] = Counter()
         self.events = events or EventLog(Store(None))

@@ -6,7 +6,7 @@ from datetime import datetime
 
 from ..messages.estimate import EstimateStatus, PreloadEstimate
 from ..messages.event import AxisCondition, Code, Statement, told
-from ..messages.health import Advice, Alarm, AlarmKind, AxisHealth, Headline, Task
+from ..messages.health import Advice, AlarmKind, AxisHealth, Headline, Task
 from ..messages.interval import printed, rfc3339
 from ..messages.trend import TrendStatus
 
@@ -87,9 +87,7 @@ def clock(time_ns: int) -> str:
 
 def span(since_ns: int, until_ns: int) -> dict[str, str]:
     """Beginning and end of something, as times of day; `since` and `until`."""
-    begun, ended = (
-        datetime.fromtimestamp(each / 1e9).astimezone() for each in (since_ns, until_ns)
-    )
+    begun, ended = (datetime.fromtimestamp(at / 1e9).astimezone() for at in (since_ns, until_ns))
     date = "" if begun.date() == ended.date() else f" on {begun:%Y-%m-%d}"
     return {"since": f"{begun:%H:%M:%S}{date}", "until": f"{ended:%H:%M:%S on %Y-%m-%d}"}
 
@@ -139,16 +137,6 @@ def limit_words(health: AxisHealth, before: Statement) -> Statement:
     if health.condition is AxisCondition.NORMAL:
         return told(Code.PRELOAD_BACK, value=words.values["value"])
     return words
-
-
-def as_of_now(health: AxisHealth) -> tuple[Alarm, ...]:
-    """Alarms of an axis, those of the preload with the number that the health carries."""
-    return tuple(
-        alarm.model_copy(update=dict(limit_words(health, alarm)))
-        if alarm.active and alarm.kind in (AlarmKind.PRELOAD_LOW, AlarmKind.PRELOAD_LOST)
-        else alarm
-        for alarm in health.alarms
-    )
 
 
 def because(code: Code, why: str, **values: str) -> Statement:
@@ -253,5 +241,11 @@ def consistent(health: AxisHealth, estimate: PreloadEstimate | None) -> AxisHeal
     limit = r"may_be_\1 may be" if is_in_doubt(health) else r"\1 is"
     reasons = tuple(_BELOW.sub(limit, each) for each in health.reasons)
     now = {"trend": trend, "next_limit": next(dated, None), "reasons": reasons}
-    told = health.model_copy(update={**now, "alarms": as_of_now(health)})
+    alarms = tuple(
+        alarm.model_copy(update=dict(limit_words(health, alarm)))
+        if alarm.active and alarm.kind in (AlarmKind.PRELOAD_LOW, AlarmKind.PRELOAD_LOST)
+        else alarm
+        for alarm in health.alarms
+    )
+    told = health.model_copy(update={**now, "alarms": alarms})
     return told.model_copy(update={"headline": headline(told), "advice": advice(told, estimate)})

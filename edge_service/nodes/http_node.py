@@ -162,10 +162,8 @@ class HttpNode:
             self.state.drop(axis)
             del self._machine_files[axis]
             return
-        limits = limits_of(
-            alarm_settings(self._context.config, axis), machine.fresh_preload_percent
-        )
-        self.state.renew(axis, limits, machine.transmission_ratio_m_per_rad)
+        limit = limits_of(alarm_settings(self._context.config, axis), machine.fresh_preload_percent)
+        self.state.renew(axis, limit, machine.transmission_ratio_m_per_rad)
         self._machine_files |= {each.name: each.machine for each in self._context.config.axes}
 
     async def _serve(self) -> None:

@@ -7,7 +7,7 @@ import os
 import signal
 import socket
 from collections.abc import Callable, Coroutine, Iterable
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..bus.session import Bus, BusUnavailableError
 from ..bus.settings import BusSettings
 from ..clock import CLOCK, now_ns
 from ..config import ConfigError, EdgeConfig
+from ..health.store.store import held
 from ..messages.event import AxisCondition, Code, Event, told
 from ..messages.health import ComponentStatus
 from ..messages.topics import STATUS
@@ -56,16 +57,17 @@ async def run_service(
     await check_service(config)
     if name in (None, "http"):
         check_access(config)
+    place, folder = config.bus, config.store.folder
     # Around a router alone nodes publish from processes of their own: so may others.
-    place = config.bus
     settings = BusSettings(place.endpoint, "client", name != "bus", place.zenoh_file)
-    bus = await _joined(replace(settings, role="router") if name in (None, "bus") else settings)
-    if name == "bus":
-        log.info("bus at %s", bus.endpoint)
     names = (*config.outputs, *PIPELINE) if name is None else (name,)
-    try:
+    async with AsyncExitStack() as stack:
+        stack.enter_context(held(folder, alone=name is None))
+        bus = await _joined(replace(settings, role="router") if name in (None, "bus") else settings)
+        stack.push_async_callback(bus.close)
+        if name == "bus":
+            log.info("bus at %s", bus.endpoint)
         bus.declare_alive(config.keys.alive)
-        folder = config.store.folder
         kept = "memory alone" if folder is None else folder.resolve()
         more = f"edge-service: version {__version__}, state in {kept}; Ctrl-C ends it"
         context = NodeContext(config, bus, lambda url: on_http_ready(f"{url}\n{more}"))
@@ -82,8 +84,6 @@ async def run_service(
         context.events.put((started,), now_ns())
         asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reread, context, read)
         await run_nodes(context, names, install_stop())
-    finally:
-        await bus.close()
 
 
 async def _joined(settings: BusSettings) -> Bus:

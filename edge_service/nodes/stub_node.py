@@ -69,9 +69,7 @@ def make_stub(
         raise ConfigError(f"stub {name}: {error}") from None
 
 
-def stub_axis(
-    axis: AxisConfig, scenario: str, recording: Path | None, port: int | None
-) -> StubAxis:
+def stub_axis(axis: AxisConfig, scenario: str, trace: Path | None, port: int | None) -> StubAxis:
     """An axis that a stub serves, with its samples. Raises ConfigError."""
     given = axis.settings
     if port is not None:
@@ -81,7 +79,7 @@ def stub_axis(
     settings = check_settings(model, given, f"axes.{axis.name}.settings")
     context = DriverContext(axis.name, load_machine(axis.machine))
     played = ("simulated", {"scenario": scenario})
-    kind, source = played if recording is None else ("replay", {"path": recording})
+    kind, source = played if trace is None else ("replay", {"path": trace})
     return StubAxis(axis.name, settings, context, driven(kind, source, context))
 
 

@@ -24,7 +24,7 @@ from ..atomic import PRIVATE, made_folder, new_file, put_in_place, replaced_byte
 from ..command_answer import Answer
 from ..config import load_config, state_folder
 from ..exit_status import BadInputError
-from ..health.store.store import FILE_NAME, Store, StoreFailedError, is_in_use
+from ..health.store.store import FILE_NAME, LOCK, Store, StoreFailedError, held, is_in_use
 from ..messages.interval import Frozen
 
 MANIFEST = "manifest.json"
@@ -192,6 +192,8 @@ def _restored(archive: ZipFile, config: Path, stages: ExitStack, *, force: bool)
     if folder is not None:
         if not force and folder.exists() and any(folder.iterdir()):
             raise BackupError(f"{folder} is not empty; --force keeps it beside the restored one")
+        if (folder / LOCK).exists():  # nobody may begin on it now
+            stages.enter_context(held(folder))
         if is_in_use(folder / FILE_NAME):
             raise BackupError(f"{folder / FILE_NAME} is in use: stop the service first")
         is_inside = folder.is_relative_to(place)

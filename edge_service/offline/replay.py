@@ -9,6 +9,7 @@ from ..bus.settings import BusSettings
 from ..bus.subscriber import Subscriber
 from ..command_answer import Answer
 from ..config import AxisConfig, EdgeConfig, load_machine
+from ..config_tables import StoreConfig
 from ..messages.estimate import PreloadEstimate
 from ..messages.interval import printed
 from ..messages.topics import PRELOAD
@@ -31,7 +32,7 @@ async def replay_trace(
     settings: dict[str, object] = {"path": str(trace), "speed": speed, "loop": False}
     axis = AxisConfig(name=name, machine=machine, driver="replay", settings=settings)
     axis = axis.numbered(axis_number)
-    config = config.model_copy(update={"axes": (axis,)})
+    config = config.model_copy(update={"axes": (axis,), "store": StoreConfig()})
     await check_service(config)
     place = config.bus
     bus = await Bus.open(BusSettings(place.endpoint, "router", zenoh_file=place.zenoh_file))

@@ -156,9 +156,11 @@ async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path, tmp_p
             await bus.close()
 
 
-async def test_replay_service_tells_the_last_answer(trace_path: Path) -> None:
+async def test_replay_tells_the_last_answer_and_keeps_nothing(
+    trace_path: Path, tmp_path: Path
+) -> None:
     addresses: list[str] = []
-    config = config_of("simulated", {})
+    config = config_of("simulated", {}, store=StoreConfig(folder=tmp_path / "state"))
     answer = await replay_trace(
         config, trace_path, DEFAULT_MACHINE, 0.0, hold=False, announce=addresses.append
     )
@@ -166,6 +168,7 @@ async def test_replay_service_tells_the_last_answer(trace_path: Path) -> None:
     assert addresses[0].startswith("http://127.0.0.1:")
     assert lines[0].startswith("axis X: 199 estimates, status estimated at 19.9 s")
     assert lines[1].startswith("preload ")
+    assert not (tmp_path / "state").exists()
 
 
 async def test_a_faulty_recording_is_survived_and_told(trace_path: Path, tmp_path: Path) -> None:
@@ -354,12 +357,7 @@ async def test_a_damaged_raceway_is_heard_at_the_ball_pass(tmp_path: Path) -> No
     balls = "[axis]\nball_diameter_m = 3.175e-3\nball_circle_m = 0.0206\n"
     machine = tmp_path / "machine.toml"
     machine.write_text(DEFAULT_MACHINE.read_text().replace("[axis]\n", balls, 1))
-    settings = {
-        "scenario": "healthy",
-        "speed": 4.0,
-        "accelerometer_hz": 10_000.0,
-        "raceway_damage": 8.0,
-    }
+    settings = {"scenario": "healthy", "speed": 4.0, "accelerometer_hz": 1e4, "raceway_damage": 8.0}
     config = config_of("simulated", settings, machine)
     async with running(config, ("downsample", "acquire")) as service:
         features = service.bus.subscribe(config.keys.all_axes(FEAT), FEAT)

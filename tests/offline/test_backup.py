@@ -13,7 +13,7 @@ import pytest
 
 from edge_service.cli.entry import main
 from edge_service.health.store.events import EventLog
-from edge_service.health.store.store import FILE_NAME, Store
+from edge_service.health.store.store import FILE_NAME, Store, held
 
 from ..messages.examples import event_of
 
@@ -282,6 +282,8 @@ def test_a_store_that_a_service_uses_is_refused(
         other.execute("PRAGMA journal_mode = WAL")
         other.execute("SELECT * FROM events").fetchall()
         assert "stop the service first" in refused(place, capsys, "--force")
+    with held(var(place, "new")):  # by a service that has not opened it yet
+        assert "another service runs on it" in refused(place, capsys, "--force")
 
 
 @pytest.mark.parametrize("fails_at", [0, 1, 2, 3])

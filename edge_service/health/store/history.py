@@ -128,7 +128,7 @@ class History:
 
         def work(file: sqlite3.Connection) -> tuple[list[Rows], bytes]:
             tiers = [self._chunks(file, axis, step_s, start_s, end_s) for step_s in steps_s]
-            return tiers, self._open_records(file, axis, start_s, end_s)
+            return tiers, self._records(file, axis, start_s, end_s)
 
         with self._flushing:  # else the same may be found here and in the file
             with self._lock:
@@ -183,7 +183,7 @@ class History:
         end_s = hour_s + HOUR_S
         seconds = self._chunks(file, axis, 1, hour_s, end_s)
         minutes = self._chunks(file, axis, 60, hour_s, end_s)
-        fresh = rows_of(self._open_records(file, axis, hour_s, end_s))
+        fresh = rows_of(self._records(file, axis, hour_s, end_s))
         rows = aggregate(joined(seconds, fresh), 1.0)
         has_all = seconds["samples"].sum() >= minutes["samples"].sum()
         minutes = aggregate(rows if has_all else joined(minutes, fresh), 60.0)
@@ -212,9 +212,7 @@ class History:
                 self._note_damage(f"history of axis {axis}, from {place[2]} s on: {error}")
         return between(joined(*parts), start_s, end_s)
 
-    def _open_records(
-        self, file: sqlite3.Connection, axis: str, start_s: float, end_s: float
-    ) -> bytes:
+    def _records(self, file: sqlite3.Connection, axis: str, start_s: float, end_s: float) -> bytes:
         """Rows of the open table, of hours that meet [start_s, end_s), without damaged ones."""
         found = """SELECT hour_s, rows, digest FROM open_hour
         WHERE axis = ? AND hour_s > ? AND hour_s < ? ORDER BY id"""

@@ -6,18 +6,19 @@ import os
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 from zlib import crc32
 
 from ...atomic import damaged_name, made_folder, new_file, put_in_place, sync_file
+from ...exit_status import BadInputError
 from ...threads import Threads
 
 T = TypeVar("T")
 Given = ParamSpec("Given")
-FILE_NAME = "edge-service.sqlite"
+FILE_NAME, LOCK = "edge-service.sqlite", ".lock"
 APPLICATION_ID = 0x65645376
 """Mark in the header of the file."""
 _CORRUPT, _NO_ACCESS, _FOREIGN = 11, 14, 26
@@ -166,7 +167,7 @@ class Store:
             file = _connected(":memory:")
         else:
             self._make_folder(self.path.parent)
-            with _alone(self.path.parent):
+            with _locked(self.path.parent, fcntl.LOCK_EX):
                 self._make_whole(self.path)
                 file = _connected(self.path)
                 self._inode = self.path.stat().st_ino
@@ -326,14 +327,31 @@ def _finish(path: Path) -> None:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Hold off other processes while the file is checked, and perhaps replaced."""
-    handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+def _locked(path: Path, kind: int, flags: int = 0) -> Iterator[None]:
+    """Hold off other processes, such as while the file is checked, and perhaps replaced."""
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags, _FILE_MODE)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
+        fcntl.flock(handle, kind)
         yield
     finally:
         os.close(handle)
+
+
+@contextmanager
+def held(folder: Path | None, *, alone: bool = True) -> Iterator[None]:
+    """Hold a state folder for one service, or its nodes. Raises BadInputError: another has it."""
+    kind = (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB
+    with ExitStack() as stack:
+        if folder is not None:
+            try:
+                made_folder(folder, _FOLDER_MODE)
+                stack.enter_context(_locked(folder / LOCK, kind, os.O_CREAT))
+            except BlockingIOError:
+                problem = "another service runs on it; stop that, or state a folder of its own"
+                raise BadInputError(f"store.folder: {folder}: {problem}") from None
+            except OSError:
+                pass  # it cannot be used now: the store tells
+        yield
 
 
 SCHEMA = """

@@ -122,9 +122,7 @@ def project_wear(
     if np.all(np.diff(way_m) >= 0.0) and way_m[-1] > 0.0:
         other = _laws(way_m / way_m[-1], _WAY_WEARS, by_way=True)
         names = ("shape", "slope", "power", "by_way", "log_prior")
-        laws = _Laws(
-            *(np.concatenate([getattr(each, n) for each in (laws, other)], -1) for n in names)
-        )
+        laws = _Laws(*(np.concatenate([getattr(e, n) for e in (laws, other)], -1) for n in names))
         by_way = _future_speed(time_s, distance_m, rng) / way_m[-1]
     sigma = max(float(np.median(half_width_percent)), half_width_percent[-1]) * _SIGMA_OF_HALF_WIDTH
     fits = _fits(time_s, percent, laws.shape, sigma)
