@@ -19,6 +19,7 @@ from edge_service.cli.terminal import ProgressLine, pause_progress, progress
 from edge_service.cli.twin import benchmarks
 from edge_service.command_answer import Answer
 from edge_service.exit_status import BAD_INPUT, DONE, BadInputError
+from edge_service.health.store.store import held
 from tests.programs import printed, ran
 
 from .bench.commands import bench
@@ -50,6 +51,7 @@ def write(folder: Path, name: str, text: str) -> str:
 MACHINE = "[axis]\nlead_m = 0.02\n[model]\ninertia_kg_m2 = 1e-3\n"
 FILES = {
     "t.csv": "time_s,torque_command_nm,motor_angle_rad\n0,1,2\n0.001,1,2\n",
+    "stands.csv": "time_s,torque_command_nm,motor_angle_rad\n1,1,2\n1,2,3\n",
     "foreign.csv": "t_s,q\n1,2\n",
     "columns.toml": MACHINE + '[columns]\ntime_s = "t_s"\nmotor_angle_rad = "theta"',
     "effect.toml": MACHINE + '[[effects]]\nname = "nosuch"\n',
@@ -123,6 +125,13 @@ def test_an_estimate_file_has_the_columns_of_the_contract(tmp_path: Path, capsys
     assert {tuple(line.split(",")[-2:]) for line in body} == {("no_motion torque_stuck", "kf-imm")}
     assert main(["estimate", trace, "--out", f"{out}/o.csv"]) == 2
     assert f"{out}: cannot be used (File exists)" in capsys.readouterr().err
+
+
+def test_a_folder_of_another_service_is_refused(tmp_path: Path, capsys: Capture) -> None:
+    config = write(tmp_path, "edge.toml", "[http]\nport = 0\n[store]\nfolder = 'state'\n" + AXIS)
+    with held(tmp_path / "state"):
+        assert main(["run", config, "--bus", "tcp/127.0.0.1:0"]) == 2
+    assert f"{tmp_path}/state: another service runs on it" in capsys.readouterr().err
 
 
 def test_check_config_says_what_the_default_means(capsys: Capture) -> None:

@@ -13,6 +13,7 @@ from edge_service.cli.entry import main
 from edge_service.config import DEFAULT_CONFIG, DEFAULT_MACHINE, load_config, load_machine
 from edge_service.messages.samples import TORQUE, SampleFrame
 from edge_service.nodes.stub_node import make_stub
+from edge_service.offline import doctor
 from edge_service.recordings.writer import TraceWriter
 
 from .drivers.bench import ROOT, free_port
@@ -83,6 +84,16 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with TraceWriter(path, tuple(wrong.channels)) as writer:
         writer.write(wrong)
     return path
+
+
+def test_a_source_that_says_nothing_is_a_finding(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "QUIET_S", 0.1)
+    path = tmp_path / "edge.toml"
+    path.write_text('[[axes]]\nname = "X"\ndriver = "folder"\nsettings = { folder = "." }\n')
+    assert main(["doctor", str(path), "--duration", "0.1"]) == 1
+    assert "DOUBT connection   no samples came" in capsys.readouterr().out
 
 
 def test_the_doctor_reads_a_recording(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -157,7 +157,7 @@ class ModbusDriver:
         """Time and values of one row: the fastest group, and the slower ones that are due."""
         fastest, *slower = groups
         self._counts["missed_polls"] += fastest.step(now_s)
-        exchanges = await self._exchange(link, fastest.requests)
+        exchanges = await self._ask(link, fastest.requests)
         sent_s, received_s = exchanges[0][1].sent_s, exchanges[-1][1].received_s
         self._span_s = received_s - sent_s
         values = self._values(exchanges)
@@ -169,12 +169,10 @@ class ModbusDriver:
         for group in slower:
             if group.due_s <= now_s:
                 group.step(now_s)
-                values |= self._values(await self._exchange(link, group.requests))
+                values |= self._values(await self._ask(link, group.requests))
         return 0.5 * (sent_s + received_s), values
 
-    async def _exchange(
-        self, link: ModbusLink, requests: tuple[ReadRequest, ...]
-    ) -> list[Exchange]:
+    async def _ask(self, link: ModbusLink, requests: tuple[ReadRequest, ...]) -> list[Exchange]:
         """Ask for a whole group; after a failure the rest fails for the same reason, unasked."""
         exchanges: list[Exchange] = []
         failed: Reply | None = None

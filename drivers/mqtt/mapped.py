@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from edge_service.messages.edge_block import LONGEST_S
 from edge_service.messages.samples import SI, Floats, Quality, SampleFrame
 from edge_service.models.machine import Machine
 
@@ -80,8 +81,8 @@ class MappedStream:
         times_s = np.array(told)
         if len(times_s) != rows:
             raise MessageError(f"{len(times_s)} times for {rows} samples; is period_s missing?")
-        if not np.isfinite(times_s).all():
-            raise MessageError(f"a time that is no number of {config.time_unit}")
+        if not (np.abs(times_s) <= LONGEST_S).all():
+            raise MessageError(f"a time that no clock shows in {config.time_unit}: right unit?")
         return times_s
 
     def _seconds(self, value: Any) -> float:

@@ -60,7 +60,10 @@ FEW = 5e-4
 
 def check_rate(machine: Machine, recordings: Recordings) -> Finding:
     """Rate, gaps and jitter, and a unit of time that speeds and inertia contradict."""
-    clock = clock_of([frame.time_s for frame in recordings])
+    try:
+        clock = clock_of([frame.time_s for frame in recordings])
+    except ValueError as error:
+        return Finding("rate", Verdict.DOUBTFUL, str(error), forbids=True)
     said = clock.as_text()
     odd = clock.is_slow or clock.rate_hz > FASTEST_HZ
     if odd and (unit := _other_unit(machine, recordings)):
@@ -71,8 +74,7 @@ def check_rate(machine: Machine, recordings: Recordings) -> Finding:
         said += "; too slow to follow the torque between samples: intervals will be wide"
         return Finding("rate", Verdict.DOUBTFUL, said, remedy="record faster if the controller can")
     if odd:
-        said += ": no controller is so fast"
-        return Finding("rate", Verdict.DOUBTFUL, said, remedy="check the time's unit", forbids=True)
+        return Finding("rate", Verdict.DOUBTFUL, f"{said}: no controller is so fast", forbids=True)
     return Finding("rate", Verdict.FITS, said)
 
 

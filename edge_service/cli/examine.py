@@ -72,9 +72,7 @@ def estimate(
         Option("Continue from the state in this file if it exists; write the new state to it."),
     ],
     batch: Batch | None,
-    method: Annotated[
-        Literal["auto", "kf-imm", "sif-imm", "mixture"], Option("Estimator.")
-    ] = "auto",
+    method: Annotated[Literal["auto", "kf-imm", "sif-imm", "mixture"], Option("Method.")] = "auto",
 ) -> Answer:
     """Run the live estimator over recordings.
 

@@ -1,5 +1,6 @@
 """Commands made of functions: parameters say by annotation how they are given."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -96,9 +97,7 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
     @click.option(FLAG, "as_json", is_flag=True, help="Print the answer as JSON.")
     @wraps(function)
     def told(*, as_json: bool, **named: Any) -> int:
-        for key, each in named.items():
-            if isinstance(each, float) and not abs(each) < float("inf"):
-                raise BadInputError(f"--{key.replace('_', '-')}: {each}, expected a finite number")
+        named = {key: _checked(key, each) for key, each in named.items()}
         LISTENER.set(progress)
         progress("loading")  # what the command imports may take seconds
         answers, status = function(**named), DONE
@@ -111,6 +110,17 @@ def _answering(function: Callable[..., Answer | Iterable[Answer]]) -> Callable[.
         return status
 
     return told
+
+
+def _checked(key: str, given: Any) -> Any:
+    """Value that was given, a file that was named twice once. Raises BadInputError."""
+    if isinstance(given, float) and not abs(given) < float("inf"):
+        raise BadInputError(f"--{key.replace('_', '-')}: {given}, expected a finite number")
+    for each in given if isinstance(given, tuple) else (given,):
+        if isinstance(each, Path) and each.exists() and not (each.is_file() or each.is_dir()):
+            raise BadInputError(f"{each}: a device; expected a file")
+    are_files = isinstance(given, tuple) and given and isinstance(given[0], Path)
+    return tuple({os.path.realpath(each): each for each in given}.values()) if are_files else given
 
 
 Traces = Annotated[tuple[Path, ...], "TRACE..."]
@@ -132,9 +142,7 @@ AxisNumber = Annotated[
     ),
 ]
 Port = Annotated[int | None, Option("Port to serve; 0: a free one.", kind=click.IntRange(0, 65535))]
-Endpoint = Annotated[
-    str | None, Option("Endpoint of the bus to use, e.g. tcp/127.0.0.1:7447.", "--bus")
-]
+Endpoint = Annotated[str | None, Option("Endpoint of the bus, e.g. tcp/127.0.0.1:7447.", "--bus")]
 Screw = Annotated[str | None, Option('Data sheet: "20x10 C18200 P900" (mm, N, N).')]
 Lead = Annotated[float | None, Option("Travel per revolution of the motor, mm.", kind=POSITIVE)]
 Keys = Annotated[
@@ -204,9 +212,7 @@ def batch_options(*written: str, implied: bool = False) -> Decorator:
     )
 
     def decorate(function: Callable[..., Answer]) -> Callable[..., Answer]:
-        @click.option(
-            "--jobs", type=click.IntRange(1, 1024), help="Number of processes.  [default: 1]"
-        )
+        @click.option("--jobs", type=click.IntRange(1, 1024), help="Processes.  [default: 1]")
         @click.option("--cluster", metavar="ADDRESS", help="Dask scheduler, tls://HOST:PORT.")
         @click.option("--insecure", is_flag=True, help="Allow a cluster on tcp://HOST:PORT.")
         @wraps(function)

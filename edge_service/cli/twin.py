@@ -18,9 +18,7 @@ from .terminal import progress
 def simulate(
     machine: MachineFile,
     effects: Effects,
-    duration: Annotated[
-        float | None, Option("Length, s; that of the motion by default.", kind=POSITIVE)
-    ],
+    duration: Annotated[float | None, Option("Length, s; by default the motion's.", kind=POSITIVE)],
     preload: Annotated[
         float | None,
         Option(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import DriverMisconfiguredError, DriverUnavailableError
+from drivers.base import QUIET_S, DriverMisconfiguredError, DriverUnavailableError
 
 from ..checks.examination import check_plausibility
 from ..checks.finding import Finding, Verdict
@@ -62,11 +62,12 @@ async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
         probe = await driver.probe()
         frames: list[SampleFrame] = []
         await driver.open()
-        async with aclosing(driver.frames()) as source:
-            async for frame in source:
-                frames.append(frame)
-                if frame.time_s[-1] - frames[0].time_s[0] >= duration_s:
-                    break
+        with suppress(TimeoutError):  # it is silent, or its clock is slow
+            async with asyncio.timeout(duration_s + QUIET_S), aclosing(driver.frames()) as source:
+                async for frame in source:
+                    frames.append(frame)
+                    if frame.time_s[-1] - frames[0].time_s[0] >= duration_s:
+                        break
     except DriverUnavailableError as error:
         lost = Finding("connection", Verdict.DOUBTFUL, f"not reachable now: {error}")
         return _answer(axis.name, axis.driver, [lost], machine)

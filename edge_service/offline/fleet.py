@@ -52,10 +52,8 @@ class FleetWatch:
         self._logins = {each: _login(each) for each in addresses if is_http_url(each)}
         self._known: set[tuple[str, Place]] = set()
         for address in addresses:
-            is_router = address.startswith(("tcp/", "tls/"))
-            if address not in self._logins and not (
-                is_router and address.rpartition(":")[2].isdigit()
-            ):
+            bus = address.startswith(("tcp/", "tls/"))
+            if address not in self._logins and not (bus and address.rpartition(":")[2].isdigit()):
                 expected = "http://HOST:PORT, https://HOST:PORT, tcp/HOST:PORT or tls/HOST:PORT"
                 raise ValueError(f"{address!r}: expected {expected}")
 

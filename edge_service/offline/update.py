@@ -120,11 +120,7 @@ def _changes(machine: Machine, each: NamedEffect) -> list[dict[str, Any]]:
     for name, value in each.parameters.items():
         old = sum(entry[name].value for entry in stated if name in entry and name in amounts)
         low, high = (None if end is None else old + end for end in (value.low, value.high))
-        told: dict[str, Any] = {
-            "parameter": f"{each.name}.{name}",
-            "old": old,
-            "new": old + value.value,
-        }
+        told = dict[str, Any](parameter=f"{each.name}.{name}", old=old, new=old + value.value)
         ends = " to ".join("open" if end is None else f"{end:.3g}" for end in (low, high))
         words = f"{old:.3g} -> {old + value.value:.3g} {value.unit} ({ends})"
         found.append(

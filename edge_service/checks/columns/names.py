@@ -98,9 +98,7 @@ _NUMBER = re.compile(r" #\d+$")
 _ALSO_WORDS = ("in", "ft", "mil", "min", "h", "d", "count")
 """Units that end a name for other reasons, too."""
 _PREFIX_AXIS = re.compile(r"^([XYZABCUVWSQ]\d?|[Aa]x(?:is)?_?\d+|[Aa]xis_?[A-Za-z]\d?)[_./ :]")
-_SUFFIX_AXIS = re.compile(
-    rf"[_./ :]([XYZABCUVW]\d?|[Aa]x(?:is)?_?\d+)(?=(?:{_BRACKET.pattern})?\s*$)"
-)
+_AXIS_END = re.compile(rf"[_./ :]([XYZABCUVW]\d?|[Aa]x(?:is)?_?\d+)(?=(?:{_BRACKET.pattern})?\s*$)")
 _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+\d?|[A-Z]+\d?|\d+(?:st|nd)|#\d+")
 _NUMBERED = re.compile(r"#?\d+|col(?:umn)?_?\d+|ch(?:annel)?_?\d+|", re.IGNORECASE)
 
@@ -139,7 +137,7 @@ def column_names(names: Sequence[str], units: Mapping[str, str] = {}) -> list[Co
     """Meaning of every name of a file, in its order; `units` stand below them."""
     controller, axes = _controller_names(names), dict[str, str]()
     for name in names:
-        if match := _PREFIX_AXIS.search(name) or _SUFFIX_AXIS.search(name):
+        if match := _PREFIX_AXIS.search(name) or _AXIS_END.search(name):
             axes[name] = match[1]
     often = Counter(axes.values())  # a letter that only one name has is none
     axes = {name: axis for name, axis in axes.items() if often[axis] > 1}
@@ -164,7 +162,7 @@ def _controller_names(names: Sequence[str]) -> dict[str, ColumnName]:
 def _plain_name(name: str, axis: str, below: str) -> ColumnName:
     if name in _CANONICAL:
         return ColumnName(name, *_CANONICAL[name])
-    plain = _SUFFIX_AXIS.sub("", _PREFIX_AXIS.sub("", name)) if axis else name
+    plain = _AXIS_END.sub("", _PREFIX_AXIS.sub("", name)) if axis else name
     text, unit, stranger = _without_unit(plain)
     if not unit and not stranger and below:
         unit, stranger = unit_of(below, _quantity(_words(text), "")), below

@@ -46,19 +46,20 @@ class BadDataError(BadInputError):
 
 def read_runs(machine: Machine, traces: Sequence[Path]) -> list[Run]:
     """Filtered runs of all recordings, read in bounded pieces, one file at a time."""
-    if not traces:
-        raise DiagnosisError("no recording given; expected one trace or more")
     with one_line():
-        return runs_of(opened_recordings(machine, traces), rigid_baseline(machine))
+        baseline = rigid_baseline(machine)
+    with one_line(*traces):
+        return runs_of(opened_recordings(machine, traces), baseline)
 
 
 @contextmanager
-def one_line() -> Iterator[None]:
-    """Raise what the rooms below find wrong as a DiagnosisError."""
+def one_line(*files: Path) -> Iterator[None]:
+    """Raise what the rooms below find wrong, perhaps in files, as a DiagnosisError."""
     try:
         yield
     except ValueError as error:
-        raise DiagnosisError(str(error)) from error
+        named = ", ".join(map(str, files))
+        raise DiagnosisError(f"{named}: {error}".removeprefix(": ")) from error
 
 
 def opened_recordings(machine: Machine, traces: Sequence[Path]) -> Iterator[Iterator[SampleFrame]]:
@@ -96,6 +97,7 @@ def gap_of(machine: Machine, traces: Sequence[Path]) -> dict[str, float]:
     parts: dict[str, list[tuple[int, float, float]]] = {TORQUE_GAP: [], TRANSMISSION_GAP: []}
     with one_line():
         baseline = rigid_baseline(machine)
+    with one_line(*traces):
         for run in unbroken_runs(opened_recordings(machine, traces), baseline):
             there = {TORQUE_GAP: run.has_torque, TRANSMISSION_GAP: run.transmission_m is not None}
             for name in (name for name, is_there in there.items() if is_there):

@@ -229,8 +229,8 @@ def _drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
     return {
         "svg": {number: _svg(first.time_s, *content) for number, content in drawn.items()},
         "right_share": {
-            "4.4": _right_share(modes[1], truth[1]),
-            "4.5": _right_share(smooth, truth[1]),
+            "4.4": _right(modes[1], truth[1]),
+            "4.5": _right(smooth, truth[1]),
         },
         "error_by_exponent": {
             name: mean_absolute_error(values, truth[1]) for name, values in by_exponent.items()
@@ -244,7 +244,7 @@ def _drawn_figures(seed: int, window: int, exponent: float) -> dict[str, Any]:
     }
 
 
-def _right_share(probability: Floats, truth_percent: Floats) -> float:
+def _right(probability: Floats, truth_percent: Floats) -> float:
     nearest = np.abs(truth_percent[:, None] - LEVELS).argmin(axis=1)
     return float((probability.argmax(axis=1) == nearest).mean())
 

@@ -117,6 +117,7 @@ STRANGE: dict[str, dict[str, Any]] = {
     "no time": {"d": {"torque": 1, "angle": 1}},
     "a time that is none": {"t": "soon", "d": {"torque": 1, "angle": 1}},
     "an endless time": {"t": 1e999, "d": {"torque": 1, "angle": 1}},
+    "milliseconds since 1970": {"t": 1.8e12, "d": {"torque": 1, "angle": 1}},
     "one time for many": {"t": 1, "d": {"torque": [1, 2], "angle": [1, 2]}},
     "a list where a name is": {"t": 1, "d": [1, 2]},
     "too many samples": {"t": 1, "d": {"torque": [0] * 100_001}},
