@@ -112,12 +112,8 @@ def test_a_machine_file_reads_disguised_recording_as_what_it_was(name: str, tmp_
 
 def test_what_no_recording_tells_is_left_out_and_asked_for(tmp_path: Path) -> None:
     t = truth()
-    columns = {
-        "t_s": t["time_s"],
-        "x_mm": 1e3 * t["table_position_m"],
-        "i_A": t["torque_command_nm"],
-    }
-    path, out = write(tmp_path / "r.csv", columns), tmp_path / "machine.toml"
+    table = {"t_s": t["time_s"], "x_mm": 1e3 * t["table_position_m"], "i_A": t["torque_command_nm"]}
+    path, out = write(tmp_path / "r.csv", table), tmp_path / "machine.toml"
     text = adopt([path], out).words
     assert "--lead" in text and "--torque-constant" in text
     document = tomllib.loads(out.read_text("utf-8"))

@@ -233,12 +233,7 @@ CASES: dict[str, tuple[str, Callable[[Floats], Floats], str, str]] = {
         "setpoint",
         "table_position_m looks 1000 times too large (thousandths instead of whole units",
     ),
-    "position the other way": (
-        TABLE_POSITION,
-        lambda x: -x,
-        "setpoint",
-        "table_position_m looks inverted",
-    ),
+    "position back": (TABLE_POSITION, lambda x: -x, "setpoint", "table_position_m looks inverted"),
     "speed in rev/min": (
         MOTOR_SPEED,
         lambda x: x * 60.0 / (2.0 * math.pi),
@@ -246,12 +241,7 @@ CASES: dict[str, tuple[str, Callable[[Floats], Floats], str, str]] = {
         "motor_speed_rad_s looks 9.549 times too large (rev/min instead of rad/s",
     ),
     "temperature in K": (TEMPERATURE, lambda x: x + 273.0, "temperature", "from 293 to 293"),
-    "position from another zero": (
-        TABLE_POSITION,
-        lambda x: x - 0.4,
-        "stroke",
-        "of a stroke of 0.8 m",
-    ),
+    "position elsewhere": (TABLE_POSITION, lambda x: x - 0.4, "stroke", "of a stroke of 0.8 m"),
 }
 
 

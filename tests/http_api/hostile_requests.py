@@ -14,20 +14,7 @@ STRINGS = (
     *("253402300800", "-0", "+5", " 5 ", "[]", "{}", "' OR 1=1", "\0", "\ud800", "💩", "a" * 3000),
     *("../../etc/passwd", "..%2f..%2fx.csv", ".hidden.csv", "x.csv\n", "--help.csv", "X/../Y"),
 )
-VALUES: tuple[Any, ...] = (
-    None,
-    True,
-    -1,
-    0,
-    2**63,
-    10**30,
-    1e308,
-    float("nan"),
-    [],
-    {},
-    [[]],
-    [None] * 60,
-)
+VALUES: Any = (None, True, -1, 0, 2**63, 10**30, 1e308, float("nan"), [], {}, [[]], [None] * 60)
 KINDS = ("application/json", "text/csv", "application/vnd.apache.parquet", "text/plain", "x", "")
 GARBAGE = (b"", b"{", b"[" * 5000, b'{"a":' * 5000, b"\xff\xfe\0", b"1,2\n" * 9, b"\0" * 200_000)
 KNOWN = {"axis": "X", "name": "a.csv", "id": "1", "output": "mqtt"}

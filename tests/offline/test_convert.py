@@ -22,12 +22,8 @@ CURRENT: dict[str, object] = {"torque_command_nm": {"column": "ActCurr", "scale"
 
 
 def _machine(columns: dict[str, object] | None = None) -> Machine:
-    tables = {
-        "axis": {"lead_m": LEAD_M},
-        "model": {"inertia_kg_m2": 1e-3},
-        "columns": columns or {},
-    }
-    return Machine.model_validate(tables)
+    table = {"axis": {"lead_m": LEAD_M}, "model": {"inertia_kg_m2": 1e-3}, "columns": columns or {}}
+    return Machine.model_validate(table)
 
 
 def trace_xml(velocity_scale: float = 60.0, rows: int = ROWS) -> str:

@@ -178,11 +178,7 @@ def test_the_warm_up_study_comes_out_of_the_fingerprint(rubbing: Path, tmp_path:
     assert "Friction from test to test: change at 300 rpm -0.0" in summary.words
     section = read_fingerprint(tmp_path / "fingerprint.json").sections["friction_runs"]
     first, last = (runs / f"{k}_friction.parquet" for k in ("01", "05"))
-    assert [curve.name for curve in section.curves] == [
-        first.name,
-        "03_friction.parquet",
-        last.name,
-    ]
+    assert [each.name for each in section.curves] == [first.name, "03_friction.parquet", last.name]
     for rpm in (120, 300, 1200):
         change = commanded_mean_excess_nm(last, rpm) - commanded_mean_excess_nm(first, rpm)
         found = section.figures[f"change_at_{rpm}_rpm_nm"]

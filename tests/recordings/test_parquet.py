@@ -109,12 +109,7 @@ def test_every_value_comes_back_at_its_time(tmp_path: Path) -> None:
         reader = mcap_reader.make_reader(file, validate_crcs=True)
         messages = list(reader.iter_messages())
         (schema,) = reader.get_summary().schemas.values()
-    assert [message.log_time for _, _, message in messages] == [
-        0,
-        2_000_000,
-        4_000_000,
-        12_500_000_000,
-    ]
+    assert [each.log_time for _, _, each in messages] == [0, 2_000_000, 4_000_000, 12_500_000_000]
     assert {channel.topic for _, channel, _ in messages} == {"axis/samples"}
     assert {channel.message_encoding for _, channel, _ in messages} == {"json"}
     rows = [json.loads(message.data) for _, _, message in messages]

@@ -88,11 +88,8 @@ async def _driver_polls(port: int, seconds: float) -> tuple[float, float]:
     try:
         async with aclosing(driver.frames()) as frames:
             await anext(frames)
-            begun, cpu_s, start_s = (
-                driver.counters["polls"],
-                time.process_time(),
-                time.perf_counter(),
-            )
+            begun, cpu_s = driver.counters["polls"], time.process_time()
+            start_s = time.perf_counter()
             async for _ in frames:
                 if time.perf_counter() - start_s >= seconds:
                     break
@@ -144,29 +141,19 @@ async def _watch_fleet(
     rows = sum(sum(start_s <= t < hung_s for t in axis.times_s) for axis in axes)
     lost = [each for each in hanging.lost_s if each >= hung_s]
     back = [each for each in hanging.times_s if each >= end_s]
-    name = f"{DEVICES} devices at {RATE_HZ:g} Hz"
+    lost_s = lost[0] - hung_s if lost else float("inf")
+    back_s = back[0] - end_s if back else float("inf")
+    added, name = (
+        f"  added while one hangs for {hang_s:g} s",
+        f"{DEVICES} devices at {RATE_HZ:g} Hz",
+    )
     return [
         Figure(f"{name}: polls", rows / (hung_s - start_s), "polls/s"),
         Figure("  processor", cpu_s / (hung_s - start_s), "cores"),
         Figure("  jitter of a row, 99th percentile", before, "s"),
-        Figure(
-            f"  added while one hangs for {hang_s:g} s",
-            max(during - before, 0.0),
-            "s",
-            at_most=ADDED_JITTER_S,
-        ),
-        Figure(
-            "  the hanging device is called lost after",
-            lost[0] - hung_s if lost else float("inf"),
-            "s",
-            at_most=STALE_S,
-        ),
-        Figure(
-            "  it is back after it answers again",
-            back[0] - end_s if back else float("inf"),
-            "s",
-            at_most=BACKOFF_CAP_S + 1.0,
-        ),
+        Figure(added, max(during - before, 0.0), "s", at_most=ADDED_JITTER_S),
+        Figure("  the hanging device is called lost after", lost_s, "s", at_most=STALE_S),
+        Figure("  it is back after it answers again", back_s, "s", at_most=BACKOFF_CAP_S + 1.0),
     ]
 
 
