@@ -100,7 +100,7 @@ def test_the_doctor_reads_a_recording(trace: Path, capsys: pytest.CaptureFixture
     assert main(["doctor", str(trace)]) == 1
     printed = capsys.readouterr().out
     assert "torque sign looks inverted: inertia and friction read negative" in printed
-    assert "1 of 12 checks raised doubts\n  kf-imm would estimate, once" in printed
+    assert "1 of 12 checks raised doubts\n  the preload can be estimated, once" in printed
     assert main(["doctor", str(trace), "--json"]) == 1
     findings = {each["name"]: each for each in json.loads(capsys.readouterr().out)["findings"]}
     assert findings["torque"]["verdict"] == "doubtful"

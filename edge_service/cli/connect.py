@@ -181,7 +181,7 @@ def replay(
 ) -> Answer:
     """Play a recording through the whole service.
 
-    Axes and drivers of CONFIG are not used; without CONFIG the bus takes a free port.
+    CONFIG's axes and drivers are not used, nothing is kept; without it the bus takes a free port.
     """
     from ..config import EstimatorConfig
     from ..offline.replay import replay_trace

@@ -52,7 +52,7 @@ def check_configuration(path: Path) -> Answer:
         mistakes += [f"{path}: {each}" for each in error.mistakes]
     if mistakes:
         raise ConfigError(*mistakes, file=path)
-    bus_access = "bus for others to read (of node bus: to publish too)"
+    bus_access = "programs of this machine may read the bus (of `node bus` also publish)"
     outputs = []
     for name, table in settings.outputs.items():
         kind, at = table.get("kind", name), table.get("endpoint") or table.get("url")

@@ -85,7 +85,7 @@ async def _examined(axis: AxisConfig, duration_s: float) -> Answer:
 
 
 def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machine) -> Answer:
-    """A line per check, and the method that would estimate; with a doubt the status says so."""
+    """A line per check, and whether an estimate is possible; with a doubt the status says so."""
     lines = [f"axis {axis}: {source}"]
     for each in findings:
         said = "" if each.figure is None else against(each.figure, each.expected)
@@ -94,9 +94,9 @@ def _answer(axis: str, source: str, findings: Sequence[Finding], machine: Machin
         if each.remedy:
             lines.append(f"        {'':<11}-> {each.remedy}")
     doubts, method = sum(each.is_doubtful for each in findings), _method(machine)
-    lines.append(f"  {doubts} of {len(findings)} checks raised doubts")
     once = ", once that is right" if any(each.forbids for each in findings) else ""
-    lines.append(f"  {method} would estimate{once}" if method else "  no method can estimate")
+    able = f"can be estimated{once} (method {method})" if method else "cannot be estimated"
+    lines += [f"  {doubts} of {len(findings)} checks raised doubts", f"  the preload {able}"]
     names = ("name", "verdict", "sentence", "compared", "remedy")
     found: list[dict[str, Any]] = []
     for each in findings:
