@@ -141,8 +141,7 @@ async def _watch_fleet(
     rows = sum(sum(start_s <= t < hung_s for t in axis.times_s) for axis in axes)
     lost = [each for each in hanging.lost_s if each >= hung_s]
     back = [each for each in hanging.times_s if each >= end_s]
-    lost_s = lost[0] - hung_s if lost else float("inf")
-    back_s = back[0] - end_s if back else float("inf")
+    lost_s, back_s = (e[0] - t if e else float("inf") for e, t in ((lost, hung_s), (back, end_s)))
     added, name = (
         f"  added while one hangs for {hang_s:g} s",
         f"{DEVICES} devices at {RATE_HZ:g} Hz",
