@@ -178,9 +178,7 @@ def without_unit(node: Any, path: tuple[str, ...] = ()) -> Iterator[str]:
     elif isinstance(node, list):
         for value in node:
             yield from without_unit(value, path)
-    elif isinstance(node, float) and not any(
-        each in PURE | BESIDE or UNIT.search(each) for each in path
-    ):
+    elif isinstance(node, float) and not any(e in PURE | BESIDE or UNIT.search(e) for e in path):
         yield "/".join(path)
 
 

@@ -31,9 +31,7 @@ def run(line: list[str], **environment: str) -> str:
 
 def can_build() -> bool:
     tools = ("nfpm", "dpkg-deb")
-    return (
-        all(shutil.which(tool, path=TOOLS) for tool in tools) and Path("/usr/bin/python3").exists()
-    )
+    return all(shutil.which(e, path=TOOLS) for e in tools) and Path("/usr/bin/python3").exists()
 
 
 def can_install(folder: Path) -> bool:

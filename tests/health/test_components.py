@@ -101,9 +101,7 @@ def test_preparing_is_the_only_reason_and_waiting_the_only_task() -> None:
     assert start.state.preload("X", now_ns).reasons == ("preparing: being prepared",)
 
 
-@pytest.mark.parametrize(
-    "status", [None, *(each for each in ComponentStatus if each is not STARTING)]
-)
+@pytest.mark.parametrize("status", [None, *(e for e in ComponentStatus if e is not STARTING)])
 def test_an_estimator_that_is_ready_or_gone_hides_nothing(status: ComponentStatus | None) -> None:
     """Neither one that has fallen silent, nor one that failed, is being prepared."""
     start = Start()

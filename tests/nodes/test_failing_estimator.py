@@ -110,9 +110,7 @@ class Scene:
         estimate = self.axis.take(header, interval(time_s))
         has_number = estimate.status is EstimateStatus.ESTIMATED
         assert has_number is (estimate.preload_percent is not None)
-        assert has_number is not any(
-            each.startswith("estimator_failed") for each in estimate.reasons
-        )
+        assert has_number is not any(e.startswith("estimator_failed") for e in estimate.reasons)
         assert has_number is not bool(self.axis.problem)
         return estimate.preload_percent
 

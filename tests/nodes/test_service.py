@@ -156,9 +156,7 @@ async def test_nodes_on_sessions_of_their_own_work_alike(trace_path: Path, tmp_p
             await bus.close()
 
 
-async def test_replay_tells_the_last_answer_and_keeps_nothing(
-    trace_path: Path, tmp_path: Path
-) -> None:
+async def test_replay_tells_last_answer_and_keeps_nothing(trace_path: Path, tmp_path: Path) -> None:
     addresses: list[str] = []
     config = config_of("simulated", {}, store=StoreConfig(folder=tmp_path / "state"))
     answer = await replay_trace(
@@ -218,9 +216,7 @@ async def test_an_axis_that_begins_anew_meets_nothing_of_its_clock_before() -> N
             assert (await anext(aiter(heard)))[2].time_s < 50.0
 
 
-async def test_a_recording_of_the_bus_is_what_was_published(
-    trace_path: Path, tmp_path: Path
-) -> None:
+async def test_a_recording_of_bus_is_what_was_published(trace_path: Path, tmp_path: Path) -> None:
     config = config_of("replay", {"path": str(trace_path), "speed": 20.0, "loop": True})
     async with running(config, ("acquire",)) as service:
         there = config.model_copy(

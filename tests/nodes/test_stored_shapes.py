@@ -104,9 +104,7 @@ def test_a_state_whose_row_was_changed_is_set_aside(name: str, tmp_path: Path) -
 @pytest.mark.parametrize("part", [None, *RECORDED])
 def test_a_snapshot_of_any_shape_within_is_refused_or_taken(part: str | None) -> None:
     """Its digest is right: somebody else has written it."""
-    for place in (
-        [()] if part is None else [(part, *each) for each in ((), *places(RECORDED[part], 3))]
-    ):
+    for place in [()] if part is None else [(part, *e) for e in ((), *places(RECORDED[part], 3))]:
         for shape in SHAPES:
             restored = monitor()
             try:

@@ -33,9 +33,7 @@ _WORD = re.compile(rb"[A-Za-z0-9_.+\-]+")
 def right_files() -> dict[str, Sequence[bytes]]:
     """Right contents by kind: the forms of a recording, a servo tuning, and files of settings."""
     configs = [_DEPLOY / "edge.toml", _DEPLOY / "drivers" / "simulated.toml"]
-    machines = [
-        _DEPLOY / f"{name}.toml" for name in ("machine", "commissioned", "emps", "cnc_mill")
-    ]
+    machines = [_DEPLOY / f"{e}.toml" for e in ("machine", "commissioned", "emps", "cnc_mill")]
     csv = form_files.csv()
     return {
         "csv": [*csv, csv[0].decode().encode("utf-16")],

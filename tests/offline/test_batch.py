@@ -102,9 +102,7 @@ def test_processes_answer_as_one_does_although_one_dies(
     ]
     assert documents[0] == documents[1]
     work = partial(batch.done, partial(dying, recordings[0]), (), tmp_path)
-    found = {
-        each.case.name: each for each in batch.in_processes(work, batch.cases_of(recordings[:3]), 2)
-    }
+    found = {e.case.name: e for e in batch.in_processes(work, batch.cases_of(recordings[:3]), 2)}
     assert found["day_0"].status == 1
     assert [found[name].status for name in ("day_1", "day_2")] == [0, 0]
 

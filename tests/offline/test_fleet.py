@@ -250,9 +250,7 @@ def test_watching_prints_a_line_a_round(
     monkeypatch.setattr("edge_service.cli.service.time.sleep", pause)
     with service(answer()) as (good, _):
         assert main(["fleet", good, "--watch", "1", "--json"]) == 130
-    assert [len(json.loads(line)["axes"]) for line in capsys.readouterr().out.splitlines()] == [
-        5
-    ] * 3
+    assert [len(json.loads(e)["axes"]) for e in capsys.readouterr().out.splitlines()] == [5] * 3
 
 
 @pytest.mark.parametrize("address", ["mill-1", "ftp://mill-1", "tcp/mill-1", "udp/mill-1:7447"])

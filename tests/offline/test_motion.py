@@ -67,9 +67,7 @@ def test_the_header_says_motion_machine_limits_and_what_is_assumed(
     assert "assumed" not in header
 
 
-def test_what_is_left_out_is_named_in_the_file_and_in_the_answer(
-    tmp_path: Path, machine: Machine
-) -> None:
+def test_what_is_left_out_is_named_in_file_and_in_answer(tmp_path: Path, machine: Machine) -> None:
     out = tmp_path / "setpoints.csv"
     slow = changed(machine, max_speed_rad_s=200.0)
     answer = write_motion("friction", slow, out, MotionFileSettings(clip=True)).words

@@ -148,12 +148,9 @@ def process_of(
     assert commissioned is not None and rating is not None
     size, coulomb = len(start.mean), commissioned.coulomb_nm
     two, sigma = size > state.TORQUE_STATES, np.sqrt(np.diag(start.covariance))
-    moving_walk = np.full(state.HYPOTHESES, settings.preload_walk**2)
-    moving_walk[state.WEARING] = settings.wear_walk**2
     return Process(
         assumed=settings,
         walk=_walk(size, coulomb, settings),
-        moving_walk=moving_walk,
         together=2.0 * settings.together**2 / settings.friction_s,
         torque_wander_nm=settings.wander * coulomb,
         stretch_wander_m=float(sigma[state.STRETCH_WANDER]) if two else 0.0,

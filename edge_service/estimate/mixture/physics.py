@@ -263,8 +263,7 @@ def innovate(
     s[0, 0] += noise.torque_var + axial_nm**2 + bend_nm**2 + along(slopes[0], gains[0])
     s[1, 1] += (noise.stretch_var if two else 1.0) + axial_m**2 + bend_m**2
     s[1, 1] += along(slopes[1], gains[1])
-    s[0, 1] = axial_nm * axial_m + bend_nm * bend_m + along(slopes[1], gains[0])
-    s[1, 0] = s[0, 1]
+    s[0, 1] = s[1, 0] = axial_nm * axial_m + bend_nm * bend_m + along(slopes[1], gains[0])
     return compliance
 
 

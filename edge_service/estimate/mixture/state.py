@@ -113,8 +113,7 @@ class MixtureSettings(NamedTuple):
     wander_s: float = 1.0  # for how long it is alike
     wander_m: float = 0.03  # over which way the stretch is
     axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
-    preload_walk: float = 0.001  # of ln(preload) per sqrt(s) of motion
-    wear_walk: float = 0.06  # the same, wearing fast
+    wear_walk: float = 0.06  # of ln(preload) per sqrt(s) of motion, wearing fast
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
     steady_rate: float = 1e-4  # the same, where nothing was lost: a warm-up has a trend, too
     rate_walk: float = 1e-4  # its change per sqrt(s)
@@ -167,7 +166,6 @@ class Process(NamedTuple):
 
     assumed: MixtureSettings
     walk: Floats  # (n,), per second of time
-    moving_walk: Floats  # (HYPOTHESES,), of PRELOAD per second of motion
     together: float  # of the five frictions alike, per second
     torque_wander_nm: float  # standard deviation
     stretch_wander_m: float  # standard deviation

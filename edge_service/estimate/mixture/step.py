@@ -146,7 +146,8 @@ def _drift(
     if p[state.WEAR_RATE, state.WEAR_RATE] > 0.0:
         _grow(x, p, state.PRELOAD, state.WEAR_RATE, r.steady_s)
         p[state.WEAR_RATE, state.WEAR_RATE] += process.assumed.rate_walk**2 * r.steady_s
-    p[state.PRELOAD, state.PRELOAD] += process.moving_walk[k] * r.steady_s
+    if k == state.WEARING:
+        p[state.PRELOAD, state.PRELOAD] += process.assumed.wear_walk**2 * r.steady_s
 
 
 @inlined

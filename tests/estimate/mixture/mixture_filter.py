@@ -37,7 +37,6 @@ def motion_of(
     f[state.TORQUE_WANDER, state.TORQUE_WANDER] = keep
     q[state.TORQUE_WANDER, state.TORQUE_WANDER] = process.torque_wander_nm**2 * (1.0 - keep**2)
     f[state.PRELOAD, state.WEAR_RATE] = r.steady_s
-    q[state.PRELOAD, state.PRELOAD] = SETTINGS.preload_walk**2 * r.steady_s
     q[state.WEAR_RATE, state.WEAR_RATE] = SETTINGS.rate_walk**2 * r.steady_s
     if size > state.TORQUE_STATES:
         keep = math.exp(-abs(r.speed_rad_s) * model.ratio_m_per_rad * r.steady_s / WAY_M)

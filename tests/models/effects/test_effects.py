@@ -253,9 +253,7 @@ def test_what_is_not_given_is_typical() -> None:
     assert parse_effect("lead_error").values["pitch_error"] > 0.0
     given = parse_effect("lead_error:amplitude_m=1e-6").values
     amounts = ("amplitude_m", "pitch_error", "variation_m")
-    assert {name: given[name] for name in amounts} == dict.fromkeys(amounts, 0.0) | {
-        "amplitude_m": 1e-6
-    }
+    assert {e: given[e] for e in amounts} == dict.fromkeys(amounts, 0.0) | {"amplitude_m": 1e-6}
     assert given["order"] == 1.0
     assert parse_effect("lead_error:order=2").values["amplitude_m"] > 0.0
 

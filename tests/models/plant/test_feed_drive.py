@@ -46,9 +46,7 @@ def run(drive: FeedDriveSettings, setpoints: Floats, percent: float = FRESH) -> 
 
 def as_bytes(*frames: SampleFrame) -> list[bytes]:
     parts = [np.concatenate([f.time_s for f in frames]).tobytes()]
-    parts += [
-        np.concatenate([f.channels[name] for f in frames]).tobytes() for name in frames[0].channels
-    ]
+    parts += [np.concatenate([f.channels[e] for f in frames]).tobytes() for e in frames[0].channels]
     return parts
 
 

@@ -89,9 +89,7 @@ def test_a_number_that_may_no_longer_be_read_is_unavailable(status: EstimateStat
 @given(st.lists(st.sets(st.sampled_from(list(AlarmKind))), min_size=1, max_size=8))
 def test_alarms_come_and_go_one_by_one(course: list[set[AlarmKind]]) -> None:
     answers = [
-        answer(
-            health=health_of(AxisCondition.FAULT, alarms=tuple(alarm(kind) for kind in sorted(now)))
-        )
+        answer(health=health_of(AxisCondition.FAULT, alarms=tuple(alarm(e) for e in sorted(now))))
         for now in course
     ]
     levels = told(*answers).conditions["alarms_X"].items()

@@ -71,9 +71,7 @@ def test_check_config_says_what_is_wrong_with_a_certificate(wrong: str, tmp_path
 
 
 @pytest.mark.slow
-async def test_the_condition_is_that_of_the_page_and_shown_to_whoever_has_a_token(
-    tmp_path: Path,
-) -> None:
+async def test_condition_is_that_of_page_and_shown_to_whoever_has_a_token(tmp_path: Path) -> None:
     write_pair(tmp_path, "server", URI)
     own = write_pair(tmp_path, "client", "urn:somebody:else")
     tokens = Tokens(Store(tmp_path / "state" / FILE_NAME))

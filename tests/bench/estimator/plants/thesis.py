@@ -23,7 +23,6 @@ _NONE = ("together", "apart", "wear_rate", "rate_walk", "wander", "axial", "load
 SETTINGS = MixtureSettings(
     **dict.fromkeys(_NONE, 0.0),
     most_nats=1e3,
-    preload_walk=2e-4,
     wear_walk=0.055,
     evidence=1.0,
     force_share=1e-6,
