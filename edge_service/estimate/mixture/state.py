@@ -112,10 +112,10 @@ class MixtureSettings(NamedTuple):
     wander: float = 0.02  # friction that wanders along the way, over the Coulomb friction
     wander_s: float = 1.0  # for how long it is alike
     wander_m: float = 0.03  # over which way the stretch is
-    axial: float = 0.03  # axial friction from phase to phase, over the Coulomb friction
+    axial: float = 0.022  # axial friction from phase to phase, over the Coulomb friction
     wear_walk: float = 0.06  # of ln(preload) per sqrt(s) of motion, wearing fast
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
-    steady_rate: float = 1e-4  # the same, where nothing was lost: a warm-up has a trend, too
+    steady_rate: float = 3e-4  # the same, where nothing was lost: a warm-up has a trend, too
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.08  # of ln(preload) at the start, of a fresh screw
