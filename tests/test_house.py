@@ -272,7 +272,7 @@ def test_the_readme_tells_what_the_estimator_assumes() -> None:
     assert shares.replace("%", " %") in text
     assert f"Ornstein-Uhlenbeck, {said.friction_s:g} s" in text
     assert f"a share of {said.evidence:g} only".replace("0.", ".") in text
-    assert f"differs by {said.axial:.0%} of the Coulomb friction".replace("%", " %") in text
+    assert f"differs by {100 * said.axial:.2g} % of the Coulomb friction" in text
     assert f"(and {state.MOST_SHARE - 1.0:.0%} for what heat does)".replace("%", " %") in text
     small = said.force * said.force_small
     force = f"process forces of {said.force:g} of the dynamic load rating, and as many of {small:g}"
