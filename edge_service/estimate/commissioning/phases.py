@@ -179,9 +179,7 @@ def require_motion(phases: SteadyPhases, limits: SteadyLimits) -> None:
         )
     for name, sign in (("positive", 1.0), ("negative", -1.0)):
         if phases.steady_s[phases.direction == sign].sum() < 1.0:
-            raise CommissioningError(
-                f"no motion in {name} direction: needs moves in both directions"
-            )
+            raise CommissioningError(f"no motion in {name} direction: needs moves in both")
     speeds = np.abs(phases.speed_rad_s)
     if np.quantile(speeds, 0.95) < 2.0 * np.quantile(speeds, 0.05):
         raise CommissioningError(

@@ -39,7 +39,7 @@ KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, st
 
 @compiled
 def normalise(bank: Bank, floor: float) -> None:
-    """Scale the weights of the living to a sum of 1; none falls below `floor`."""
+    """Scale the weights of the living to a sum of 1; none falls below `floor` less its cost."""
     top, total = bank.log_weight[leader_of(bank)], 0.0
     for k in range(bank.log_weight.shape[0]):
         if bank.alive[k]:
@@ -47,7 +47,7 @@ def normalise(bank: Bank, floor: float) -> None:
     shift = top + math.log(total)
     for k in range(bank.log_weight.shape[0]):
         if bank.alive[k]:
-            bank.log_weight[k] = max(bank.log_weight[k] - shift, floor)
+            bank.log_weight[k] = max(bank.log_weight[k] - shift, floor - bank.cost[k])
 
 
 @compiled

@@ -17,6 +17,8 @@ CLEARANCE_M = 1.5e-6
 SHORT_PHASE_S = 0.1
 HANGS = 0.1
 """Share of the table's weight from which on a standing force is gravity."""
+WOUND = ((1.0, 1 / 2), (1 / 2, 1 / 3))
+"""The nut's drag winds up the screw: any share of a reversal may go with the preload."""
 UPRIGHT, UPRIGHT_SIGMA = 0.8, 0.5
 """Share of another load's weight that acts along such an axis, an assumption with its spread."""
 
@@ -194,6 +196,8 @@ def _jumps(size: int, start: Start, model: AxisModel, settings: MixtureSettings)
     jumps[state.LUBRICATION, state.TORQUE_SCALE, state.TORQUE_SCALE] = settings.scale**2
     jumps[state.LOAD] = start.load
     if size > state.TORQUE_STATES:
+        of = [state.PRELOAD, state.REVERSAL]
+        jumps[state.LOSS][np.ix_(of, of)] = settings.loss**2 * np.array(WOUND)
         at = [state.LOOSENESS, state.COUPLING, state.ENCODER_OFFSET]
         held_n = math.hypot(model.hanging_n, model.guide_n)
         jumps[:, at, at] += np.outer(_loosened(model, settings), (1.0, 1.0, held_n)) ** 2

@@ -46,19 +46,17 @@ class Assessments(NamedTuple):
 
 
 @compiled
-def step(
-    bank: Bank, model: AxisModel, process: Process, reading: Reading, elapsed_s: float
-) -> float:
+def step(bank: Bank, model: AxisModel, process: Process, r: Reading, elapsed_s: float) -> float:
     """Predict, weigh and correct every hypothesis, in place, `elapsed_s` after the phase before.
 
     Returns the normalised innovation squared per quantity of the leading hypothesis, about 1 is
     expected; NaN if it takes the phase for one under a process force, which corrects nothing.
     """
     size = bank.mean.shape[1]
-    two = size > state.TORQUE_STATES and not math.isnan(reading.stretch_m)
+    two = size > state.TORQUE_STATES and not math.isnan(r.stretch_m)
     slopes, gains, points = np.zeros((2, size)), np.zeros((2, size)), np.zeros((3, 2))
     innovation = Innovation(slopes, gains, np.zeros(2), np.eye(2), np.zeros(size), points)
-    noise, speed = noise_of(model, reading), abs(reading.speed_rad_s)
+    noise, speed = noise_of(model, r), abs(r.speed_rad_s)
     bank.moments[state.FASTEST_RAD_S] = max(bank.moments[state.FASTEST_RAD_S], speed)
     rapid = speed > _RAPID * bank.moments[state.FASTEST_RAD_S]
     begins = process.assumed.rapid_share if rapid else process.assumed.force_share  # of forces
@@ -69,28 +67,28 @@ def step(
     for k in range(hypotheses):
         if bank.alive[k] == 0:
             continue
-        _drift(bank, k, model, process, reading, elapsed_s)
-        compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
+        _drift(bank, k, model, process, r, elapsed_s)
+        compliance = innovate(bank, k, model, process, r, noise, two, innovation)
         if two and elapsed_s > STOP_S and _is_shifted(innovation):
             at = state.ENCODER_OFFSET
             bank.covariance[k, at, at] += innovation.error[1] * innovation.error[1]
-            compliance = innovate(bank, k, model, process, reading, noise, two, innovation)
+            compliance = innovate(bank, k, model, process, r, noise, two, innovation)
         read_kg_m2 = bank.mean[k, state.TORQUE_SCALE] * model.inertia_kg_m2
-        error_nm[k] = innovation.error[0] + read_kg_m2 * reading.acceleration_rad_s2
+        error_nm[k] = innovation.error[0] + read_kg_m2 * r.acceleration_rad_s2
         assess(bank, k, model, process, begins, compliance, two, innovation, assessed)
         _correct_unforced(bank, k, model, assessed, two, innovation)
     _reweigh(bank, process, assessed, rapid)
     leader = leader_of(bank)
     counts = (1.0 - assessed.persists[leader]) * noise.accelerates
-    _watch_inertia(bank, model, reading, leader, error_nm[leader], counts)
+    _watch_inertia(bank, model, r, leader, error_nm[leader], counts)
     calm = bool(assessed.forced[leader] <= FORCED)
     bank.moments[state.SURPRISE] = assessed.nis[leader]
-    adapt_hypotheses(bank, process, reading, elapsed_s, calm, assessed.nis)
-    _count_forced(bank, process, reading.steady_s, rapid, calm)
+    adapt_hypotheses(bank, process, r, elapsed_s, calm, assessed.nis)
+    _count_forced(bank, process, r.steady_s, rapid, calm)
     acts, forced_s = bank.force[accepted(bank)] > FORCED, bank.moments[state.BELIEVED_FORCED_S]
-    bank.moments[state.PAST_FORCED_S] *= math.exp(-reading.steady_s / process.assumed.friction_s)
+    bank.moments[state.PAST_FORCED_S] *= math.exp(-r.steady_s / process.assumed.friction_s)
     bank.moments[state.PAST_FORCED_S] += 0.0 if acts else forced_s
-    bank.moments[state.BELIEVED_FORCED_S] = forced_s + reading.steady_s if acts else 0.0
+    bank.moments[state.BELIEVED_FORCED_S] = forced_s + r.steady_s if acts else 0.0
     return float(assessed.nis[leader] / (2.0 if two else 1.0)) if calm else math.nan
 
 
@@ -105,11 +103,11 @@ def _is_shifted(innovation: Innovation) -> bool:
 
 @inlined
 def _drift(
-    bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, elapsed_s: float
+    bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, past_s: float
 ) -> None:
     """Predict a hypothesis over the time since the phase before, in place."""
     x, p = bank.mean[k], bank.covariance[k]
-    keep = math.exp(-elapsed_s / process.assumed.friction_s)
+    keep = math.exp(-past_s / process.assumed.friction_s)
     for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
         _fade(x, p, i, keep)
     spread = process.together * (1.0 - keep * keep) / 2.0 * process.assumed.friction_s
@@ -132,14 +130,14 @@ def _drift(
         unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
         wander_m2 = process.stretch_wander_m**2 + uneven_m2 + unknown_m**2
         p[state.STRETCH_WANDER, state.STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
-        keep = math.exp(-elapsed_s / process.assumed.growth_s)
+        keep = math.exp(-past_s / process.assumed.growth_s)
         grown_s = process.assumed.growth_s * (1.0 - keep)
         _grow(x, p, state.ENCODER_OFFSET, state.OFFSET_RATE, grown_s)
         _grow(x, p, state.ENCODER_SLOPE, state.SLOPE_RATE, grown_s)
         _fade(x, p, state.OFFSET_RATE, keep)
         _fade(x, p, state.SLOPE_RATE, keep)
-    back_s = _settled_s(process.assumed.friction_s, elapsed_s)
-    warm_s = _settled_s(process.assumed.growth_s, elapsed_s)
+    back_s = _settled_s(process.assumed.friction_s, past_s)
+    warm_s = _settled_s(process.assumed.growth_s, past_s)
     for i in range(x.shape[0]):
         returns = i < state.TORQUE_STATES or i == state.REVERSAL
         p[i, i] += process.walk[i] * (back_s if returns else warm_s)

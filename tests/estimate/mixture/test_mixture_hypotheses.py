@@ -61,7 +61,8 @@ def test_no_belief_dies_whatever_happens(one_encoder: bool) -> None:
             assert np.isfinite(bank.log_weight[living]).all()
             if bank.moments[LEARNING] == 0.0:
                 assert bank.alive[[STEADY, s.WEARING, BEFORE]].all(), k
-            assert bank.log_weight[BEFORE if bank.alive[BEFORE] else STEADY] >= SETTINGS.floor
+            kept = BEFORE if bank.alive[BEFORE] else STEADY
+            assert bank.log_weight[kept] >= SETTINGS.floor - bank.cost[kept]
             hypotheses.normalise(bank, SETTINGS.floor)
             assert np.exp(bank.log_weight[bank.alive > 0]).sum() == pytest.approx(1.0, abs=1e-5)
 
@@ -157,7 +158,7 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
         hypotheses.adapt_hypotheses(bank, PROCESS, TICK, 0.1, True, NIS)
     x, p = bank.mean[STEADY], bank.covariance[STEADY]
     torques = {*range(s.NUT_FRICTION, s.GUIDE_VISCOUS + 1), s.TORQUE_SCALE}
-    touched = {LOSS: {PRELOAD}, s.TOTAL_LOSS: {PRELOAD}, s.LUBRICATION: torques}
+    touched = {LOSS: {PRELOAD, s.REVERSAL}, s.TOTAL_LOSS: {PRELOAD}, s.LUBRICATION: torques}
     touched[s.LOAD] = {s.PAYLOAD, s.GUIDE_FRICTION, s.TORQUE_OFFSET}
     touched[s.LOOSENING] = touched[s.LARGE_LOOSENING] = {s.LOOSENESS, s.COUPLING, s.ENCODER_OFFSET}
     for k in s.CHALLENGERS:
@@ -165,6 +166,8 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
         assert set(np.flatnonzero(changed)) == touched[k], k
     assert bank.mean[s.TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(0.02 * FRESH))
     assert (bank.covariance[LOSS] - p)[PRELOAD, PRELOAD] == pytest.approx(SETTINGS.loss**2)
+    wound = (bank.covariance[LOSS] - p)[PRELOAD, s.REVERSAL]  # of the reversal 0 to 1 is the nut's
+    assert wound == pytest.approx(0.5 * SETTINGS.loss**2)
     assert (
         (bank.mean[s.LARGE_LOOSENING] - x)[s.COUPLING]
         > (bank.mean[s.LOOSENING] - x)[s.COUPLING]

@@ -78,11 +78,14 @@ def test_another_load_is_kept_in_mind_until_the_axis_accelerates(seed: int) -> N
     assert value > 0.8 * FRESH
 
 
+@pytest.mark.parametrize("wind_up", [0.0, 0.5])
 @pytest.mark.parametrize("percent", [6.0, 4.0, 2.0, 0.5])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_step_of_the_preload_is_named_by_both_witnesses(seed: int, percent: float) -> None:
+def test_a_step_of_the_preload_is_named_by_both_witnesses(
+    seed: int, percent: float, wind_up: float
+) -> None:
     axis = Axis(one_encoder=False).moved(seed, 60.0, FRESH_TRUTH)
-    axis.moved(10 + seed, 40.0, Truth(percent=percent))
+    axis.moved(10 + seed, 40.0, Truth(percent=percent, wind_up=wind_up))
     assert axis.holds(percent), axis.said().preload
     if percent < 0.7 * FRESH:
         assert axis.said().faults["preload_loss"] > 0.9
