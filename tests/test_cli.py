@@ -134,6 +134,14 @@ def test_a_folder_of_another_service_is_refused(tmp_path: Path, capsys: Capture)
     assert f"{tmp_path}/state: another service runs on it" in capsys.readouterr().err
 
 
+def test_whoever_revokes_the_last_token_reads_who_is_let_in(tmp_path: Path, capsys: Capture) -> None:
+    config = write(tmp_path, "edge.toml", 'store = { folder = "s" }\n[[axes]]\nname = "X"\n')
+    assert main(["token", config, "--add", "kim", "--role", "viewer"]) == 0
+    capsys.readouterr()
+    assert main(["token", config, "--revoke", "kim"]) == 0
+    assert capsys.readouterr().out.endswith("no tokens: any local user may do everything\n")
+
+
 def test_check_config_says_what_the_default_means(capsys: Capture) -> None:
     assert main(["check-config"]) == 0
     printed = capsys.readouterr().out

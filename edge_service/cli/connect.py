@@ -46,17 +46,16 @@ def init(
     recording of the axis, which `adopt` then reads. At a terminal it asks for what is missing. Ends
     with status 1 if the device does not fit its signals yet.
     """
-    from ..offline.init import EXPECTED, Request, source_of
-    from ..offline.init import init as run
+    from ..offline import init as room
     from ..offline.machine_text import stated
 
     known = stated(screw, lead, keys)
     if source is None and not at_terminal():
-        raise BadInputError(f"SOURCE: {EXPECTED}")
-    found = source_of(source or click.prompt("Device or recording"))
+        raise BadInputError(f"SOURCE: {room.EXPECTED}")
+    found = room.source_of(source or click.prompt("Device or recording"))
     progress("looking for the source")
-    request = Request(found, out, machine, axis, known, force)
-    return run(request, ask_number if at_terminal() else None)
+    request = room.Request(found, out, machine, axis, known, force)
+    return room.init(request, ask_number if at_terminal() else None)
 
 
 @command("adopt move1.csv move2.csv --lead 10 --out machine.toml")

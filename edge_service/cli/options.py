@@ -137,7 +137,7 @@ AxisNumber = Annotated[
     int | None,
     Option(
         "The controller's number of the axis, for recordings of several axes.  "
-        "[default: the machine file's, or the only one there]",
+        "[default: that of a machine file, or the only one there]",
         kind=click.IntRange(1),
     ),
 ]

@@ -89,14 +89,16 @@ def token(
             return Answer(secret, {"name": added, "role": role, "token": secret})
         if revoked is not None:
             tokens.revoke(revoked)
-            return Answer(f"{revoked} is revoked", {"name": revoked})
         listed = [each.model_dump(mode="json") for each in tokens.all()]
     except StoreFailedError as error:
         raise BadInputError(str(error)) from None
     words = "{name}: {role}, since {created_at}, used {used_at}"
     lines = [words.format(**each | {"used_at": each["used_at"] or "never"}) for each in listed]
-    none = "no tokens: any user of this machine may look"
-    return Answer("\n".join(lines) or none, {"items": listed})
+    free = "nobody is let in" if settings.http.needs_token else "any local user may do everything"
+    lines = lines or [f"no tokens: {free}"]
+    if revoked is not None:
+        lines = [f"{revoked} is revoked", *(() if listed else lines)]
+    return Answer("\n".join(lines), {"name": revoked} if revoked else {"items": listed})
 
 
 @command("backup /etc/edge-service/edge.toml --out backup.zip")

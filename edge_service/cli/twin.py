@@ -43,15 +43,14 @@ def simulate(
     of, and forces that are recorded: milling:force_n=-500, drilling and external_force:file=f.csv.
     """
     from ..config import load_machine
-    from ..offline.simulate import SimulationSettings, simulate_session
-    from ..offline.simulate import simulate as run_simulation
+    from ..offline import simulate as room
 
-    settings = SimulationSettings(motions[0], effects, duration, preload, seed or 0)
+    settings = room.SimulationSettings(motions[0], effects, duration, preload, seed or 0)
     if len(motions) == 1:
-        return run_simulation(load_machine(machine), settings, out)
+        return room.simulate(load_machine(machine), settings, out)
     if duration is not None:
         raise BadInputError("--duration: with several motions expected NAME:duration_s=SECONDS")
-    return simulate_session(load_machine(machine), settings, motions, out)
+    return room.simulate_session(load_machine(machine), settings, motions, out)
 
 
 @command('model --screw "20x20 C7450 P510" --export model.mat')
