@@ -65,7 +65,7 @@ class BrokerConfig(BaseModel):
     def client(self, identifier: str | None, **more: Any) -> aiomqtt.Client:
         """A client of that name; None lets the library choose one. Raises MisconfiguredError."""
         parts = urlsplit(self.url)
-        return aiomqtt.Client(
+        client = aiomqtt.Client(
             parts.hostname or "",
             parts.port or _PORTS[parts.scheme],
             identifier=identifier,
@@ -75,6 +75,9 @@ class BrokerConfig(BaseModel):
             timeout=ANSWER_S,
             **more,
         )
+        # who gave a silent broker up asks no more why the connection ended, and asyncio logs that
+        client._disconnected.add_done_callback(lambda end: end.cancelled() or end.exception())
+        return client
 
     def tls(self) -> ssl.SSLContext | None:
         """The context for `mqtts://`; None for `mqtt://`. Raises MisconfiguredError."""

@@ -19,11 +19,8 @@ class SecretError(Exception):
 def secret_keys(model: type[BaseModel]) -> tuple[str, ...]:
     """Keys of a table that hold secrets; each has a key `..._file` beside it."""
     fields = model.model_fields.items()
-    return tuple(
-        name
-        for name, field in fields
-        if SecretStr in (field.annotation, *get_args(field.annotation))
-    )
+    kinds = {name: (each.annotation, *get_args(each.annotation)) for name, each in fields}
+    return tuple(name for name, kind in kinds.items() if SecretStr in kind)
 
 
 def with_secrets(model: type[BaseModel], content: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -19,6 +19,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 def quiet_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that a test calls in its own process say errors alone."""
     monkeypatch.setattr("edge_service.cli.terminal.PIPE_S", 3600.0)
+    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
 
 
 @pytest.fixture

@@ -134,11 +134,10 @@ def test_a_folder_of_another_service_is_refused(tmp_path: Path, capsys: Capture)
     assert f"{tmp_path}/state: another service runs on it" in capsys.readouterr().err
 
 
-def test_whoever_revokes_the_last_token_reads_who_is_let_in(tmp_path: Path, capsys: Capture) -> None:
-    config = write(tmp_path, "edge.toml", 'store = { folder = "s" }\n[[axes]]\nname = "X"\n')
-    assert main(["token", config, "--add", "kim", "--role", "viewer"]) == 0
-    capsys.readouterr()
-    assert main(["token", config, "--revoke", "kim"]) == 0
+def test_who_revokes_the_last_token_reads_who_is_let_in(tmp_path: Path, capsys: Capture) -> None:
+    config = write(tmp_path, "edge.toml", "[store]\nfolder = 's'\n" + AXIS)
+    for change in ("--add kim --role viewer", "--revoke kim"):
+        assert main(["token", config, *change.split()]) == 0
     assert capsys.readouterr().out.endswith("no tokens: any local user may do everything\n")
 
 
@@ -161,16 +160,13 @@ def answered(arguments: list[str]) -> str:
     return printed(sys.executable, "-c", script).splitlines()[-1]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["diagnose", "--help"]])
-def test_the_command_starts_without_what_it_does_not_need(arguments: list[str]) -> None:
-    assert answered(arguments) == f"{DONE}"
+LIGHT = dict.fromkeys(("--help", "--version", "diagnose --help"), DONE)
+LIGHT |= dict.fromkeys(("diagnose --unknown", "token x.toml --add kim --revoke kim"), BAD_INPUT)
 
 
-@pytest.mark.parametrize(
-    "arguments", [["diagnose", "--unknown"], ["token", "x.toml", "--add", "kim", "--revoke", "kim"]]
-)
-def test_a_mistake_is_told_before_anything_is_loaded(arguments: list[str]) -> None:
-    assert answered(arguments) == f"{BAD_INPUT}"
+@pytest.mark.parametrize("words", LIGHT)
+def test_help_and_mistakes_come_before_anything_is_loaded(words: str) -> None:
+    assert answered(words.split()) == f"{LIGHT[words]}"
 
 
 @pytest.mark.parametrize(("stated", "alone"), [({}, True), ({"OPENBLAS_NUM_THREADS": "2"}, False)])
@@ -225,7 +221,6 @@ def shown(stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     seen = shown(Terminal(), monkeypatch)
     assert f"{CLEARED}reading [1] a.csv, 90 %, 0 s, 0 s left" in seen
     assert "\n" not in seen
@@ -233,7 +228,6 @@ def test_a_person_sees_one_line_that_goes(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     monkeypatch.setattr("sys.stderr", stderr := Terminal())
 
     def looking() -> Answer:
@@ -244,7 +238,6 @@ def test_a_person_sees_something_before_the_command_begins(monkeypatch: pytest.M
 
 
 def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     assert shown(io.StringIO(), monkeypatch) == ""
 
 
@@ -253,7 +246,6 @@ def test_time_is_told_and_what_is_left(
     stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stderr", stderr)
-    monkeypatch.delenv("EDGE_SERVICE_PROGRESS", raising=False)
     times = iter((0.0, 12.0, *[32.0] * 9))
     line = ProgressLine("diagnose", clock=lambda: next(times))
     line.tell("choosing causes: 40 %")

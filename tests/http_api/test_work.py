@@ -8,9 +8,10 @@ import pytest
 
 from edge_service.messages.event import AxisCondition
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock
-from edge_service.messages.health import Alarm, AlarmKind, Command, Outcome
+from edge_service.messages.health import AlarmKind, Command, Outcome
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus
 
+from ..messages.answers import alarm_of
 from ..messages.examples import USE
 
 NS = 1_000_000_000
@@ -109,13 +110,8 @@ async def test_without_a_monitor_nothing_is_taken(client):
 
 
 async def test_alarms_and_trend_are_told(scene, client):
-    alarm = Alarm(
-        kind=AlarmKind.RATE,
-        level=AxisCondition.WARNING,
-        active=True,
-        text="fast",
-        raised_time_ns=scene.now_ns,
-    )
+    facts = {"level": AxisCondition.WARNING, "text": "fast", "raised_time_ns": scene.now_ns}
+    alarm = alarm_of(AlarmKind.RATE, **facts)
     crossing = Crossing(
         limit="fault",
         limit_percent=3.0,

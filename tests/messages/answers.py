@@ -6,7 +6,7 @@ from edge_service.health.statements import consistent
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import AxisHealth, Limits
+from edge_service.messages.health import Alarm, AlarmKind, AxisHealth, Limits
 
 MEASURED_NS = 1_790_000_000_000_000_000
 LIMITS = Limits(fresh_percent=6.85, warning_percent=4.11, fault_percent=2.055)
@@ -15,6 +15,11 @@ LIMITS = Limits(fresh_percent=6.85, warning_percent=4.11, fault_percent=2.055)
 def health_of(condition: AxisCondition, **changes: Any) -> AxisHealth:
     facts: dict[str, Any] = {"since_time_ns": MEASURED_NS, "limits": LIMITS} | changes
     return consistent(AxisHealth(axis="X", condition=condition, **facts), None)
+
+
+def alarm_of(kind: AlarmKind, **facts: Any) -> Alarm:
+    known = {"level": AxisCondition.FAULT, "active": True, "text": "gone", "raised_time_ns": 1}
+    return Alarm.model_validate({"kind": kind} | known | facts)
 
 
 def answer(

@@ -9,10 +9,12 @@ from edge_service.messages.codec import Header
 from edge_service.messages.estimate import EstimateStatus, ImmEstimate, PreloadEstimate
 from edge_service.messages.event import AxisCondition, Event
 from edge_service.messages.features import FEATURE_FIELDS, Fault, FeatureBlock, Phase
-from edge_service.messages.health import Command, Outcome
+from edge_service.messages.health import AlarmKind, Command, Outcome
 from edge_service.messages.interval import Interval
 from edge_service.messages.samples import ANGLE, TORQUE, Quality, SampleFrame, Waveform
 from edge_service.messages.trend import Crossing, FrictionCurve, Trend, TrendStatus, Use
+
+from .answers import alarm_of
 
 
 def estimate_of(
@@ -52,6 +54,9 @@ USE = Use(
     force_edges_n=(0.0, 50.0),
     force_way_m=(1.5,),
 )
+CROSSING = Crossing(
+    limit="fault", limit_percent=3.0, earliest_ns=1_000_000, likely_ns=2_000_000, latest_ns=None
+)
 HEALTH = health.AxisHealth(
     axis="X",
     condition=AxisCondition.WARNING,
@@ -61,29 +66,13 @@ HEALTH = health.AxisHealth(
         health.ComponentHealth(component="estimate", axis="X", status=health.ComponentStatus.OK),
     ),
     data_faults={"gap": 2},
-    alarms=(
-        health.Alarm(
-            kind=health.AlarmKind.RATE,
-            level=AxisCondition.WARNING,
-            active=True,
-            text="fast",
-            raised_time_ns=5_000_000,
-        ),
-    ),
+    alarms=(alarm_of(AlarmKind.RATE, level="WARNING", text="fast", raised_time_ns=5_000_000),),
     trend=Trend(
         status=TrendStatus.FALLING,
         reason="falls",
         since_time_ns=1_000_000,
         rate_percent_per_h=INTERVAL,
-        crossings=(
-            Crossing(
-                limit="fault",
-                limit_percent=3.0,
-                earliest_ns=1_000_000,
-                likely_ns=2_000_000,
-                latest_ns=None,
-            ),
-        ),
+        crossings=(CROSSING,),
     ),
     use=USE,
     friction=FrictionCurve(

@@ -1,7 +1,10 @@
 """MQTT as foreign clients see it: a broker, Home Assistant, and a host of Sparkplug."""
 
 import asyncio
+import gc
 import json
+import signal
+import weakref
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -13,7 +16,7 @@ from pydantic import ValidationError
 
 from edge_service.messages.estimate import ImmEstimate
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import Alarm, AlarmKind
+from edge_service.messages.health import AlarmKind
 from edge_service.messages.trend import Crossing, Trend, TrendStatus
 from edge_service.outputs import mqtt as module
 from edge_service.outputs.base import Events, Output, OutputUnavailableError
@@ -21,7 +24,7 @@ from edge_service.outputs.mqtt import COMPONENTS, MqttConfig
 from edge_service.outputs.sparkplug import METRICS, REBIRTH
 
 from ...drivers.mqtt.broker import Broker, needs_broker
-from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
+from ...messages.answers import MEASURED_NS, SILENT, alarm_of, answer, health_of
 from ...nodes.conftest import until
 from ..bench import event, output
 from .home_assistant_reader import UNAVAILABLE, UNKNOWN, home_assistant
@@ -144,6 +147,21 @@ async def test_answers_are_sent_once_in_a_period_and_the_will_tells_of_an_end(
         await made.close()
 
 
+@pytest.mark.slow
+async def test_a_broker_that_hangs_leaves_no_error_in_the_log(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "SILENT_S", 1)  # missed before the answer is
+    async with telling(broker) as made:
+        left, process = weakref.ref(made._client), broker._process
+        process.send_signal(signal.SIGSTOP)
+        with pytest.raises(OutputUnavailableError):
+            await made.take(answer())
+        process.send_signal(signal.SIGCONT)
+        await until(lambda: gc.collect() >= 0 and left() is None)
+    assert "never retrieved" not in caplog.text
+
+
 async def shows(home: Any, device: str, **expected: Any) -> None:
     await until(lambda: expected.items() <= home.devices().get(device, {}).items())
 
@@ -155,13 +173,7 @@ async def test_home_assistant_finds_every_axis_and_shows_only_what_may_be_read(
         limit="fault", limit_percent=1.0, earliest_ns=MEASURED_NS, likely_ns=None, latest_ns=None
     )
     trend = Trend(status=TrendStatus.FALLING, reason="r", since_time_ns=1, crossings=(limit,))
-    lost = Alarm(
-        kind=AlarmKind.PRELOAD_LOST,
-        level=AxisCondition.FAULT,
-        active=True,
-        text='preload at "17 %"',
-        raised_time_ns=1,
-    )
+    lost = alarm_of(AlarmKind.PRELOAD_LOST, text='preload at "17 %"')
     worn = health_of(AxisCondition.WARNING, alarms=(lost,), trend=trend)
     async with home_assistant(broker.port) as home:
         async with telling(broker, "home-assistant") as made:

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from edge_service.messages.answer import AxisAnswer
 from edge_service.messages.estimate import EstimateStatus, PreloadEstimate
 from edge_service.messages.event import AxisCondition
-from edge_service.messages.health import Alarm, AlarmKind, Limits
+from edge_service.messages.health import AlarmKind, Limits
 from edge_service.outputs import mtconnect
 from edge_service.outputs import mtconnect as module
 from edge_service.outputs.base import OutputContext
 
-from ...messages.answers import MEASURED_NS, SILENT, answer, health_of
+from ...messages.answers import MEASURED_NS, SILENT, alarm_of, answer, health_of
 from ...nodes.conftest import until
 from .agent import Agent, connected, item_types, tokens
 
@@ -26,12 +26,6 @@ CONTEXT = OutputContext("mtconnect", "hall", "mill", ("X", "Y_Z", "1.b"))
 DEVICES = mtconnect.devices_xml(CONTEXT, NOW_NS)
 NUMBERS = ("preload_X", "preloadLow_X", "preloadHigh_X", "preloadForce_X", "dragTorque_X")
 FIVE = Limits(fresh_percent=5.0, warning_percent=3.0, fault_percent=1.5)
-
-
-def alarm(
-    kind: AlarmKind, severity: AxisCondition = AxisCondition.FAULT, said: str = "gone"
-) -> Alarm:
-    return Alarm(kind=kind, level=severity, active=True, text=said, raised_time_ns=1)
 
 
 def told(*answers: AxisAnswer) -> Agent:
@@ -88,10 +82,8 @@ def test_a_number_that_may_no_longer_be_read_is_unavailable(status: EstimateStat
 
 @given(st.lists(st.sets(st.sampled_from(list(AlarmKind))), min_size=1, max_size=8))
 def test_alarms_come_and_go_one_by_one(course: list[set[AlarmKind]]) -> None:
-    answers = [
-        answer(health=health_of(AxisCondition.FAULT, alarms=tuple(alarm(e) for e in sorted(now))))
-        for now in course
-    ]
+    alarms = [tuple(alarm_of(each) for each in sorted(now)) for now in course]
+    answers = [answer(health=health_of(AxisCondition.FAULT, alarms=each)) for each in alarms]
     levels = told(*answers).conditions["alarms_X"].items()
     active = {code for code, (level, _) in levels if level == "FAULT"}
     assert active == {kind.value for kind in course[-1]}
@@ -115,7 +107,7 @@ async def test_a_foreign_agent_that_connects_is_told_all_and_then_what_changes()
         assert (agent.level("condition_X"), agent.level("condition_Y_Z")) == ("NORMAL", "WARNING")
         assert agent.seconds == mtconnect.HEARTBEAT_S <= 1.5  # it knows after twice that
         assert {"* shdrVersion: 2.0", "* mtconnectVersion: 2.0"} < set(agent.commands)
-        lost = health_of(AxisCondition.FAULT, alarms=(alarm(AlarmKind.PRELOAD_LOST),))
+        lost = health_of(AxisCondition.FAULT, alarms=(alarm_of(AlarmKind.PRELOAD_LOST),))
         await adapter.take(answer(health=lost))
         await until(lambda: agent.level("condition_X") == "FAULT")
         async with connected(adapter.port, DEVICES) as late:
@@ -164,7 +156,7 @@ async def test_who_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
             nonlocal count
             for _ in range(200):
                 count += 1
-                texts = alarm(AlarmKind.RATE, said=f"{count} " + "x" * 5000)
+                texts = alarm_of(AlarmKind.RATE, text=f"{count} " + "x" * 5000)
                 await adapter.take(answer(health=health_of(AxisCondition.FAULT, alarms=(texts,))))
                 await asyncio.sleep(0)
             return adapter.readings["clients"] == 1
