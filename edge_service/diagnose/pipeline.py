@@ -43,7 +43,7 @@ OFF = (
     "{} would have to be {:.0f} tolerances off, those of the machine file or of a healthy drive: "
     "look at that value and its tolerance, or give healthy recordings (`--reference`)"
 )
-ALLOWED = "the machine file's tolerances allow as much"
+ALLOWED = "the values in the machine file have tolerances that allow as much"
 IMPRECISE = 0.1
 """Of the gap: a remainder up to it may be but the way in which an entry simplifies its effect."""
 OFTEN = 0.5
