@@ -43,17 +43,15 @@ def test_it_shares_no_code_with_the_library() -> None:
 
 @pytest.mark.parametrize("v", [-0.3, 0.002, 0.02, 5.0])
 def test_friction_settles_at_the_stribeck_curve(v: float) -> None:
-    level, excess, vs, reach = 0.7, 0.4, 0.02, 1e-4
+    level, more, vs, reach = 0.7, 0.4, 0.02, 1e-4
     bristle = force = 0.0
     for _ in range(200_000):
-        bristle, force = lugre(bristle, v, level, excess, vs, reach, 0.01, 25e-6)
+        bristle, force = lugre(bristle, v, level, more, vs, reach, 0.01, 25e-6)
         if abs(v) * 25e-6 > reach:
             break
     for _ in range(1000):
-        bristle, force = lugre(bristle, v, level, excess, vs, reach, 0.01, 25e-6)
-    assert force == pytest.approx(
-        np.sign(v) * level * (1 + excess * np.exp(-abs(v) / vs)), rel=1e-6
-    )
+        bristle, force = lugre(bristle, v, level, more, vs, reach, 0.01, 25e-6)
+    assert force == pytest.approx(np.sign(v) * level * (1 + more * np.exp(-abs(v) / vs)), rel=1e-6)
 
 
 @pytest.mark.parametrize("percent", [10.0, 6.8456, 2.5])
