@@ -124,10 +124,10 @@ def _made_with(command: list[str]) -> None:
 
 
 def simulation(arguments: str) -> Maker:
-    """Maker of what `edge-service simulate` records."""
+    """Maker of what `edge-service simulate` records; `{deploy}` holds machine files."""
 
     def make(path: Path) -> None:
-        _made_with(["simulate", *arguments.split(), "--out", str(path)])
+        _made_with(["simulate", *arguments.format(deploy=DEPLOY).split(), "--out", str(path)])
 
     return make
 

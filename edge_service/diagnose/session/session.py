@@ -21,7 +21,7 @@ from ...models.plant.two_mass import Plant
 from ...regression.run import Run
 
 TORQUE_GAP, TRANSMISSION_GAP = "torque_nm", "transmission_m"
-_SIGNATURES = {TORQUE_GAP: torque_signature, TRANSMISSION_GAP: transmission_signature}
+_SIGNATURE = {TORQUE_GAP: torque_signature, TRANSMISSION_GAP: transmission_signature}
 CHANNEL_UNITS = {TORQUE_GAP: "N m", TRANSMISSION_GAP: "m"}
 CHANNEL_WORDS = {TORQUE_GAP: "torque", TRANSMISSION_GAP: "position between motor and table"}
 MOST_ROWS = 60_000
@@ -98,8 +98,7 @@ class Session:
             masks = [compared(name, run) for run in runs]
             held = [each for each in zip(runs, masks, strict=True) if each[1].any()]
             if held:
-                parts = [channel_gap(name, run, baseline, modelled) for run, _ in held]
-                gap = np.concatenate(parts)
+                gap = np.concatenate([channel_gap(name, r, baseline, modelled) for r, _ in held])
                 gap = gap - gap.mean() if name == TRANSMISSION_GAP else gap
                 channels[name] = _rows(gap, held).at(slice(None, None, every))
             kept, seen = [], 0  # each so-many-th row, counted through all runs
@@ -140,8 +139,7 @@ class Session:
 
     def signature(self, channel: str, effect: Effect, values: Mapping[str, float]) -> Floats:
         """Column of an effect in a channel, (n,)."""
-        of = _SIGNATURES[channel]
-        return self.column(channel, lambda motion: of(effect, values, motion, self.baseline))
+        return self.column(channel, lambda m: _SIGNATURE[channel](effect, values, m, self.baseline))
 
     def folds(self, time_s: Floats) -> Integers:
         """Number of the fold of each time, (n,): of one block 0, of the next 1, and so on."""
@@ -190,7 +188,9 @@ def compared(channel: str, run: Run) -> Booleans:
     rows = max(round(REST_S / run.low_pass.period_s), 1)
     lasts = ndimage.minimum_filter1d(~run.moving, rows, mode="constant")
     resting = ndimage.maximum_filter1d(lasts, rows, mode="constant", origin=rows % 2 - 1)
-    return np.asarray(~resting[:: run.low_pass.step] & (run.transmission_m is not None))
+    # nobody knows from where a run came before its first motion, which the low-pass spreads
+    begun = np.cumsum(run.moving) > len(run.low_pass.taps) // 2
+    return np.asarray((begun & ~resting)[:: run.low_pass.step] & (run.transmission_m is not None))
 
 
 def channel_gap(
