@@ -118,8 +118,7 @@ def check_columns(channels: AbstractSet[str], unread: Sequence[str]) -> Finding:
         sentence = f"no column is read as {TORQUE}, though {there_are(likely)}"
         remedy = f"add columns.{TORQUE} = {{ column = {likely[0]!r}, scale = ... }}"
     else:
-        sentence = f"no column is read as {TORQUE}"
-        sentence += f"; {there_are(named)}" if named else ""
+        sentence = f"no column is read as {TORQUE}" + (f"; {there_are(named)}" if named else "")
         remedy = f"name the column of the torque or current in columns.{TORQUE}"
     forbids = bool(likely)
     return Finding("columns", verdict, sentence, compared=compared, remedy=remedy, forbids=forbids)
@@ -167,7 +166,8 @@ def check_samples(machine: Machine, recordings: Sequence[SampleFrame]) -> Findin
     turns = {(n, wrap_of(f.channels[n])) for f in recordings for n in {*f.channels} & POSITIONS}
     said = [f"{name} wraps, by {by:.4g}: unwrap it first" for name, by in sorted(turns) if by]
     found = np.concatenate(bits)
-    for k, (name, (_, _, kind)) in enumerate(_MEASURED.items()):
+    for k, (read, (_, _, kind)) in enumerate(_MEASURED.items()):
+        name = read if any(read in each.channels for each in recordings) else TABLE_POSITION
         if hold_s[k] > LONGER * usual_s[k] + 0.5 * period_s:
             said.append(f"{name} is new every {round(1e3 * (hold_s[k] + period_s), 1):g} ms only")
         if (share := float(np.mean(found & int(kind) != 0))) > FEW:
