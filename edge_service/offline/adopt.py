@@ -132,16 +132,11 @@ def _answer(
     lines += ["these recordings answer:", *(f"  {each.as_text()}" for each in able)]
     if picture is not None:
         lines.append(f"{picture}: the channels as they were understood")
-    document = {
-        "out": str(out),
-        **told,
-        "motion_s": None if mechanics is None else mechanics.seconds,
-        "found": found,
-        "checks": None if findings is None else len(findings),
-        "doubts": [{"name": each.name, "sentence": each.sentence} for each in doubts],
-        "able": able,
-        "picture": None if picture is None else str(picture),
-    }
+    document = {"out": str(out), **told, "found": found, "able": able}
+    document["motion_s"] = None if mechanics is None else mechanics.seconds
+    document["checks"] = None if findings is None else len(findings)
+    document["doubts"] = [{"name": each.name, "sentence": each.sentence} for each in doubts]
+    document["picture"] = None if picture is None else str(picture)
     return Answer("\n".join(lines), document)
 
 

@@ -11,6 +11,7 @@ import tomlkit
 from ..atomic import write_whole
 from ..command_answer import Answer, progress
 from ..config import ConfigError, EstimatorConfig, load_machine
+from ..diagnose.candidates.regressors import STEADY
 from ..estimate.commissioning.identification import commissioned
 from ..estimate.commissioning.phases import CommissioningError, observed_limits
 from ..estimate.commissioning.shares import doubt_of_fresh_screw, learned_notch
@@ -58,12 +59,12 @@ def commission_to_file(
     if any(out.resolve() == given.resolve() for given in (*traces, *tests)):
         raise ConfigError(f"--out {out}: would overwrite a recording; choose another file")
     stated = load_machine(machine_file, axis_number)
-    nominal, model = stated, stated.model
+    nominal, model = _unloaded(stated), stated.model
     if model.preload_n is not None and model.preload_drag_nm is None:  # by (4.3.6)
         diameter_m = stated.axis.screw_diameter_m or 0.0
         sheet = {"preload_n": model.preload_n.value, "screw_diameter_m": diameter_m}
         drag = {"preload_drag_nm": drag_of(sheet, stated.axis.lead_m)}
-        nominal = stated.model_copy(update={"model": model.model_copy(update=drag)})
+        nominal = nominal.model_copy(update={"model": model.model_copy(update=drag)})
     require_sound(examine(nominal, traces), traces, strict=("columns", "torque"))
     if interval_s is None and nominal.commissioned is not None:
         interval_s = nominal.commissioned.interval_s
@@ -105,6 +106,13 @@ def commission_to_file(
     said = zip(map(str, traces), map(failing, recordings), strict=True)
     failed = {name: words for name, words in said if words}
     return _learned(out, machine, None if doubt is None else doubt.words, unlike, dated, failed)
+
+
+def _unloaded(stated: Machine) -> Machine:
+    """The machine without a constant load, which is learned: the estimator must know what hangs."""
+    shares = [getattr(e.parameters.get("asymmetry_nm"), "value", 1.0) for e in stated.effects]
+    kept = (e for e, x in zip(stated.effects, shares, strict=True) if x or e.name != STEADY)
+    return stated.model_copy(update={"effects": tuple(kept)})
 
 
 def _not_as_fresh(
@@ -185,9 +193,11 @@ def _write_model(document: tomlkit.TOMLDocument, machine: Machine, nominal: Mach
     values = machine.commissioned.model_dump(mode="json", exclude_none=True)
     for name in sorted(values, key=lambda name: isinstance(values[name], dict)):  # tables come last
         learned[name] = values[name]
-    effects = document.pop("effects", None)  # tables after an array of tables would join it
+    effects = document.pop("effects", [])  # tables after an array of tables would join it
     document["commissioned"] = learned
-    if effects is not None:
+    for k in [k for k, each in enumerate(nominal.effects) if each not in machine.effects][::-1]:
+        del effects[k]
+    if effects:
         document["effects"] = effects
 
 
@@ -257,13 +267,8 @@ def _learned(
         )
     document = {"out": str(out), "motion_s": learned.motion_s, "coulomb_nm": learned.coulomb_nm}
     document |= {"guide_force_n": guide.value, "bearing_drag_nm": drag.value}
-    document |= {
-        "inertia_kg_m2": model.inertia_kg_m2,
-        "viscous_nm_s_per_rad": model.viscous_nm_s_per_rad,
-        "stretch": stretch,
-        "notch": learned.notch,
-        "failing": failed,
-        "assumed_fresh_because": doubt,
-        "not_as_fresh_percent": unlike,
-    }
+    viscous = model.viscous_nm_s_per_rad
+    document |= {"inertia_kg_m2": model.inertia_kg_m2, "viscous_nm_s_per_rad": viscous}
+    document |= {"stretch": stretch, "notch": learned.notch, "failing": failed}
+    document |= {"assumed_fresh_because": doubt, "not_as_fresh_percent": unlike}
     return Answer("\n".join(lines), document)

@@ -70,15 +70,9 @@ def check_configuration(path: Path) -> Answer:
         history,
         f"drivers installed: {', '.join(drivers)}",
     ]
-    document = {
-        "axes": axes,
-        "not_reachable": unreachable,
-        "http_access": access,
-        "bus_access": bus_access,
-        "outputs": outputs,
-        "drivers_installed": drivers,
-        "effective": effective(settings),
-    }
+    document = {"axes": axes, "not_reachable": unreachable, "http_access": access}
+    document |= {"bus_access": bus_access, "outputs": outputs, "drivers_installed": drivers}
+    document["effective"] = effective(settings)
     return Answer("\n".join(lines), document)
 
 

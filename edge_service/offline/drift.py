@@ -100,18 +100,12 @@ class DriftReport:
                 since = None if drift.since is None else self.recordings[drift.since]
                 values = {"name": drift.name, "values": list(drift.values)}
                 quantities.append(values | {"changes": changes, "changed_since": since})
-            sections.append(
-                {
-                    "from_m": move.start_m,
-                    "to_m": move.end_m,
-                    "speed_m_s": abs(move.speed_m_s),
-                    "context": dict(zip(self.by, move.context, strict=True)),
-                    "both_ways": each.section.both_ways,
-                    "repeats": list(each.section.repeats),
-                    "temperature_c": [t if math.isfinite(t) else None for t in each.temperature_c],
-                    "quantities": quantities,
-                }
-            )
+            told: dict[str, Any] = {"from_m": move.start_m, "to_m": move.end_m}
+            told |= {"speed_m_s": abs(move.speed_m_s), "both_ways": each.section.both_ways}
+            told |= {"context": dict(zip(self.by, move.context, strict=True))}
+            told["repeats"] = list(each.section.repeats)
+            warmth = [t if math.isfinite(t) else None for t in each.temperature_c]
+            sections.append(told | {"temperature_c": warmth, "quantities": quantities})
         return {
             "schema": "drift/1",
             "axis": self.axis,

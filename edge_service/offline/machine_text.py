@@ -39,6 +39,7 @@ _FACTORS = SI | {"kg": (1.0, "kg"), "N/m": (1.0, "N/m"), "N/um": (1e6, "N/m")}
 _LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-4, 10.0
 CATALOGUE_TOLERANCE = 0.2
 """Of the drag by (4.3.6), whose 0.05 is that of catalogues."""
+_LEAST_LOAD = 0.1  # of the dry friction: a constant load that matters
 _ASKED = tomllib.loads((files(__package__) / "questions.toml").read_text("utf-8"))
 _UNKNOWN = {key: each.pop("missing") for key, each in _ASKED.items() if "missing" in each}
 QUESTIONS = {key: Question(**each) for key, each in _ASKED.items()}
@@ -145,6 +146,7 @@ def machine_text(
         lines += _comments(said, channel)
         if choice != ColumnMap(channel):
             lines.append(f"{channel} = {_column(choice)}")
+    lines += [] if mechanics is None else _load(mechanics)
     left = [subject for subject in said if subject not in ("lead_m", *understood.columns)]
     if left:
         lines += ["", "# Not used:", *(line for each in left for line in _comments(said, each))]
@@ -199,10 +201,18 @@ def _model(mechanics: Mechanics | None, sheet: Sheet, computed: Quantity | None)
     if viscous is None and mechanics.viscous.determined and mechanics.viscous.value > 0.0:
         viscous = f"viscous_nm_s_per_rad = {_quantity(mechanics.viscous)}"
     if drag is None and coulomb.determined and coulomb.value > 0.0 and "preload_n" not in sheet:
-        drag = (
-            f"preload_drag_nm = {_quantity(coulomb)}  # all dry friction of the axis, as recorded"
-        )
+        drag = f"preload_drag_nm = {_quantity(coulomb)}  # all the dry friction, as recorded"
     return [inertia, *([viscous] if viscous else []), drag or unknown_drag]
+
+
+def _load(mechanics: Mechanics) -> list[str]:
+    """Constant load as an effect, where it is told from zero beside the dry friction."""
+    from ..diagnose.candidates.regressors import STEADY  # with all that a diagnosis needs
+
+    load, least_nm = mechanics.offset, _LEAST_LOAD * abs(mechanics.coulomb.value)
+    values = f"{{ constant_nm = {load.value:.5g}, asymmetry_nm = 0.0 }}  # as recorded"
+    lines = ["", "[[effects]]", f"name = {_text(STEADY)}", f"parameters = {values}"]
+    return lines if load.determined and max(load.low, -load.high) > least_nm else []
 
 
 def _quantity(found: IntervalEstimate) -> str:
