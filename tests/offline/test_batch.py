@@ -48,10 +48,8 @@ def written(folder: Path) -> dict[str, bytes]:
 
 
 def rows(folder: Path) -> list[dict[str, object]]:
-    found: list[dict[str, object]] = pyarrow.parquet.read_table(
-        folder / "table.parquet"
-    ).to_pylist()
-    return found
+    told: list[dict[str, object]] = pyarrow.parquet.read_table(folder / "table.parquet").to_pylist()
+    return told
 
 
 def test_what_is_wrong_with_one_case_stops_no_other(recordings: list[Path], tmp_path: Path) -> None:

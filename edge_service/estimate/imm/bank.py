@@ -89,10 +89,8 @@ class CompiledBank:
         output, self._state = self._stepped(step, measurement, self._state)
         return output
 
-    def _stepped(
-        self, step: LinearStep, measurement: Floats, now: _State
-    ) -> tuple[BankOutput, _State]:
-        run, state = _run(step, step.drive[None], measurement[None], now, self._boundary)
+    def _stepped(self, step: LinearStep, seen: Floats, now: _State) -> tuple[BankOutput, _State]:
+        run, state = _run(step, step.drive[None], seen[None], now, self._boundary)
         return BankOutput(*(getattr(run, name)[0] for name in BankOutput.__slots__)), state
 
     def snapshot(self) -> dict[str, Any]:
@@ -110,13 +108,11 @@ class CompiledBank:
 class FilterpyBank(CompiledBank):
     """The bank with Kalman gains on filterpy's IMMEstimator and KalmanFilter."""
 
-    def _stepped(
-        self, step: LinearStep, measurement: Floats, now: _State
-    ) -> tuple[BankOutput, _State]:
+    def _stepped(self, step: LinearStep, seen: Floats, now: _State) -> tuple[BankOutput, _State]:
         from filterpy.kalman import IMMEstimator, KalmanFilter
 
         _require_finite("step drive", step.drive, now.states.shape)
-        _require_finite("measurement", measurement, (2,))
+        _require_finite("measurement", seen, (2,))
         filters = []
         for mean, covariance, drive in zip(now.states, now.covariances, step.drive, strict=True):
             mode = KalmanFilter(dim_x=2, dim_z=2, dim_u=1)
@@ -129,7 +125,7 @@ class FilterpyBank(CompiledBank):
         try:
             with np.errstate(all="ignore"):
                 estimator.predict(np.ones((1, 1)))
-                estimator.update(measurement[:, None])
+                estimator.update(seen[:, None])
                 probability = np.asarray(estimator.mu, dtype=np.float64)
                 output = BankOutput(
                     mode_probability=probability,

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...messages.samples import Floats
 from ...models.machine import GRAVITY_M_S2, Machine
+from ...models.screw.ball_screw import screw_inertia
 from ...models.screw.nut_law import nut_deflection
 from . import state
 from .state import AxisModel, MixtureSettings, Process
@@ -31,7 +32,7 @@ def axis_model(machine: Machine) -> AxisModel:
     assert preload is not None
     mass = machine.model.table_mass_kg
     mass_kg = mass.value if mass is not None else 1.0
-    t, ratio = commissioned.transmission, machine.transmission_ratio_m_per_rad
+    t, axis, ratio = commissioned.transmission, machine.axis, machine.transmission_ratio_m_per_rad
     compliance = t.stretch_per_acceleration_s2 / mass_kg if t else 0.0
     fresh_nm = per_percent * fresh
     guide_n = min(t.reversal_force_n, (commissioned.coulomb_nm - fresh_nm) / ratio) if t else 0.0
@@ -53,6 +54,7 @@ def axis_model(machine: Machine) -> AxisModel:
         guide_n=guide_n,
         viscous_nm_s=machine.model.viscous_nm_s_per_rad.value,
         guide_viscous_n_s=t.guide_viscous_n_s_per_m if t else 0.0,
+        screw_kg_m2=screw_inertia(axis.screw_diameter_m or 0.0, axis.screw_length_m or 0.0),
         asymmetry_nm_s=commissioned.viscous_asymmetry_nm_s_per_rad,
         compliance_m_per_n=compliance,
         compliance_slope_per_n=t.stretch_slope_s2_per_m / mass_kg if t else 0.0,

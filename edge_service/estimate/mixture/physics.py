@@ -132,6 +132,7 @@ def expected_stretch(
     twisting = held + nut_n * (1.0 + x[state.NUT_FRICTION])
     twisting += bearing_n * (1.0 + x[state.BEARING_FRICTION])
     twisting += viscous_n * (1.0 + x[state.VISCOUS])
+    twisting += model.screw_kg_m2 * r.acceleration_rad_s2 / model.ratio_m_per_rad
     y, by_force, by_percent = nut_deflection(
         held, percent * factor, model.fresh_percent, model.fresh_preload_n, model.clearance_share
     )

@@ -75,6 +75,7 @@ class AxisModel(NamedTuple):
     guide_n: float
     viscous_nm_s: float
     guide_viscous_n_s: float
+    screw_kg_m2: float  # beyond the coupling, which twists under it
     asymmetry_nm_s: float
     compliance_m_per_n: float  # at the reference position, fresh
     compliance_slope_per_n: float
