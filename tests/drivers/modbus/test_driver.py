@@ -45,23 +45,20 @@ async def rig(request: pytest.FixtureRequest) -> AsyncIterator[Rig]:
 
 @pytest.mark.parametrize("rig", [{"poll_groups": {"fast": 0.05}}], indirect=True)
 async def test_values_are_those_of_the_source(rig: Rig) -> None:
-    """With so much time for a read that none is late where other work goes on."""
+    """Late are at most reads that took long, by the clock of whoever asks."""
     rows = await rig.rows(20)
     numbers = np.rint((rows.channels[TORQUE] - 0.25) / 0.001).astype(int)
     assert len(set(numbers)) > 5
-    for number, torque, angle, table in zip(
-        numbers,
-        rows.channels[TORQUE],
-        rows.channels[ANGLE],
-        rows.channels[TABLE_POSITION],
-        strict=True,
-    ):
+    heard = (rows.channels[channel] for channel in (TORQUE, ANGLE, TABLE_POSITION))
+    for number, torque, angle, table in zip(numbers, *heard, strict=True):
         expected = truth(number)
         assert torque == pytest.approx(expected[TORQUE], rel=1e-6)
         assert angle % 50.0 == expected[ANGLE] % 50.0
         assert table == pytest.approx(1e-5 * angle / 0.5, abs=1e-6)
     np.testing.assert_allclose(rows.channels[TEMPERATURE], 21.5)
-    assert not any(codes.any() for codes in rows.quality.values())
+    codes = np.array([*rows.quality.values()])
+    assert set(codes.flat) <= {Quality.GOOD, Quality.LATE_READ}
+    assert (codes == Quality.GOOD).all(axis=0).sum() > 5
 
 
 def test_polls_stay_on_their_grid_however_late_each_one_is() -> None:
@@ -75,7 +72,7 @@ def test_polls_stay_on_their_grid_however_late_each_one_is() -> None:
 
 
 SLOW = [each | ({"group": "slow"} if each.get("table") else {}) for each in REGISTERS]
-GROUPS = {"poll_groups": {"fast": 0.01, "slow": 0.05}, "registers": SLOW}
+GROUPS = {"poll_groups": {"fast": 0.01, "slow": 0.2}, "registers": SLOW}
 
 
 @pytest.mark.parametrize("rig", [GROUPS], indirect=True)
@@ -83,7 +80,7 @@ async def test_a_slow_group_speaks_only_when_it_is_due(rig: Rig) -> None:
     rows = await rig.rows(40)
     heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
     assert np.isfinite(rows.channels[TORQUE]).all()
-    assert 6 <= len(heard) < len(rows)
+    assert 2 <= len(heard) < len(rows)
     assert not rows.quality[TEMPERATURE].any()
 
 
