@@ -27,6 +27,8 @@ BOTH = 3
 TOTAL_SHARE = 0.25
 """Of the motion that confirms a step, for a loss of all: the next stop may change load or lubricant
 before the rest is seen, and those begin with what is accepted."""
+LOST, LITTLE = 0.02, 0.25
+"""Of the fresh preload: left after a loss of all; with less left, a step as large is a new nut."""
 _SHARES = (*range(state.NUT_FRICTION, state.PAYLOAD), state.REVERSAL)
 _IS_SHARE = np.isin(np.arange(state.STRETCH_STATES), _SHARES).astype(np.float64)
 (_HALF, _HALF_SIGMA), (_NONE, _NONE_SIGMA) = (0.4, 0.4), (0.03, 0.7)
@@ -131,9 +133,8 @@ def copy_to(bank: Bank, slot: int, source: int, log_weight: float) -> None:
     if slot != source:
         bank.mean[slot] = bank.mean[source]
         bank.covariance[slot] = bank.covariance[source]
-    bank.log_weight[slot] = log_weight
+    bank.log_weight[slot], bank.cost[slot] = log_weight, bank.cost[source]
     bank.force[slot], bank.force_n[slot] = bank.force[source], bank.force_n[source]
-    bank.cost[slot] = bank.cost[source]
     bank.alive[slot], bank.age_s[slot], bank.directions[slot] = 1, 0.0, 0
 
 
@@ -166,8 +167,6 @@ def _succeed(
     copy_to(bank, state.STEADY, slot, weight)
     if slot in (state.LOSS, state.TOTAL_LOSS):  # it may go on, and how much is vague
         _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
-    elif bank.moments[state.LEARNING] > 0.0:
-        _renew(bank, state.STEADY, state.WEAR_RATE, 0.0, process.assumed.steady_rate)
     copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
     _renew(bank, state.WEARING, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
     for k in state.CHALLENGERS:
@@ -213,7 +212,7 @@ def _spawn_unless_running(
     gains |= may_gain and ahead > prior - _GAINED and bank.force[leader] <= FORCED
     explains = bank.force[leader] > FORCED and bank.force[slot] <= FORCED
     goes_on = ahead > -_ALIVE or ((gains or explains) and bank.age_s[slot] <= stale_s)
-    if slot == state.LOSS and bank.age_s[slot] > lasts_s:
+    if bank.age_s[slot] > lasts_s:
         apart = abs(bank.mean[slot, state.PRELOAD] - bank.mean[base, state.PRELOAD])
         goes_on &= apart > math.sqrt(bank.covariance[slot, state.PRELOAD, state.PRELOAD])
     if not (bank.alive[slot] and (slot == leader or goes_on)) and prior > -math.inf:
@@ -227,8 +226,10 @@ def spawn_challenger(bank: Bank, process: Process, slot: int, base: int, log_wei
     bank.force[slot] = 0.0
     x, p = bank.mean[slot], bank.covariance[slot]
     if slot == state.TOTAL_LOSS:
-        _renew(bank, slot, state.PRELOAD, process.lost_log_percent, process.assumed.lost_sigma)
-        return
+        level, sigma = process.fresh_log_percent, process.assumed.start
+        if x[state.PRELOAD] > level + math.log(LITTLE):
+            level, sigma = level + math.log(LOST), process.assumed.lost_sigma
+        _renew(bank, slot, state.PRELOAD, level, sigma)
     if slot == state.LOAD:
         _renew(bank, slot, state.PAYLOAD, 0.0, 0.0)
     if x.shape[0] > state.TORQUE_STATES:
@@ -260,8 +261,7 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
             if load:
                 _renew(bank, slot, state.TORQUE_SCALE, 0.0, 0.0)
             bank.log_weight[slot], bank.alive[slot] = math.log(load_share * level_share), 1
-    wearing = bank.log_weight[state.STEADY] + math.log(settings.hazard)
-    copy_to(bank, state.WEARING, state.STEADY, wearing)
+    _restart(bank, state.WEARING, state.STEADY, settings.wear_rate)
     if settings.used > 0.0:
         copy_to(bank, state.BEFORE, state.STEADY, math.log(settings.used))
         bank.covariance[state.BEFORE, state.PRELOAD, state.PRELOAD] = settings.used_sigma**2

@@ -94,7 +94,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     mean, sigma = np.zeros(size), np.zeros(size)
     mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.used_sigma
     mean[state.TORQUE_OFFSET] = commissioned.torque_offset_nm
-    sigma[state.WEAR_RATE] = settings.wear_rate
+    sigma[state.WEAR_RATE] = settings.steady_rate
     sigma[state.TORQUE_OFFSET] = 0.03 * commissioned.coulomb_nm * drifts
     mean[state.TORQUE_SCALE] = sigma[state.TORQUE_SCALE] = settings.torque_scale * drifts
     sigma[state.TORQUE_WANDER] = settings.wander * commissioned.coulomb_nm
@@ -164,7 +164,7 @@ def process_of(
         jumps=_jumps(size, start, model, settings),
         priors=_priors(state.CHALLENGERS, settings.hazard, settings.loosens, two),
         stop_priors=_priors(state.STOP_CHALLENGERS, settings.stop_hazard, 1.0, two),
-        lost_log_percent=math.log(0.02 * model.fresh_percent),
+        fresh_log_percent=math.log(model.fresh_percent),
         loosened_m_per_n=0.5 * _loosened(model, settings),
         force_n=settings.force * rating,
     )

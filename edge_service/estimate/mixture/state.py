@@ -116,7 +116,7 @@ class MixtureSettings(NamedTuple):
     axial: float = 0.022  # axial friction from phase to phase, over the Coulomb friction
     wear_walk: float = 0.06  # of ln(preload) per sqrt(s) of motion, wearing fast
     wear_rate: float = 1.5e-3  # of ln(preload) per s of motion
-    steady_rate: float = 3e-4  # the same, where nothing was lost: a warm-up has a trend, too
+    steady_rate: float = 6e-4  # the same, where nothing was lost: a warm-up has a trend, too
     rate_walk: float = 1e-4  # its change per sqrt(s)
     wearing: float = 0.1  # probability of wearing fast at the start
     start: float = 0.08  # of ln(preload) at the start, of a fresh screw
@@ -176,7 +176,7 @@ class Process(NamedTuple):
     jumps: Floats  # (HYPOTHESES, n, n), covariance that a step adds
     priors: Floats  # (HYPOTHESES,), log-probability of a step per second of motion
     stop_priors: Floats  # (HYPOTHESES,), the same per second of a stop
-    lost_log_percent: float  # ln of the preload of a total loss, in percent
+    fresh_log_percent: float  # ln of the fresh preload, in percent
     loosened_m_per_n: Floats  # (HYPOTHESES,), mean of a loosening, of each joint
     force_n: float  # standard deviation of large process forces
 

@@ -165,6 +165,9 @@ def test_a_step_changes_what_its_name_says_and_nothing_else() -> None:
         changed = (bank.mean[k] != x) | (np.diag(bank.covariance[k]) != np.diag(p))
         assert set(np.flatnonzero(changed)) == touched[k], k
     assert bank.mean[s.TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(0.02 * FRESH))
+    bank.mean[STEADY, PRELOAD] = math.log(0.1 * FRESH)
+    hypotheses.spawn_challenger(bank, PROCESS, s.TOTAL_LOSS, STEADY, 0.0)
+    assert bank.mean[s.TOTAL_LOSS, PRELOAD] == pytest.approx(math.log(FRESH))
     assert (bank.covariance[LOSS] - p)[PRELOAD, PRELOAD] == pytest.approx(SETTINGS.loss**2)
     wound = (bank.covariance[LOSS] - p)[PRELOAD, s.REVERSAL]  # of the reversal 0 to 1 is the nut's
     assert wound == pytest.approx(0.5 * SETTINGS.loss**2)
