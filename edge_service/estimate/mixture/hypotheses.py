@@ -154,15 +154,13 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
 
 
 @compiled
-def _succeed(
-    bank: Bank, process: Process, slot: int, least: float, other: int, log_weight: float
-) -> None:
+def _succeed(bank: Bank, process: Process, slot: int, least: float, old: int, left: float) -> None:
     """Accept a hypothesis, steady or wearing, and let another go on as what was believed before.
 
     Challengers of weights above `least` go on, too: with one encoder much looks alike.
     """
-    mean, covariance = bank.mean[other].copy(), bank.covariance[other].copy()
-    force, force_n, cost = bank.force[other], bank.force_n[other], bank.cost[other]
+    mean, covariance = bank.mean[old].copy(), bank.covariance[old].copy()
+    force, force_n, cost = bank.force[old], bank.force_n[old], bank.cost[old]
     weight = bank.log_weight[slot]
     copy_to(bank, state.STEADY, slot, weight)
     if slot in (state.LOSS, state.TOTAL_LOSS):  # it may go on, and how much is vague
@@ -170,13 +168,13 @@ def _succeed(
     copy_to(bank, state.WEARING, state.STEADY, weight + math.log(process.assumed.wearing))
     _renew(bank, state.WEARING, state.WEAR_RATE, 0.0, process.assumed.wear_rate)
     for k in state.CHALLENGERS:
-        if k in (slot, other) or bank.log_weight[k] < least:
+        if k in (slot, old) or bank.log_weight[k] < least:
             bank.alive[k] = 0
     bank.moments[state.SINCE_SPAWN_S] = process.assumed.spawn_s
     bank.mean[state.BEFORE], bank.covariance[state.BEFORE] = mean, covariance
     bank.force[state.BEFORE], bank.force_n[state.BEFORE] = force, force_n
     bank.cost[state.BEFORE] = cost
-    copy_to(bank, state.BEFORE, state.BEFORE, log_weight)
+    copy_to(bank, state.BEFORE, state.BEFORE, left)
 
 
 @compiled

@@ -133,6 +133,7 @@ class MixtureSettings(NamedTuple):
     zero: float = 0.3  # of the torque since the last session, over the Coulomb friction
     loosened: float = 0.15  # of each joint, over the compliance of the axis
     loosened_large: float = 0.5  # a broken element of a coupling, a slack belt
+    loosening_s: float = 400.0  # in which a joint that loosens goes on by as much, as a belt does
     lost_sigma: float = 0.7  # of ln(preload) after a total loss
     hazard: float = 3e-5  # of each step per second of motion
     loosens: float = 10.0  # times as likely a looser joint: a vague preload would follow it first

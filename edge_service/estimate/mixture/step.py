@@ -102,12 +102,10 @@ def _is_shifted(innovation: Innovation) -> bool:
 
 
 @inlined
-def _drift(
-    bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, past_s: float
-) -> None:
+def _drift(bank: Bank, k: int, model: AxisModel, process: Process, r: Reading, dt_s: float) -> None:
     """Predict a hypothesis over the time since the phase before, in place."""
     x, p = bank.mean[k], bank.covariance[k]
-    keep = math.exp(-past_s / process.assumed.friction_s)
+    keep = math.exp(-dt_s / process.assumed.friction_s)
     for i in range(state.NUT_FRICTION, state.GUIDE_VISCOUS + 1):
         _fade(x, p, i, keep)
     spread = process.together * (1.0 - keep * keep) / 2.0 * process.assumed.friction_s
@@ -130,14 +128,17 @@ def _drift(
         unknown_m = mapped(model.map_sigma_m, model.stroke_m, r.table_m)
         wander_m2 = process.stretch_wander_m**2 + uneven_m2 + unknown_m**2
         p[state.STRETCH_WANDER, state.STRETCH_WANDER] += wander_m2 * (1.0 - keep * keep)
-        keep = math.exp(-past_s / process.assumed.growth_s)
+        keep = math.exp(-dt_s / process.assumed.growth_s)
         grown_s = process.assumed.growth_s * (1.0 - keep)
         _grow(x, p, state.ENCODER_OFFSET, state.OFFSET_RATE, grown_s)
         _grow(x, p, state.ENCODER_SLOPE, state.SLOPE_RATE, grown_s)
         _fade(x, p, state.OFFSET_RATE, keep)
         _fade(x, p, state.SLOPE_RATE, keep)
-    back_s = _settled_s(process.assumed.friction_s, past_s)
-    warm_s = _settled_s(process.assumed.growth_s, past_s)
+        if k == state.LOOSENING:
+            for i in (state.LOOSENESS, state.COUPLING):
+                p[i, i] += process.jumps[k, i, i] * r.steady_s / process.assumed.loosening_s
+    back_s = _settled_s(process.assumed.friction_s, dt_s)
+    warm_s = _settled_s(process.assumed.growth_s, dt_s)
     for i in range(x.shape[0]):
         returns = i < state.TORQUE_STATES or i == state.REVERSAL
         p[i, i] += process.walk[i] * (back_s if returns else warm_s)
