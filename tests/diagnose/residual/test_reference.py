@@ -47,9 +47,7 @@ def test_without_them_a_crude_model_is_a_gap(crude: str, tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.smoke
-def test_another_healthy_recording_has_no_gap(
-    crude: str, tmp_path: Path, healthy: list[str]
-) -> None:
+def test_another_healthy_one_has_no_gap(crude: str, tmp_path: Path, healthy: list[str]) -> None:
     found = diagnosed(crude, tmp_path, trace(tmp_path / "a.csv", (), 21), reference=healthy)
     assert found["verdict"] == "no_gap"
     assert {each["floor_source"] for each in found["gap"].values()} == {"reference"}

@@ -110,9 +110,7 @@ HARMLESS: dict[str, Answer] = {
 
 
 @pytest.mark.parametrize("name", HARMLESS)
-async def test_what_still_holds_a_whole_reply_is_read(
-    name: str, peer: Peer, link: ModbusLink
-) -> None:
+async def test_what_holds_a_whole_reply_is_read(name: str, peer: Peer, link: ModbusLink) -> None:
     peer.answer = HARMLESS[name]
     for _ in range(5):
         assert (await link.read(REQUEST)).words == WORDS

@@ -72,9 +72,7 @@ async def test_values_and_times_are_those_of_the_source(driver: OpcuaDriver) -> 
     assert np.median(steps) == pytest.approx(LEAST_INTERVAL_S, abs=0.03)
 
 
-async def test_old_values_are_found_by_their_heartbeat(
-    driver: OpcuaDriver, stub: OpcuaStub
-) -> None:
+async def test_old_values_are_found_by_a_heartbeat(driver: OpcuaDriver, stub: OpcuaStub) -> None:
     await take(driver, 1)
     stub.fault = Fault(FaultKind.STALE)
     stale = np.uint8(Quality.STALE)

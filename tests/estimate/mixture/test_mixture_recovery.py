@@ -109,6 +109,15 @@ def test_another_change_after_a_stop_is_no_loss(change: dict[str, float]) -> Non
     assert axis.holds(FRESH), axis.said().preload
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("slackens_m_per_n", [1e-9, 2e-9])
+def test_a_belt_that_slackens_for_minutes_is_no_loss(slackens_m_per_n: float, seed: int) -> None:
+    axis = Axis(one_encoder=False).moved(seed, 40.0, FRESH_TRUTH)
+    for i in range(1, 25):
+        axis.moved(100 * seed + i, 5.0, Truth(coupling_m_per_n=i * slackens_m_per_n))
+        assert axis.said().preload[2] >= FRESH
+
+
 @pytest.mark.parametrize("stop_s", [2.0, 3.0, 5.0])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_loss_that_happens_at_a_stop_is_not_taken_for_grease(seed: int, stop_s: float) -> None:

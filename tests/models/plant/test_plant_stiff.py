@@ -158,9 +158,7 @@ def test_many_effects_agree_with_a_stiff_solver(machine: Machine, arrangement: s
 
 
 @pytest.mark.parametrize("arrangement", ARRANGEMENTS)
-def test_work_is_kept_or_turned_to_heat_with_many_effects(
-    machine: Machine, arrangement: str
-) -> None:
+def test_work_is_kept_or_turned_to_heat_with_effects(machine: Machine, arrangement: str) -> None:
     """Energy is lost where a flank of the play touches within a step: less with each step."""
     axis = axis_of(machine, arrangement)
     lost = []
