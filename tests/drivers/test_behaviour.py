@@ -181,7 +181,7 @@ async def test_a_source_that_is_lost_is_unavailable_and_comes_back(
     assert np.isfinite((await take(driver, 3))[-1].channels["torque_command_nm"]).any()
 
 
-async def test_bad_values_are_no_numbers_and_counted(bench: DriverBench, driver: Driver) -> None:
+async def test_bad_values_are_nan_and_are_counted(bench: DriverBench, driver: Driver) -> None:
     if bench.spoil is None or bench.heal is None:
         pytest.skip("its values cannot be spoiled")
     await driver.open()

@@ -155,7 +155,7 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
 
 @compiled
 def _succeed(bank: Bank, process: Process, slot: int, least: float, old: int, left: float) -> None:
-    """Accept a hypothesis, steady or wearing, and let another go on as what was believed before.
+    """Accept a hypothesis, steady or wearing; `old` goes on as what was believed, weighing `left`.
 
     Challengers of weights above `least` go on, too: with one encoder much looks alike.
     """

@@ -45,7 +45,7 @@ async def rig(request: pytest.FixtureRequest) -> AsyncIterator[Rig]:
 
 @pytest.mark.parametrize("rig", [{"poll_groups": {"fast": 0.05}}], indirect=True)
 async def test_values_are_those_of_the_source(rig: Rig) -> None:
-    """Late are at most reads that took long, by the clock of whoever asks."""
+    """Other work may make reads late; nothing else is found wrong with them."""
     rows = await rig.rows(20)
     numbers = np.rint((rows.channels[TORQUE] - 0.25) / 0.001).astype(int)
     assert len(set(numbers)) > 5
@@ -72,7 +72,7 @@ def test_polls_stay_on_their_grid_however_late_each_one_is() -> None:
 
 
 SLOW = [each | ({"group": "slow"} if each.get("table") else {}) for each in REGISTERS]
-GROUPS = {"poll_groups": {"fast": 0.01, "slow": 0.2}, "registers": SLOW}
+GROUPS = {"poll_groups": {"fast": 0.01, "slow": 0.05}, "registers": SLOW}
 
 
 @pytest.mark.parametrize("rig", [GROUPS], indirect=True)
@@ -80,7 +80,7 @@ async def test_a_slow_group_speaks_only_when_it_is_due(rig: Rig) -> None:
     rows = await rig.rows(40)
     heard = np.flatnonzero(np.isfinite(rows.channels[TEMPERATURE]))
     assert np.isfinite(rows.channels[TORQUE]).all()
-    assert 2 <= len(heard) < len(rows)
+    assert 6 <= len(heard) <= (rows.time_s[-1] - rows.time_s[0]) / 0.05 + 2
     assert not rows.quality[TEMPERATURE].any()
 
 
