@@ -242,9 +242,7 @@ def test_a_pipe_stays_quiet_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("stderr", [io.StringIO(), Terminal()])
-def test_time_is_told_and_what_is_left(
-    stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_time_is_told_and_the_rest(stderr: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stderr", stderr)
     times = iter((0.0, 12.0, *[32.0] * 9))
     line = ProgressLine("diagnose", clock=lambda: next(times))

@@ -183,13 +183,11 @@ class OneEncoderEstimator(MixturePreloadEstimator):
             likelihood += probability * np.mean(density, axis=0)
         return np.asarray(prior() * likelihood)
 
-    def _by_friction(
-        self, level_nm: float, sigma_nm: float, whole_nm: float, warmth: float
-    ) -> Floats:
+    def _by_friction(self, level_nm: float, sigma_nm: float, all_nm: float, warm: float) -> Floats:
         """Likelihood of each cell, (n,), by the level of dry friction."""
         fresh_nm = self._model.drag_per_percent_nm * self._model.fresh_percent
-        friction = (warmth, self._settings.together, self._settings.apart)
-        other_nm, share = max(whole_nm - fresh_nm, 0.0), self._limits.error_share
+        friction = (warm, self._settings.together, self._settings.apart)
+        other_nm, share = max(all_nm - fresh_nm, 0.0), self._limits.error_share
         likelihood = weigh(level_nm, sigma_nm, fresh_nm, other_nm, share, friction) / prior()
         return np.asarray(likelihood / np.mean(likelihood))
 

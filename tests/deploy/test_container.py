@@ -38,10 +38,8 @@ def test_what_is_copied_is_there_and_what_the_package_needs_is_copied() -> None:
     copied = [line.split()[:-1] for line in re.findall(r"^COPY (.*)$", RECIPE, flags=re.M)]
     names = {name for line in copied for name in line}
     assert all((ROOT / name).exists() for name in names)
-    (needed,) = re.findall(
-        r"^ *cp -rL --parents (.*) \"\$work", document("deploy/package.sh"), re.M
-    )
-    assert {*needed.split(), "deploy"} == names
+    (need,) = re.findall(r"^ *cp -rL --parents (.*) \"\$work", document("deploy/package.sh"), re.M)
+    assert {*need.split(), "deploy"} == names
     packages = tomllib.loads(document("pyproject.toml"))["tool"]["setuptools"]["packages"]["find"]
     assert {each.strip("*") for each in packages["include"]} <= {Path(each).name for each in names}
 

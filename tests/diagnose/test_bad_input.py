@@ -65,9 +65,7 @@ def tiled(path: Path, columns: dict[str, np.ndarray]) -> Iterator[Callable[[np.n
     schema = pa.schema([(name, pa.float64()) for name in ("time_s", *columns)])
     kind = pyarrow.csv.CSVWriter if path.suffix == ".csv" else pyarrow.parquet.ParquetWriter
     with kind(path, schema) as writer:
-        yield lambda time_s: writer.write_table(
-            pa.table([time_s, *columns.values()], schema=schema)
-        )
+        yield lambda at_s: writer.write_table(pa.table([at_s, *columns.values()], schema=schema))
 
 
 @pytest.mark.slow

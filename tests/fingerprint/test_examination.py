@@ -293,13 +293,11 @@ def test_an_axis_at_rest_tells_nothing_and_says_so(healthy: SampleFrame) -> None
         assert "tell" in findings[name].sentence
 
 
-@pytest.mark.parametrize("every", [20, 100])
-def test_slow_samples_are_called_slow_and_nothing_else(healthy: SampleFrame, every: int) -> None:
-    slow = SampleFrame(
-        healthy.time_s[::every], {n: v[::every] for n, v in healthy.channels.items()}
-    )
+@pytest.mark.parametrize("each", [20, 100])
+def test_slow_samples_are_called_slow_and_nothing_else(healthy: SampleFrame, each: int) -> None:
+    slow = SampleFrame(healthy.time_s[::each], {n: v[::each] for n, v in healthy.channels.items()})
     assert set(doubts(examined(MACHINE, slow))) <= {"rate"}
-    assert ("rate" in doubts(examined(MACHINE, slow))) == (every > 20)
+    assert ("rate" in doubts(examined(MACHINE, slow))) == (each > 20)
 
 
 def test_channels_that_are_not_there_are_not_judged(healthy: SampleFrame) -> None:

@@ -125,9 +125,7 @@ class Axis:
         self.note(self.watch.on_command(command, self.now_ns))
 
     def note(self, events: tuple) -> None:
-        self.events += [
-            f"{event.kind}:{event.data.get('alarm', '')}".rstrip(":") for event in events
-        ]
+        self.events += [f"{e.kind}:{e.data.get('alarm', '')}".rstrip(":") for e in events]
 
     def shown(self) -> dict[str, bool]:
         alarms = self.watch.health(self.now_ns).alarms

@@ -147,13 +147,11 @@ SESSION = ("standstill", "warmup:duration_s=4", "standstill")
 
 
 def test_a_session_is_one_axis_and_one_clock(machine: Machine, tmp_path: Path) -> None:
-    summary = simulate_session(
-        machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs"
-    ).words
+    words = simulate_session(machine, SimulationSettings(seed=3), SESSION, tmp_path / "runs").words
     paths = sorted((tmp_path / "runs").iterdir())
     names = ["01_standstill.parquet", "02_warmup.parquet", "03_standstill.parquet"]
     assert [path.name for path in paths] == names
-    assert [line.split(":")[0] for line in summary.splitlines()] == [str(path) for path in paths]
+    assert [line.split(":")[0] for line in words.splitlines()] == [str(path) for path in paths]
     traces = [read(path) for path in paths]
     time_s = np.concatenate([trace[channels.TIME] for trace in traces])
     assert time_s == pytest.approx(np.arange(len(time_s)) / 1000.0)
@@ -176,10 +174,8 @@ def test_a_session_begins_as_its_first_motion_alone(machine: Machine, tmp_path: 
 
 def test_the_axis_of_a_session_warms_up_from_file_to_file(machine: Machine, tmp_path: Path) -> None:
     excess_nm, tau_s = 0.2, 20.0
-    settings = SimulationSettings(
-        effects=(f"warmup:excess_nm={excess_nm},time_constant_s={tau_s}",)
-    )
-    simulate_session(machine, settings, ("warmup:duration_s=8",) * 3, tmp_path)
+    warms = SimulationSettings(effects=(f"warmup:excess_nm={excess_nm},time_constant_s={tau_s}",))
+    simulate_session(machine, warms, ("warmup:duration_s=8",) * 3, tmp_path)
     levels, faded = [], []
     for path in sorted(tmp_path.iterdir()):
         trace = read(path)

@@ -50,8 +50,7 @@ class SteadyPhases:
                     motion = (seen.torque_nm, seen.acceleration_rad_s2, seen.speed_rad_s)
                     place = (seen.angle_rad, seen.table_m)
                     rows.append((run, time_s, phase.steady_s, direction, *motion, *place))
-        table = np.array(rows, dtype=np.float64).reshape(-1, 9)
-        return cls(*table.T)
+        return cls(*np.array(rows, dtype=np.float64).reshape(-1, 9).T)
 
     def at(self, places: npt.NDArray[np.intp | np.bool_]) -> "SteadyPhases":
         """Rows by index, places (m,), or by mask, (n,) bool."""
@@ -186,8 +185,7 @@ def require_motion(phases: SteadyPhases, limits: SteadyLimits) -> None:
             "one speed only: dry and viscous friction cannot be told apart; needs moves at "
             "several speeds, such as `edge-service motion friction`"
         )
-    driven = np.abs(phases.acceleration_rad_s2) > limits.cruise_rad_s2
-    if phases.steady_s[driven].sum() < 0.3:
+    if phases.steady_s[np.abs(phases.acceleration_rad_s2) > limits.cruise_rad_s2].sum() < 0.3:
         raise CommissioningError(
             "no accelerations: inertia and stiffness cannot be determined; needs "
             "`edge-service motion acceleration` or production moves"

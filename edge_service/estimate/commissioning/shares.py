@@ -50,8 +50,7 @@ def table_mass(
     guess = 0.3 * whole_kg
     if stretch is not None and stretch.reversal_m > 0.0:  # no more than the friction leaves
         other_n = other_drag_nm(machine, torque) / machine.transmission_ratio_m_per_rad
-        most = other_n * stretch.per_acceleration_s2 / stretch.reversal_m
-        guess = min(guess, most or math.inf)
+        guess = min(guess, other_n * stretch.per_acceleration_s2 / stretch.reversal_m or math.inf)
     guess_sigma = 0.5 * guess
     seen = None if stretch is None else _mass_by_slope(machine, stretch)
     if seen is None:
@@ -77,24 +76,21 @@ def _mass_by_slope(machine: Machine, stretch: SeriesCompliance) -> tuple[float, 
     seen = stretch.slope_per_m * stretch.per_acceleration_s2 / per_metre
     if seen <= 0.0:
         return None
-    share = float(np.hypot(stretch.slope_sigma / max(stretch.slope_per_m, 1e-9), 0.3))
-    return seen, seen * share
+    return seen, seen * math.hypot(stretch.slope_sigma / max(stretch.slope_per_m, 1e-9), 0.3)
 
 
-def nut_share(
-    machine: Machine, compliance_m_per_n: float, mass_tolerance: float
-) -> tuple[float, float]:
+def nut_share(machine: Machine, compliance_m_per_n: float, tolerance: float) -> tuple[float, float]:
     """Share of the series compliance that is the nut's, and its standard deviation.
 
     The compliance is a measured stretch over the table's mass, so the share of a stated nut is no
-    better known than the mass: the worse known of the two counts. Where that is worse than the
-    assumption, both are weighed.
+    better known than the mass (`tolerance`): the worse of both counts. Where that is worse than
+    the assumption, both are weighed.
     """
     nut = machine.model.nut_stiffness_n_per_m
     if nut is None:
         return NUT_SHARE, NUT_SHARE_SIGMA
     share = min(1.0 / (nut.value * compliance_m_per_n), 0.95)
-    relative = max(nut.tolerance, 0.02, mass_tolerance)
+    relative = max(nut.tolerance, 0.02, tolerance)
     sigma = relative * NUT_SHARE  # of any share as likely: one that reads low is no better known
     if sigma < NUT_SHARE_SIGMA:
         return share, relative * share

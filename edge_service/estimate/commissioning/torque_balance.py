@@ -149,8 +149,7 @@ def move_scatter_nm(phases: SteadyPhases, residual_nm: Floats) -> float:
     if judged.sum() < 3:
         return 0.0
     friction = (_means(phases.direction, move, weight) * (level - slope * mean))[judged]
-    spread = np.var(friction) - np.mean(doubt[judged])
-    return float(np.sqrt(max(spread, 0.0)))
+    return float(np.sqrt(max(np.var(friction) - np.mean(doubt[judged]), 0.0)))
 
 
 def _means(values: Floats, group: np.ndarray, weight: Floats) -> Floats:

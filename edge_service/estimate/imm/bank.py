@@ -140,9 +140,7 @@ class FilterpyBank(CompiledBank):
         _require_result(probability, output.log_likelihood, output.covariance)
         _require_result(output.state, output.nis)
         states = np.array([mode.x[:, 0] for mode in filters])
-        return output, _State(
-            states, np.array([mode.P for mode in filters]), output.log_mode_probability
-        )
+        return output, _State(states, np.array([f.P for f in filters]), output.log_mode_probability)
 
 
 def run_bank(

@@ -147,8 +147,7 @@ class ImmPreloadEstimator:
             return PreloadEstimate(**common, reasons=reasons)
         if self._machine.effects:
             names = ", ".join(effect.name for effect in self._machine.effects)
-            unused = f"effects_unused: this estimator does not use the machine file's {names}"
-            reasons = (*reasons, unused)
+            reasons += (f"effects_unused: this estimator does not use the machine file's {names}",)
         drag_nm, reach_nm = self._drag.drag_nm, TWO_SIDED_95 * self._drag.sigma_nm
         low, high = drag_nm - reach_nm, drag_nm + reach_nm
         common["drag_torque_nm"] = Interval(value=drag_nm, low=low, high=high)

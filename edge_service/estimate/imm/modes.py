@@ -58,8 +58,7 @@ def weighted_level(
     """
     if not (np.isfinite(exponent) and exponent > 0.0):
         raise ValueError(f"activation exponent: {exponent:g}, expected a number above 0")
-    relative = mode_probability / mode_probability.max(axis=-1, keepdims=True)
-    raised = relative**exponent
+    raised = (mode_probability / mode_probability.max(axis=-1, keepdims=True)) ** exponent
     return np.asarray(raised / raised.sum(axis=-1, keepdims=True) @ levels)
 
 

@@ -164,8 +164,7 @@ class MixturePreloadEstimator:
         if status is not EstimateStatus.ESTIMATED:
             return PreloadEstimate(**common, reasons=reasons)
         if self._known is not None and self._known.left:
-            names = ", ".join(self._known.left)
-            left = f"effects_left: {names} of the machine file"
+            left = f"effects_left: {', '.join(self._known.left)} of the machine file"
             reasons = (*reasons, f"{left}: the estimate follows these by itself")
         rating = self._machine.axis.dynamic_load_rating_n
         assert rating is not None

@@ -33,8 +33,8 @@ _SHARES = (*range(state.NUT_FRICTION, state.PAYLOAD), state.REVERSAL)
 _IS_SHARE = np.isin(np.arange(state.STRETCH_STATES), _SHARES).astype(np.float64)
 (_HALF, _HALF_SIGMA), (_NONE, _NONE_SIGMA) = (0.4, 0.4), (0.03, 0.7)
 DAY_S = 86_400.0
-_WORN_PER_DAY, _OTHER_LOAD, _OTHER_NUT = 0.03, 0.05, 0.25
-NUT_SLOT, LOAD_SLOT = 2, 3
+_WORN_PER_DAY, _OTHER_LOAD, _OTHER_NUT, _UNSEEN = 0.03, 0.05, 0.25, 0.02
+NUT_SLOT, LOAD_SLOT, LOST_SLOT, SOFT_SLOT = 2, 3, 4, 7
 KEPT = (state.PRELOAD, state.LOOSENESS, state.COUPLING, state.NUT_COMPLIANCE, state.TABLE_MASS)
 """States carried over to the next session: considered ones err alike in all sessions."""
 
@@ -148,7 +148,7 @@ def _end_initialisation(bank: Bank, process: Process) -> None:
     others = np.where(bank.alive > 0, bank.log_weight, -np.inf)
     others[best] = -np.inf
     second = int(np.argmax(others))
-    least = bank.log_weight[best] - 2.0 * process.assumed.margin
+    least = bank.log_weight[best] - 3.0 * process.assumed.margin
     _succeed(bank, process, best, least, second, others[second])
     bank.moments[state.LEARNING] = 0.0
 
@@ -259,6 +259,7 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
             if load:
                 _renew(bank, slot, state.TORQUE_SCALE, 0.0, 0.0)
             bank.log_weight[slot], bank.alive[slot] = math.log(load_share * level_share), 1
+    _soften(bank, start, settings.softer)
     _restart(bank, state.WEARING, state.STEADY, settings.wear_rate)
     if settings.used > 0.0:
         copy_to(bank, state.BEFORE, state.STEADY, math.log(settings.used))
@@ -267,12 +268,22 @@ def initial_bank(start: Start, settings: MixtureSettings) -> Bank:
     return bank
 
 
+def _soften(bank: Bank, start: Start, share: float) -> None:
+    """Add that joints have loosened unseen: behind them the preload may be any."""
+    if start.softer.any():
+        copy_to(bank, SOFT_SLOT, state.STEADY, math.log(share))
+        fresh = bank.mean[SOFT_SLOT, state.PRELOAD]
+        _renew(bank, SOFT_SLOT, state.PRELOAD, fresh, _NONE_SIGMA)
+        bank.mean[SOFT_SLOT] += 0.5 * start.softer
+        bank.covariance[SOFT_SLOT] += np.diag(start.softer**2)
+
+
 def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
     """Renew the hypotheses after an unobserved stop, in place.
 
     Friction is another day's, the screw has grown anew and may have worn; another load may be on
-    the table, and the longer the stop the likelier another nut is in. As at the start, these
-    stand for themselves until the likeliest is accepted.
+    the table, joints may be looser, and the longer the stop the likelier another nut is in. As at
+    the start, these stand for themselves until the likeliest is accepted.
     """
     bank.cost[:] = bank.force[:] = bank.force_n[:] = 0.0
     if bank.moments[state.LEARNING] > 0.0:
@@ -281,7 +292,7 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
         return
     base = accepted(bank)
     other_nut = -_OTHER_NUT * math.expm1(-max(stopped_s, 1.0) / DAY_S)
-    copy_to(bank, state.STEADY, base, math.log(1.0 - _OTHER_LOAD - other_nut))
+    copy_to(bank, state.STEADY, base, math.log(1.0 - _OTHER_LOAD - other_nut - 2.0 * _UNSEEN))
     _age(bank, state.STEADY, start, stopped_s)
     bank.alive[state.STEADY + 1 :] = 0
     copy_to(bank, NUT_SLOT, state.STEADY, math.log(other_nut))
@@ -292,6 +303,10 @@ def continue_after_stop(bank: Bank, start: Start, stopped_s: float) -> None:
         _renew(bank, LOAD_SLOT, state.PAYLOAD, 0.0, 0.0)
         _renew(bank, LOAD_SLOT, state.TORQUE_SCALE, 0.0, 0.0)
         bank.covariance[LOAD_SLOT] += start.other_load
+        copy_to(bank, LOST_SLOT, state.STEADY, math.log(_UNSEEN))
+        lost = bank.mean[LOST_SLOT, state.PRELOAD] + math.log(_HALF)
+        _renew(bank, LOST_SLOT, state.PRELOAD, lost, _NONE_SIGMA)
+        _soften(bank, start, _UNSEEN)
     bank.moments[:] = 0.0
     bank.moments[state.LEARNING] = 1.0
 

@@ -83,6 +83,7 @@ class Start:
     covariance: Floats  # (n, n) before the first phase, the preload's being that of a fresh screw
     load: Floats  # (n, n), added by another load
     other_load: Floats  # (n, n), added by another load since the last session
+    softer: Floats  # (n,), standard deviation of joints that have loosened unseen
 
 
 def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> Start:
@@ -91,7 +92,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     assert commissioned is not None
     t, drifts = commissioned.transmission, settings.together > 0.0
     size = state.STRETCH_STATES if t else state.TORQUE_STATES
-    mean, sigma = np.zeros(size), np.zeros(size)
+    mean, sigma, softer = np.zeros((3, size))
     mean[state.PRELOAD], sigma[state.PRELOAD] = math.log(model.fresh_percent), settings.used_sigma
     mean[state.TORQUE_OFFSET] = commissioned.torque_offset_nm
     sigma[state.WEAR_RATE] = settings.steady_rate
@@ -108,6 +109,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[state.NUT_COMPLIANCE] = t.nut_share_sigma * model.compliance_m_per_n
         sigma[state.LOOSENESS] = settings.looseness * model.compliance_m_per_n
         sigma[state.COUPLING] = sigma[state.LOOSENESS]
+        softer[[state.LOOSENESS, state.COUPLING]] = settings.loosened * model.compliance_m_per_n
         mean[state.TABLE_MASS] = settings.twist
         mass = machine.model.table_mass_kg
         known = mass.sigma / mass.value if mass is not None else 0.0
@@ -118,8 +120,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
         sigma[state.STRETCH_WANDER] = math.hypot(noise_m, guide_m)
         sigma[state.MAP :] = settings.uneven_m / np.arange(1, state.MAP_STATES + 1)
     covariance = np.diag(sigma**2)
-    spread = settings.start_share**2
-    covariance += spread * _frictions(size, settings.together, settings.apart)
+    covariance += settings.start_share**2 * _frictions(size, settings.together, settings.apart)
     load, hung = np.zeros((2, size))
     load[state.GUIDE_FRICTION], load[state.TORQUE_OFFSET] = 0.1, 0.1 * commissioned.coulomb_nm
     weight_n = GRAVITY_M_S2 * model.table_mass_kg
@@ -133,7 +134,7 @@ def start_of(machine: Machine, model: AxisModel, settings: MixtureSettings) -> S
     load, zero_nm = apart + np.outer(along, along), settings.zero * commissioned.coulomb_nm
     other_load = load.copy()
     other_load[state.TORQUE_OFFSET, state.TORQUE_OFFSET] += zero_nm**2
-    return Start(mean, covariance, load, other_load)
+    return Start(mean, covariance, load, other_load, softer)
 
 
 def _frictions(size: int, together: float, apart: float) -> Floats:

@@ -341,8 +341,7 @@ def _stiffness(
     for i in range(len(rows)):
         k = rows[i]
         nut, percent = bank.mean[k, state.NUT_COMPLIANCE], math.exp(log_percent[i])
-        load = max(percent, LEAST_NUT_LOAD_PERCENT)
-        root = (model.fresh_percent / load) ** (1.0 / 3.0)
+        root = (model.fresh_percent / max(percent, LEAST_NUT_LOAD_PERCENT)) ** (1.0 / 3.0)
         loose, variance = _sum(bank.mean[k], bank.covariance[k], joints)
         compliance = model.compliance_m_per_n + loose + nut * (root - 1.0)
         slope = nut * root / 3.0 if percent > LEAST_NUT_LOAD_PERCENT else 0.0

@@ -140,6 +140,7 @@ class MixtureSettings(NamedTuple):
     stop_hazard: float = 1e-3  # of lubrication and load per second of a stop
     reversal: float = 0.1  # of the stretch at a reversal, as the frictions change
     looseness: float = 0.001  # of the compliance beside the nut, at the start
+    softer: float = 0.03  # probability that joints are looser then than at commissioning
     twist: float = 0.07  # of the mass behind the compliance, give or take as much: a screw twists
     uneven_m: float = 3e-6  # growth of a screw that is warm at the start; finer waves are smaller
     uneven_share: float = 0.01  # finer unevenness over the growth along the stroke
@@ -219,9 +220,7 @@ def empty_bank(size: int) -> Bank:
     return Bank(mean, covariance, weight, alive, age_s, directions, force, force_n, cost, moments)
 
 
-_LAYOUT = {
-    name: value for name, value in globals().items() if name.isupper() and isinstance(value, int)
-}
+_LAYOUT = {name: at for name, at in globals().items() if name.isupper() and isinstance(at, int)}
 """Meaning of each index of the state: another layout is another state."""
 
 

@@ -67,7 +67,7 @@ class OwnAxis:
         settings = FeedDriveSettings.of_machine(true_machine(self), RATE_HZ, active)
         drive = FeedDrive(settings, limits.low_m, float(percent[0]), seed)
         segments = MOTIONS[motion](limits, np.random.default_rng((seed, 1)))
-        setpoints = Setpoints(_paused(segments, pauses), limits.low_m, RATE_HZ)
+        setpoints = Setpoints(_pause(segments, pauses), limits.low_m, RATE_HZ)
         hidden = (*HIDDEN, *TABLE) if self.one_encoder else HIDDEN
         force_n = loads.get(samples.EXTERNAL_FORCE, np.zeros(len(percent)))
         loads = {**loads, samples.EXTERNAL_FORCE: force_n + self.hanging_n}
@@ -112,9 +112,7 @@ class OwnAxis:
         return _commissioned(self)
 
 
-def _paused(
-    segments: Iterable[Segment], pauses: Iterable[tuple[float, float]]
-) -> Iterator[Segment]:
+def _pause(segments: Iterable[Segment], pauses: Iterable[tuple[float, float]]) -> Iterator[Segment]:
     """Segments with standstill (at s, for s) between them."""
     left, at_s = sorted(pauses), 0.0
     for segment in segments:

@@ -126,9 +126,7 @@ def _friction(machine: Machine, seed: int) -> dict[str, Recovered]:
 
 def _two_masses(machine: Machine, seed: int) -> dict[str, Recovered]:
     frame, settings = _recorded(machine, "multisine", seed)
-    fit = fit_two_mass(
-        [each.within(LOWEST_HZ, math.inf) for each in drive_responses_along([frame])]
-    )
+    fit = fit_two_mass([x.within(LOWEST_HZ, math.inf) for x in drive_responses_along([frame])])
     plant = settings.plant
     place_m = fit.place_rad * machine.transmission_ratio_m_per_rad
     stiffness = 1.0 / axial_compliance(plant, place_m, _percent(machine))

@@ -205,7 +205,9 @@ def test_a_night_forgets_the_screws_growth_and_asks_what_else_has_changed() -> N
         bank.covariance[hypotheses.LOAD_SLOT, s.PAYLOAD, s.PAYLOAD]
         == START.load[s.PAYLOAD, s.PAYLOAD]
     )
-    assert (bank.alive.sum(), bank.moments[LEARNING]) == (3, 1.0)
+    assert bank.mean[hypotheses.LOST_SLOT, PRELOAD] < bank.mean[STEADY, PRELOAD]
+    assert (bank.mean[hypotheses.SOFT_SLOT] - bank.mean[STEADY])[s.COUPLING] > 0.0
+    assert (bank.alive.sum(), bank.moments[LEARNING]) == (5, 1.0)
 
 
 def test_a_challenger_gets_older_only_by_what_it_explains_and_has_led_where_it_leads() -> None:

@@ -12,7 +12,7 @@ from edge_service.estimate.mixture.posterior import Posterior, fault_limits, pos
 from edge_service.estimate.mixture.state import SINCE_SPAWN_S, Bank
 from edge_service.estimate.mixture.step import step
 
-from .mixture_axis import FRESH, SETTINGS, Truth, machine, parts, production
+from .mixture_axis import COMPLIANCE, FRESH, SETTINGS, Truth, machine, parts, production
 
 STEP_S, BACK_S = 30.0, 60.0
 FRESH_TRUTH = Truth()
@@ -116,6 +116,27 @@ def test_a_belt_that_slackens_for_minutes_is_no_loss(slackens_m_per_n: float, se
     for i in range(1, 25):
         axis.moved(100 * seed + i, 5.0, Truth(coupling_m_per_n=i * slackens_m_per_n))
         assert axis.said().preload[2] >= FRESH
+
+
+@pytest.mark.parametrize("night", [False, True])
+@pytest.mark.parametrize("joint", ["loose_m_per_n", "coupling_m_per_n"])
+@pytest.mark.parametrize("softer", [0.1, 0.15, 0.3])
+def test_a_joint_soft_from_the_start_is_no_loss(softer: float, joint: str, night: bool) -> None:
+    axis, soft = Axis(one_encoder=False), replace(FRESH_TRUTH, **{joint: softer * COMPLIANCE})
+    if night:
+        axis.moved(1, 60.0, FRESH_TRUTH)
+        continue_after_stop(axis.bank, axis.start, 40_000.0)
+    for seed in range(3, 9):
+        value, _, high = axis.moved(seed, 12.0, soft).said().preload
+        assert high >= FRESH
+    assert value > 0.8 * FRESH
+
+
+@pytest.mark.parametrize("percent", [4.0, 2.0])
+def test_a_loss_over_a_night_is_no_joint(percent: float) -> None:
+    axis = Axis(one_encoder=False).moved(1, 60.0, FRESH_TRUTH)
+    continue_after_stop(axis.bank, axis.start, 40_000.0)
+    assert axis.moved(2, 60.0, Truth(percent=percent)).holds(percent), axis.said().preload
 
 
 @pytest.mark.parametrize("stop_s", [2.0, 3.0, 5.0])

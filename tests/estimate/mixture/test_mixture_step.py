@@ -118,11 +118,9 @@ def test_corrections_are_those_of_a_filter_by_matrices(
         assert returned == pytest.approx(nis / (1 if one_encoder else 2), rel=1e-3), k
         unlikely += nis > USUAL
         bounded += mean[PRELOAD] == pytest.approx(math.log(MOST_SHARE * FRESH), abs=1e-9)
-        unit_of = np.sqrt(np.diag(covariance)) + 1e-30
-        np.testing.assert_allclose(
-            bank.mean[STEADY] / unit_of, mean / unit_of, atol=1e-3, rtol=1e-6
-        )
-        away = (bank.covariance[STEADY] - covariance) / np.outer(unit_of, unit_of)
+        unit = np.sqrt(np.diag(covariance)) + 1e-30
+        np.testing.assert_allclose(bank.mean[STEADY] / unit, mean / unit, atol=1e-3, rtol=1e-6)
+        away = (bank.covariance[STEADY] - covariance) / np.outer(unit, unit)
         np.testing.assert_allclose(away, 0.0, atol=1e-3)
         assert not np.array_equal(before, bank.mean[STEADY])
     assert unlikely > 0

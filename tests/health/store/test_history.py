@@ -144,9 +144,7 @@ def test_estimates_make_room_first_and_minutes_stand_in(tmp_path: Path) -> None:
     with closing(Store(tmp_path / "a.sqlite")) as store:
         history = History(store, budget_mb=0.001)
         count = len(fill(history, 3.0, 5.0))
-        steps = store.read(
-            lambda file: file.execute("SELECT DISTINCT step_s FROM history").fetchall()
-        )
+        steps = store.read(lambda db: db.execute("SELECT DISTINCT step_s FROM history").fetchall())
         assert steps == [(HOUR_S,)]
         found = history.buckets("X", START_S, START_S + 4 * HOUR_S, 5.0)
         assert (sum(each.samples for each in found), len(found)) == (count, 3)

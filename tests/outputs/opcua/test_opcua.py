@@ -71,10 +71,8 @@ async def test_a_foreign_process_finds_all_by_type_hears_changes_and_changes_not
 ) -> None:
     monkeypatch.setattr(module, "SESSIONS", 2)
     monkeypatch.setattr(module, "OLD_S", math.inf)
-    worn = answer(
-        "Y", preload_percent=1.0, low=0.5, high=1.5, health=health_of(AxisCondition.FAULT)
-    )
-    async with serving(answer("X"), worn) as (server, url), foreign(url) as process:
+    bad = answer("Y", preload_percent=1.0, low=0.5, high=1.5, health=health_of(AxisCondition.FAULT))
+    async with serving(answer("X"), bad) as (server, url), foreign(url) as process:
         found = await line_of(process)
         assert found["machine"] == ["hall/mill"]
         assert found["health"] == {"X": [0, "Good"], "Y": [1, "Good"]}
