@@ -161,7 +161,7 @@ MOST_LINES = {
     "recordings": 3264,
     "regression": 1000,
     "beside the rooms": 757,
-    "tests": 44954,
+    "tests": 44953,
 }
 """Lines of Python that a room has at most. Numbers only fall."""
 MOST_FILES = 366
