@@ -35,9 +35,7 @@ NOT_BESIDE_OTHERS = {"soak", "real-machines"}
 @click.option("--quick", is_flag=True, help="Measure less, for a shorter time.")
 @click.option("--only", multiple=True, metavar="PART", help="This part alone; may be repeated.")
 @click.option("--seed", type=int, default=FIRST_SEED, show_default=True, help="First seed.")
-@click.option(
-    "--seeds", type=click.IntRange(1), default=1, show_default=True, help="Number of seeds."
-)
+@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="How many.")
 @click.option(FLAG, "as_json", is_flag=True, help="Print the tables as JSON.")
 def bench(
     name: str, quick: bool, only: tuple[str, ...], seed: int, seeds: int, as_json: bool

@@ -50,9 +50,7 @@ def test_a_healthy_axis_at_the_limit_has_no_gap(
     assert not any("limit" in line for line in unstated["remarks"])
 
 
-def test_a_drive_that_gives_less_than_it_reads_is_compared(
-    machine_file: Path, tmp_path: Path
-) -> None:
+def test_a_drive_that_gives_less_than_read_is_compared(machine_file: Path, tmp_path: Path) -> None:
     recording = recorded(("saturation",), seed=3)
     greatest_nm = float(np.abs(recording.columns["torque_command_nm"]).max())
     machine = load_machine(stated(machine_file, tmp_path, greatest_nm))

@@ -49,9 +49,7 @@ class Route:
         return sum(len(each) for each in self.speeds) * STEP_S
 
     def positions(self) -> Array:
-        return self.start_m + np.concatenate(
-            [[0.0], np.cumsum(np.concatenate(self.speeds)) * STEP_S]
-        )
+        return self.start_m + np.r_[0.0, np.cumsum(np.concatenate(self.speeds)) * STEP_S]
 
 
 def production(rng: np.random.Generator, duration_s: float, stroke_m: float = 0.8) -> Array:

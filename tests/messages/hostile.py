@@ -64,15 +64,13 @@ def _bytes(value: Any) -> bytes:
     return json.dumps(value).encode()
 
 
-def places(
-    value: Any, most: int | None = None, path: tuple[Any, ...] = ()
-) -> list[tuple[Any, ...]]:
+def places(value: Any, most: int | None = None, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Every place in a document, of lists the first `most`."""
     if not isinstance(value, dict | list):
         return []
     found = []
     for key, each in value.items() if isinstance(value, dict) else enumerate(value[:most]):
-        found += [(*path, key), *places(each, most, (*path, key))]
+        found += [(*at, key), *places(each, most, (*at, key))]
     return found
 
 

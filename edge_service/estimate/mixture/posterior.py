@@ -150,7 +150,7 @@ def _doubt_new(bank: Bank, rows: Rows, weight: Floats, assumed: MixtureSettings)
     rises = bank.mean[:, state.PRELOAD][rows] > bank.mean[believed, state.PRELOAD]
     forced_s, least_s = bank.moments[state.BELIEVED_FORCED_S], TOTAL_SHARE * assumed.confirm_s
     cuts = bank.moments[state.PAST_FORCED_S] > LASTED_S
-    for i in range(len(rows) * (bank.moments[state.LEARNING] == 0.0)):
+    for i in range(len(rows)):
         k = rows[i]
         by_force = bank.force[k] > FORCED or forced_s > (0.0 if cuts else bank.age_s[k] + LASTED_S)
         new = bank.directions[k] != BOTH or (by_force and bank.age_s[k] < least_s)

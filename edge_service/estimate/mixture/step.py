@@ -211,7 +211,7 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments, rapid: bool) -
 
     Those that take it for one under a force gain or lose alike: the axis' compliance under a force
     is known too badly to choose among them. While a force lasts, only the misfit to it counts, not
-    how closely a rival that learns from the phase expects it; no process force lasts in rapids.
+    how closely a rival that learns expects it: but of a total loss, which it mimics, and in rapids.
     Improbable frictions count in full: they are assumed once, and errors that outlast a phase do
     not excuse them.
     """
@@ -222,7 +222,8 @@ def _reweigh(bank: Bank, process: Process, assessed: Assessments, rapid: bool) -
     for k in range(bank.alive.shape[0]):
         if bank.alive[k]:
             behind = min(most - said[k], process.assumed.most_nats)
-            behind -= lasts * assessed.persists[k] * max(behind - assessed.misfit[k], 0.0)
+            stays = assessed.persists[k] if lasts and k != state.TOTAL_LOSS else 0.0
+            behind -= stays * max(behind - assessed.misfit[k], 0.0)
             said[k] = -process.assumed.evidence * behind
             weight = math.exp(bank.log_weight[k]) * (assessed.forced[k] > FORCED)
             share, forced = share + weight, forced + weight * said[k]
@@ -268,9 +269,8 @@ def _watch_inertia(
     square, most = inertia_nm * inertia_nm, _MOST_INERTIA_ERROR * inertia_nm * inertia_nm
     bank.moments[state.INERTIA_ERROR] *= keep
     bank.moments[state.INERTIA_TORQUE] *= keep
-    error = min(max(error_nm * inertia_nm, -most), most)
     load_nm = bank.mean[leader, state.PAYLOAD] * model.ratio_m_per_rad**2 * r.acceleration_rad_s2
-    error += load_nm * inertia_nm
+    error = min(max(error_nm * inertia_nm, -most), most) + load_nm * inertia_nm
     bank.moments[state.INERTIA_ERROR] += counts * error * r.steady_s
     bank.moments[state.INERTIA_TORQUE] += counts * square * r.steady_s
 

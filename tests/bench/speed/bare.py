@@ -23,16 +23,14 @@ asyncio.run(uvicorn.Server(config).serve([listener]))
 """uvicorn with an answer of the same length, ready in memory."""
 
 
-def request_costs_us(
-    service: ServiceProcess, host: str, port: int, count: int
-) -> tuple[float, float]:
+def request_costs_us(service: ServiceProcess, host: str, port: int, n: int) -> tuple[float, float]:
     """Processor time of a request to the service and to the bare application, us.
 
     What the service does meanwhile for its axes is measured in an equal time before, and taken off.
     """
-    body, ours_us = _cost_us(service.pid, host, port, count)
+    body, ours_us = _cost_us(service.pid, host, port, n)
     with Program(sys.executable, "-c", BARE, body.decode()) as bare:
-        _, bare_us = _cost_us(bare.pid, "127.0.0.1", int(bare.hear()), count)
+        _, bare_us = _cost_us(bare.pid, "127.0.0.1", int(bare.hear()), n)
     return ours_us, bare_us
 
 

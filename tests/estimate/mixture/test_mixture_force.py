@@ -146,3 +146,16 @@ def test_those_that_see_a_force_gain_and_lose_alike() -> None:
         if (bank.force[both] > FORCED).all():
             gained.append(bank.log_weight[both] - believed)
     assert np.ptp(gained, axis=1).max() < 0.05 and len(gained) > 5
+
+
+def test_a_step_that_needs_a_lasting_force_gives_way_to_what_needs_none() -> None:
+    """Even one that leads, as after a cut that has spoken for a loss."""
+    (model, _, process), bank, force_n = parts(), settled(), 200.0
+    copy_to(bank, state.TOTAL_LOSS, state.STEADY, 3.0)
+    bank.mean[state.TOTAL_LOSS, state.TORQUE_OFFSET] -= RATIO * force_n
+    bank.mean[state.TOTAL_LOSS, state.ENCODER_OFFSET] -= COMPLIANCE * force_n
+    bank.force[state.TOTAL_LOSS], bank.force_n[state.TOTAL_LOSS] = 1.0, force_n
+    for r in production(14, 4.0, Truth()):
+        if abs(r.speed_rad_s) < 0.4 * bank.moments[state.FASTEST_RAD_S]:
+            step(bank, model, process, r, 0.1)
+    assert leader_of(bank) == state.STEADY

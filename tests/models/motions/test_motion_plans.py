@@ -61,13 +61,12 @@ AXES = st.fixed_dictionaries(
         "max_torque_nm": st.floats(0.4, 50.0),
     }
 )
+ONE_MACHINE = [HealthCheck.function_scoped_fixture]
 
 
 @pytest.mark.parametrize("name", OF_MOVES)
 @given(axis=AXES, jerk_m_s3=st.floats(5.0, 2000.0), clip=st.booleans())
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=25, deadline=None, suppress_health_check=ONE_MACHINE)
 def test_moves_keep_every_limit_or_are_refused_in_one_line(
     name: str, machine: Machine, axis: dict[str, float], jerk_m_s3: float, clip: bool
 ) -> None:
@@ -86,9 +85,7 @@ def test_moves_keep_every_limit_or_are_refused_in_one_line(
 
 @pytest.mark.parametrize("name", ["chirp", "multisine", *ENDLESS])
 @given(axis=AXES)
-@settings(
-    max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=5, deadline=None, suppress_health_check=ONE_MACHINE)
 def test_others_keep_every_limit_too(name: str, machine: Machine, axis: dict[str, float]) -> None:
     limits = changed(machine, **axis)
     several_s = 10.0 * (limits.span_m / limits.rapid_m_s + 1.0)
